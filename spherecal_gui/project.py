@@ -86,6 +86,8 @@ class Project:
     `limit` is that of the length errors, as somebody has written it. `pose_bars` tells of guided poses of check bars
     which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it.
 
+    `method` is that of the next calibration, as of the command line; empty for the program's own.
+
     `flaws` are those of all sets that were ever taken, so that one that is brought back has its own again. `note` is
     what the operator has written on it.
     """
@@ -116,6 +118,7 @@ class Project:
     bar_celsius: float | None = None
     flaws: tuple[Flaw, ...] = ()
     note: str = ""
+    method: str = ""
 
     def flaws_of(self, set_id: str) -> tuple[Flaw, ...]:
         """What is wrong with a set as it is now."""
@@ -145,7 +148,9 @@ class Project:
         sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
         words = " ".join(f"{option} {value}" for option, value in self.repairs_now)
         repairs = (("repairs", words),) if words else ()
-        return (*sets, ("artefacts", fingerprint(self.artefacts)), *repairs, *self._mask_inputs, *self._moved_inputs)
+        method = (("method", self.method),) if self.method else ()
+        given = (("artefacts", fingerprint(self.artefacts)), *repairs, *method)
+        return (*sets, *given, *self._mask_inputs, *self._moved_inputs)
 
     @property
     def _moved_inputs(self) -> tuple[tuple[str, str], ...]:
@@ -293,6 +298,11 @@ def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
 def with_limit(project: Project, limit: str) -> Project:
     """Length errors are judged by this limit, or by their own uncertainty where it is empty."""
     return replace(project, limit=limit)
+
+
+def with_method(project: Project, method: str) -> Project:
+    """The next calibration is made by this method, or by the program's own where it is empty."""
+    return replace(project, method=method)
 
 
 def with_note(project: Project, note: str) -> Project:

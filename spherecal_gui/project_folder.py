@@ -59,6 +59,10 @@ def _purpose(text: str) -> Purpose:
     return next((one for one in get_args(Purpose) if one == text), "calibrate")
 
 
+def _method(text: str) -> str:
+    return text if text == "tao2021" else ""
+
+
 def _artefacts(
     target_set: str = "",
     ball: str = "",
@@ -183,6 +187,7 @@ WIZARD = FileFormat(
         optional("bar_celsius", number("Temperature of the bars in degrees Celsius.", -100, 200, "degrees Celsius")),
         optional("pose_bars", items("Which bar a pose is of.", _PAIR)),
         optional("note", prose("What the operator has written.")),
+        optional("method", prose("`tao2021`: the paper's method; anything else counts as our own.").mapped(_method)),
         optional("flaws", items("What is wrong with a set.", _FLAW)),
     ),
     version=2,

@@ -355,7 +355,7 @@ _WIZARD = _document(
     },
     calibrated=_RUN, accepted=_RUN, verified=_RUN, saved=_RUN, checked=_RUN, repaired=_RUN, failures={"solve": "no"},
     repairs=[["--leave-out", "C05"]], masks=[{"camera": "C01", "rectangle": [0, 0, 1, 1]}], limit="0.1", bar_celsius=20.0,  # noqa: E501
-    pose_bars=[["A1", "A"]], note="n",
+    pose_bars=[["A1", "A"]], note="n", method="tao2021",
     flaws=[{"set": "P1", "taken": TIME, "code": "taken moving", "cameras": ["C01"], "kept": True}],
 )  # fmt: skip
 

@@ -23,6 +23,7 @@ from spherecal.geometry.camera import project
 from spherecal.initialise.chain import chain_points
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
+from spherecal.initialise.triple import Triple
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.rigs import nominal_intrinsics
 from spherecal_sim.truth import SimulationOptions
@@ -137,13 +138,18 @@ def _displaced(simulated: Simulated, known: FloatArray, rng: np.random.Generator
     network, features = simulated.network, simulated.features
     local = reconstruct_locally(simulated.observations, features, known, "opt", 0, Context())
     start = grow(local, network, known, local.keep, Context())
-    points = chain_points(
-        local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
-    )
+    first = [(camera, path.triples[0]) for camera, path in local.paths.items() if path.triples]
+    sources = [(_in_scale(local.triples[number], local.graph.scale[number]), camera) for camera, number in first]
+    points = chain_points(sources, start.state.rotation, start.state.translation, len(features))
     points = points + POINT_ERROR * _radius(simulated, points) * rng.normal(size=points.shape)
     candidates = local.keep & start.placed[network.camera]
     adjusted = adjust(network, start.state, points, candidates, start.placed, Context())
     return adjusted.used, adjusted.minimum.cost, start.placed
+
+
+def _in_scale(triple: Triple, scale: float) -> Triple:
+    """The triple in the common scale."""
+    return replace(triple, translation=triple.translation * scale, points=triple.points * scale)
 
 
 def _radius(simulated: Simulated, points: FloatArray) -> float:

@@ -25,6 +25,7 @@ from spherecal.steps.other_methods import other_method
 from spherecal.steps.repairs import Repairs, recorded, repaired
 from spherecal.steps.settings import CalibrationSettings, as_stated, check_settings
 from spherecal.steps.start_values import local_network, run_of, start_values
+from spherecal.steps.tao2021 import calibrate_as_published
 
 
 @on_one_blas_thread
@@ -59,7 +60,7 @@ def _calibrate_ball(session: Session, settings: CalibrationSettings, context: Co
     task = _Task(settings, from_images, missing, seen, context, watch)
     best = now = _solve(session, task)
     done = Repairs()
-    for _ in range(TURNS if settings.repair_by_itself else 0):
+    for _ in range(TURNS if settings.repair_by_itself and settings.method != "tao2021" else 0):
         if is_settled(now):
             break
         chosen: tuple[Calibration, Repairs] | None = None
@@ -113,6 +114,8 @@ def _adjust(session: Session, task: _Task) -> Calibration:
     lens = None
     while True:
         recording = Recording.of(session)
+        if settings.method == "tao2021":  # the paper's method to the letter, with nothing of what follows
+            return calibrate_as_published(recording, settings, context, watch)
         local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
         watch.lap("local reconstruction")
         if local.is_empty:

@@ -86,6 +86,9 @@ def _curves(document: Document, found: dict[str, dict[int, Estimate]], label: st
     curves(document, series, "cameras", label, lines=lines, errors=errors)
 
 
+_PIPELINES = {"free": "free", "rigid where possible": "auto"}
+
+
 def _against_paper(
     document: Document, px: dict[int, Estimate], off: dict[str, dict[int, Estimate]], sd: dict[str, dict[int, Estimate]]
 ) -> StudyPage:
@@ -119,6 +122,7 @@ def _against_paper(
                 "",
                 "limit",
                 mean.n,
+                _PIPELINES[name],
             )
         )
         scatter, at = worst(sd[name])
@@ -132,6 +136,7 @@ def _against_paper(
                 why,
                 "limit",
                 scatter.n,
+                _PIPELINES[name],
             )
         )
-    return paper_table(document, rows)
+    return paper_table(document, rows, "free")

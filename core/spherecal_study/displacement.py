@@ -1,91 +1,155 @@
-"""Table II: start points displaced (22), with SPO and without, and what an adjustment makes of them."""
+"""What the paper's plain adjustment makes of its starts: OPT and SPO against none, and points displaced (22)."""
 
+import time
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from spherecal.adjust import engine
-from spherecal.adjust.bundle import usable_features
-from spherecal.adjust.least_squares import minimise
-from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.data.observations import find_features
-from spherecal.data.recording import calibration_observations
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.data.recording import Recording
 from spherecal.data.session import Session
-from spherecal.initialise.spherical_projection import project_to_spheres
+from spherecal.geometry.sphere import fit_sphere_geometrically
+from spherecal.initialise.camera_path import Path, Search
+from spherecal.initialise.local import LocalNetwork
+from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import StartValues
+from spherecal.steps.tao2021 import (
+    bundle_adjustment,
+    edges_of,
+    grouped_points,
+    local_reconstruction,
+    optimal_path_transformation,
+    plain_state,
+    spherical_projection,
+)
 from spherecal_sim.truth import Truth
-from spherecal_study.identity_damping import minimise_with_identity
 
 PERCENT = (10, 15, 20, 25)
 # Converged: within this of the optimum's rms, the rest of a few slow steps; other minima are ten times off and more.
 SAME_RMS = 1.05
-_ITERATIONS = 150
+# Every variant of the paper's start: its search, and whether points are projected.
+_SEARCHES: tuple[Search, ...] = ("opt", "dijkstra", "first", "first-listed")
+WAYS = tuple((search, spo) for search in _SEARCHES for spo in (True, False))
 
 
-def displaced_cases(session: Session, truth: Truth, start: StartValues, seed: int, damping: str) -> dict[str, Any]:
-    """How adjustments end whose points are displaced by a share of the ball's radius, with SPO and without.
+def published_cases(session: Session, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
+    """How the paper's adjustment ends from every variant of its start: OPT, Dijkstra, none-OPT; SPO, none-SPO.
 
-    [Tao21] (22). `cases` has each percentage with and without projection, and for the diagonal with points triangulated
-    from the cameras.
+    Seconds are the processor's: `search_s` of the local stage with the path search, `adjust_s` of the adjustment.
     """
-    network, state, points = start.network, start.poses.state, start.points
-    assert points is not None
-    candidates = start.candidates & np.isfinite(points[network.feature, 0])
-    placement = find_features(calibration_observations(session)).placement
-    radius = _radius(points, placement)
-    size = truth.options.ball_radius_mm / radius if damping == "identity-mm" else 1.0
-    used = candidates & (network.views(candidates) >= 2)[network.feature]
-    best = _figures(network, used, _adjusted(network, _true_state(network, truth), used, "diagonal"))
-    cases = []
-    for percent in PERCENT:
-        moved = points + percent / 100 * radius * _within_one(
-            np.random.default_rng([seed, percent * 100]), points.shape
-        )
-        for way in ("spo", "none"):
-            begin = project_to_spheres(moved, placement) if way == "spo" else moved
-            displaced = replace(state, points=np.nan_to_num(begin)).scaled(size)
-            done = _figures(network, used, _adjusted(network, displaced, used, damping))
-            cases.append({"percent": percent, "way": way, **done, "converged": _converged(done, best)})
-    if damping == "diagonal":
-        cases.append({"percent": 0, "way": "triangulated", **_triangulated(network, state, candidates, best)})
+    cases: list[dict[str, Any]] = []
+    best: dict[str, Any] | None = None
+    for search, spo in WAYS:
+        chosen = replace(settings, search=search)
+        began = time.process_time()
+        recording = Recording.of(session)
+        local = local_reconstruction(recording, chosen, Context())
+        local_s = time.process_time() - began
+        recording, local, _ = grouped_points(recording, local, chosen)
+        start = optimal_path_transformation(recording, local, chosen)
+        best = best or _optimum(start, truth, chosen)
+        start = spherical_projection(recording, start) if spo else start
+        lengths = [path_length(local, path, chosen) for path in local.paths.values() if path.triples]
+        known = {
+            "search": search,
+            "spo": spo,
+            "placed": int(start.poses.placed.sum()),
+            "length": float(np.mean(lengths)) if lengths and np.isfinite(lengths).all() else None,
+            "local_s": local_s,
+        }
+        cases.append({**known, **_ended(start, best, chosen)})
+    assert best is not None
+    return {"cases": cases, "best_rms_px": best["rms_px"], "cameras": len(session.cameras)}
+
+
+def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) -> float:
+    """The sum of the weights (13) of the edges that a path really takes; none-OPT does not take the lightest."""
+    length = 0.0
+    for a, b, number in zip(path.cameras, path.cameras[1:], path.triples, strict=False):
+        edges = edges_of(local.triples[number], local.counts, settings.weights)
+        length += next(weight for j, g, weight in edges if {j, g} == {a, b})
+    return length
+
+
+def displaced_cases(session: Session, truth: Truth, seed: int, settings: CalibrationSettings) -> dict[str, Any]:
+    """How adjustments end whose points are displaced by a share of the ball's radius, with SPO and without (22).
+
+    The start is the paper's, in millimetres: by the ball's true radius over that of the spheres fitted to the points.
+    """
+    recording = Recording.of(session)
+    recording, local, _ = grouped_points(recording, local_reconstruction(recording, settings, Context()), settings)
+    start = optimal_path_transformation(recording, local, settings)
+    assert start.points is not None
+    radius = truth.options.ball_radius_mm
+    start = _scaled(start, radius / _radius(start.points, recording.features.placement))
+    best = _optimum(start, truth, settings)
+    cases = [
+        {"percent": percent, "way": way, **_ended(displaced, best, settings)}
+        for percent, way, displaced in _displaced(recording, start, radius, seed)
+    ]
     ids = [camera.id for camera in session.cameras]
     return {"cases": cases, "best_rms_px": best["rms_px"], "best_mean_px": best["mean_px"], "ids": ids}
 
 
-def _triangulated(network: Network, state: State, candidates: BoolArray, best: dict[str, Any]) -> dict[str, Any]:
-    """The adjustment from points that one triangulation gives: whatever they were displaced by is gone."""
-    points, good = usable_features(network, state, candidates)
-    candidates = candidates & good[network.feature]
-    used = candidates & (network.views(candidates) >= 2)[network.feature]
-    minimum = _adjusted(network, replace(state, points=np.nan_to_num(points)), used, "diagonal")
-    done = _figures(network, used, minimum)
-    return {**done, "converged": _converged(done, best)}
+def _displaced(
+    recording: Recording, start: StartValues, radius: float, seed: int
+) -> Iterator[tuple[int, str, StartValues]]:
+    assert start.points is not None
+    for percent in PERCENT:
+        rng = np.random.default_rng([seed, percent * 100])
+        moved = start.points + percent / 100 * radius * _within_one(rng, start.points.shape)
+        displaced = replace(start, points=moved)
+        yield percent, "spo", spherical_projection(recording, displaced)
+        yield percent, "none", displaced
 
 
-def _converged(done: dict[str, Any], best: dict[str, Any]) -> bool:
-    return done["rms_px"] <= best["rms_px"] * SAME_RMS
+def _scaled(start: StartValues, factor: float) -> StartValues:
+    assert start.points is not None
+    poses = replace(start.poses, state=start.poses.state.scaled(factor))
+    return replace(start, poses=poses, points=start.points * factor)
 
 
-def _adjusted(network: Network, state: State, used: BoolArray, damping: str) -> Minimum:
-    """A plain adjustment of all unknowns."""
-    placed = np.isfinite(state.translation[:, 0])
-    problem, _ = network.problem(used, network.free, placed, weighted=True)
-    if damping != "diagonal":
-        return minimise_with_identity(problem, state)
-    return minimise(problem, state, Settings(max_iterations=_ITERATIONS))
+def _optimum(start: StartValues, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
+    """Where the adjustment of the same observations ends from the true cameras."""
+    assert start.points is not None
+    state = _true_state(start.network, truth)
+    points = np.where(np.isfinite(start.points), state.points, np.nan)
+    known = replace(start, poses=replace(start.poses, state=state), points=points)
+    return _figures(bundle_adjustment(known, replace(settings, damping="diagonal"), Context()))
 
 
-def _figures(network: Network, used: BoolArray, minimum: Minimum) -> dict[str, Any]:
-    """Steps taken, whether the minimiser settled, and the reprojection errors it ends with, of all and by camera."""
-    placed = np.isfinite(minimum.state.translation[:, 0])
-    problem, _ = network.problem(used, network.free, placed, weighted=False)
+def _ended(start: StartValues, best: dict[str, Any], settings: CalibrationSettings) -> dict[str, Any]:
+    """Where a start begins and ends, in how many steps and seconds, and whether that is the optimum."""
+    began = time.process_time()
+    adjusted = bundle_adjustment(start, settings, Context())
+    seconds = time.process_time() - began
+    done = _figures(adjusted)
+    return {
+        **done,
+        "start_px": float(np.median(_sizes(adjusted, plain_state(start)))),
+        "adjust_s": seconds,
+        "converged": done["rms_px"] <= best["rms_px"] * SAME_RMS,
+    }
+
+
+def _sizes(adjusted: Adjustment, state: State) -> FloatArray:
+    """Lengths (n,) of the residuals at a state, px, at most a million."""
     with np.errstate(all="ignore"):
-        size = np.linalg.norm(engine.residuals(problem, minimum.state), axis=1)
-    size = np.minimum(np.nan_to_num(size, nan=1e6, posinf=1e6), 1e6)
+        size = np.linalg.norm(engine.residuals(adjusted.problem, state), axis=1)
+    return np.minimum(np.nan_to_num(size, nan=1e6, posinf=1e6), 1e6)
+
+
+def _figures(adjusted: Adjustment) -> dict[str, Any]:
+    """Steps taken, whether the minimiser settled, and the reprojection errors it ends with, of all and by camera."""
+    problem, minimum = adjusted.problem, adjusted.minimum
+    size = _sizes(adjusted, minimum.state)
     count = np.maximum(np.bincount(problem.camera, minlength=problem.n_cameras), 1)
     return {
         "iterations": minimum.iterations,
@@ -96,14 +160,12 @@ def _figures(network: Network, used: BoolArray, minimum: Minimum) -> dict[str, A
     }
 
 
-def _radius(points: FloatArray, placement: np.ndarray) -> float:
-    """The ball's radius in the start's units: the median distance of a placement's points from their middle."""
-    radii = []
-    for p in np.unique(placement):
-        own = points[(placement == p) & np.isfinite(points[:, 0])]
-        if len(own):
-            radii.append(float(np.median(np.linalg.norm(own - own.mean(axis=0), axis=1))))
-    return float(np.median(radii))
+def _radius(points: FloatArray, placement: IntArray) -> float:
+    """The ball's radius in the start's units: the median of the spheres through the placements' points."""
+    spheres = [
+        fit_sphere_geometrically(points[(placement == p) & np.isfinite(points[:, 0])]) for p in np.unique(placement)
+    ]
+    return float(np.median([sphere.radius for sphere in spheres if sphere is not None]))
 
 
 def _within_one(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:

@@ -123,6 +123,8 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
                 f"against {at[USUAL].words(4)} mm of the free form at the same placements.",
                 "",
                 rigid.get(USUAL, none).n,
+                "rigid",
             ),
         ],
+        "free",
     )

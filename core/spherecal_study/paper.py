@@ -10,7 +10,7 @@ from spherecal_study.study_agreement import LEAST_RUNS, TESTS
 FILE = "paper.md"
 _PLACES = {
     "layouts": "Fig. 8", "path": "Figs. 9, 10", "noise": "Table II", "cameras": "Fig. 13",
-    "compare": "Figs. 16, 17, 19, Table III", "rigB": "second system, residuals", "bar": "1-D method alone",
+    "compare": "Figs. 16, 17, 19, Table III", "rigB": "Fig. 16, second system", "bar": "1-D method alone",
 }  # fmt: skip
 _AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell", None: "-"}
 
@@ -47,18 +47,19 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
         *(f"- {words}." for words in TESTS.values()),
         f"- Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that holds the paper's figure and more.",
         "",
-        "| from | quantity | paper | ours | runs | test | agrees | why, and what to know |",
-        "|---|---|---|---|---|---|---|---|",
+        "| from | quantity | pipeline | paper | ours | runs | test | agrees | why, and what to know |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
-    lines += [_row("rigs", what, said, ours, "-", "-", None, why) for what, said, ours, why in _rigs()]
+    lines += [_row("rigs", what, "-", said, ours, "-", "-", None, why) for what, said, ours, why in _rigs()]
     for name, place in _PLACES.items():
         if name not in kept:
-            lines.append(_row(place, f"(run `spherecal study {name}`)", "", "", "", "", None, ""))
+            lines.append(_row(place, f"(run `spherecal study {name}`)", "", "", "", "", "", None, ""))
             continue
         lines += [
             _row(
                 f"[{name}]({kept[name].pdf.name}), {place}",
                 c["what"],
+                c.get("pipeline") or "-",
                 c["paper"],
                 c["ours"],
                 str(c["runs"]),

@@ -1,7 +1,7 @@
 """What the pages of the studies have in common: the table paper / ours, plots over a number, figures of bars."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -73,7 +73,7 @@ class Options:
 class PaperComparison:
     """A line of the table paper / ours: `agrees` None where it is no matter of agreeing; `why` says the rest.
 
-    `test` is one of agreement.TESTS and `runs` the number of runs behind the line.
+    `test` is one of agreement.TESTS and `runs` the number of runs behind the line; `pipeline`: which method it is of.
     """
 
     what: str
@@ -83,6 +83,7 @@ class PaperComparison:
     why: str = ""
     test: str = ""
     runs: int = 0
+    pipeline: str = ""
 
 
 def begin(title: str, options: Options, text: Sequence[str]) -> Document:
@@ -123,8 +124,9 @@ class StudyPage:
     compared: tuple[PaperComparison, ...]
 
 
-def paper_table(document: Document, rows: Sequence[PaperComparison]) -> StudyPage:
-    """The page with the table paper / ours at its end, the reasons below it."""
+def paper_table(document: Document, rows: Sequence[PaperComparison], pipeline: str = "") -> StudyPage:
+    """The page with the table paper / ours at its end, the reasons below it; `pipeline` of lines that name none."""
+    rows = [replace(row, pipeline=row.pipeline or pipeline) for row in rows]
     document.begin_section("Paper and ours")
     words: dict[str | None, Cell] = {
         "yes": Strong("yes", GOOD), "differs": Strong("differs", BAD), "cannot tell": Strong("cannot tell", CAUTION),

@@ -4,32 +4,27 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from spherecal.adjust.network import Network
-from spherecal.adjust.state import State
-from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.initialise.camera_path import BASE, Search, find_paths
-from spherecal.initialise.chain import chain_points, chain_poses
-from spherecal.initialise.incremental import grow
-from spherecal.initialise.local import LocalNetwork, reconstruct_locally
-from spherecal.initialise.view_graph import EdgeWeights, build_graph
+from spherecal.initialise.camera_path import Search, find_paths
+from spherecal.initialise.local import LocalNetwork
+from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal.steps.start_values import StartValues, describe_network
+from spherecal.steps.tao2021 import adjacency, local_reconstruction, optimal_path_transformation, plain_state
 from spherecal_sim.rigs import Layout, TrueCamera
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch_of_sessions import calibrate_session
-from spherecal_study.displacement import displaced_cases
+from spherecal_study.displacement import displaced_cases, path_length, published_cases
 from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
@@ -156,33 +151,28 @@ def paths(
 
 
 def path_figures(session: Session, search: Search, numbers: PathNumbers | None = None) -> dict[str, Any]:
-    """The result of `paths` for a session with observations, but for the cameras' places.
+    """The result of `paths` for a session with observations, but for the cameras' places; by the paper's own pipeline.
 
-    `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (12). `changed_by_count`: of how
+    `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (13). `changed_by_count`: of how
     many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
 
     `numbers`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
     """
-    network, local, known = _local(session, search, numbers)
-    rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
-    placed = np.isfinite(translation[:, 0])
-    chained = State(
-        np.where(placed[:, None, None], rotation, np.eye(3)),
-        np.where(placed[:, None], translation, 0.0),
-        known,
-        np.zeros((network.n_features, 3)),
-    )
-    triangulated = network.triangulated(chained, local.keep & placed[network.camera])
+    settings = CalibrationSettings(method="tao2021", search=search, **_of_paths(numbers))
+    recording = Recording.of(session)
+    local = local_reconstruction(recording, settings, Context())
+    start = optimal_path_transformation(recording, local, settings)
+    triangulated = start.network.triangulated(plain_state(start), start.candidates)
     size = np.linalg.norm(triangulated.residual, axis=1)
     size = size[np.isfinite(size)]
-    graph = local.graph
-    of_count, changed = _part_of_count(local, search, numbers)
+    graph, lengths = local.graph, {c: path_length(local, path, settings) for c, path in local.paths.items()}
+    of_count, changed = _part_of_count(local, settings)
     return {
         "count_share": of_count,
         "changed_by_count": changed,
         "start_px": float(np.median(size)) if len(size) else None,
         "start_mean_px": float(np.minimum(size, 1000.0).mean()) if len(size) else None,
-        "lengths": {str(c): path.length if np.isfinite(path.length) else None for c, path in local.paths.items()},
+        "lengths": {str(c): length if np.isfinite(length) else None for c, length in lengths.items()},
         "paths": {str(c): list(path.cameras) for c, path in local.paths.items()},
         "edges": [[a, b, edge.weight] for a, edges in enumerate(graph.edges) for b, edge in edges.items() if a < b],
         "reference": graph.reference,
@@ -196,19 +186,37 @@ def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, 
     return path_figures(detected(Path(session)), search)
 
 
-def displaced(preset: str, seed: int, sigma_px: float, damping: str, known: bool = False) -> dict[str, Any]:
-    """How adjustments end whose start points are displaced, [Tao21] (22); see displacement.py.
+def displaced(
+    preset: str, seed: int, sigma_px: float | None, damping: Literal["diagonal", "identity"], known: bool = False
+) -> dict[str, Any]:
+    """How the paper's adjustment ends from displaced start points, [Tao21] (22); see displacement.py.
 
-    `sigma_px` None takes rendered images; `damping`: `diagonal` or `identity-mm` (`displaced_cases`).
+    `sigma_px` None takes rendered images.
     """
     session, truth = _session(preset, seed, sigma_px, 4, "spread")
-    session = _with_known(session, truth.cameras) if known else session
-    session = observed(session, Context())
-    network, local, intrinsics = _local(session, "opt")
-    poses = grow(local, network, intrinsics, local.keep, Context())
-    rotation, translation = poses.state.rotation, poses.state.translation
-    points = chain_points(local.paths, local.triples, local.graph.scale, rotation, translation, network.n_features)
-    return displaced_cases(session, truth, StartValues(network, local, poses, points), seed, damping)
+    session = observed(_with_known(session, truth.cameras) if known else session, Context())
+    return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping))
+
+
+def published(
+    preset: str,
+    seed: int,
+    sigma_px: float | None,
+    known: bool = False,
+    th_pt: int | None = None,
+    paths: PathNumbers | None = None,
+) -> dict[str, Any]:
+    """How the paper's adjustment ends from every variant of its start, and how our robust start ends.
+
+    `sigma_px` None takes rendered images; `th_pt` None and `paths` None: as the method has them.
+    """
+    session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session = observed(_with_known(session, truth.cameras) if known else session, Context())
+    settings = CalibrationSettings(method="tao2021", **_of_paths(paths))
+    done = published_cases(session, truth, settings if th_pt is None else replace(settings, th_pt=th_pt))
+    ours, cpu_s = _timed(session, CalibrationSettings(method="free"))
+    quality = ours.rig.quality
+    return {**done, "ours": {"rms_px": quality.rms_px, "cameras": len(ours.rig.cameras), "cpu_s": cpu_s}}
 
 
 def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration, float]:
@@ -261,18 +269,17 @@ def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, T
     return replace(session, cameras=cameras, observations=own), truth
 
 
-def _part_of_count(local: LocalNetwork, search: Search, numbers: PathNumbers | None) -> tuple[float, int]:
+def _part_of_count(local: LocalNetwork, settings: CalibrationSettings) -> tuple[float, int]:
     """The median share of xi2 / N in the edges' weights, and how many paths are others without it."""
-    weights = _of_paths(numbers).get("weights", EdgeWeights())
-    base = _of_paths(numbers).get("base", BASE)
+    weights = settings.weights
     shares = [
         weights.count / local.counts[a, b] / edge.weight
         for a, edges in enumerate(local.graph.edges)
         for b, edge in edges.items()
         if a < b
     ]
-    plain = build_graph(local.triples, local.counts, replace(weights, count=0.0))
-    other = find_paths(plain, local.triples, search, base) if local.triples else {}
+    plain = adjacency(local.triples, local.counts, replace(weights, count=0.0))
+    other = find_paths(plain, local.triples, settings.search, settings.base) if local.triples else {}
     changed = sum(other.get(c) is None or other[c].cameras != path.cameras for c, path in local.paths.items())
     return float(np.median(shares)) if shares else 0.0, changed
 
@@ -303,19 +310,9 @@ def by_camera(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _local(
-    session: Session, search: Search, numbers: PathNumbers | None = None
-) -> tuple[Network, LocalNetwork, FloatArray]:
-    recording = Recording.of(session)
-    settings = CalibrationSettings(method="free", search=search, **_of_paths(numbers))
-    network = describe_network(recording, settings)
-    known = recording.priors
-    local = reconstruct_locally(recording.observations, recording.features, known, settings.paths, 0, Context())
-    return network, local, known
-
-
 KINDS: dict[str, Callable[..., dict[str, Any]]] = {
     "ball": ball, "board": board, "bar": bar, "wand": wand, "paths": paths, "displaced": displaced,
+    "published": published,
     "session": calibrate_session,
     "render": render,
     "recorded": recorded,

@@ -177,4 +177,5 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
                 len(most),
             ),
         ],
+        "bar",
     )

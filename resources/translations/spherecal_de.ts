@@ -669,6 +669,22 @@
         <translation>Protokoll der Rechnung</translation>
     </message>
     <message>
+        <source>ours (recommended)</source>
+        <translation>unseres (empfohlen)</translation>
+    </message>
+    <message>
+        <source>the paper&apos;s (Tao et al., 2021)</source>
+        <translation>das der Veröffentlichung (Tao u. a., 2021)</translation>
+    </message>
+    <message>
+        <source>Method of the calibration</source>
+        <translation>Verfahren der Kalibrierung</translation>
+    </message>
+    <message>
+        <source>Method</source>
+        <translation>Verfahren</translation>
+    </message>
+    <message>
         <source>captured</source>
         <translation>aufgenommen</translation>
     </message>
@@ -743,6 +759,10 @@
     <message>
         <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
         <translation>Fertig, wenn die Linie nicht mehr fällt. Jede Ausgleichung beginnt, wo die vorige endete.</translation>
+    </message>
+    <message>
+        <source>With the paper&apos;s method lengths are less certain. The report names the method.</source>
+        <translation>Mit dem Verfahren der Veröffentlichung sind Längen weniger sicher. Der Bericht nennt das Verfahren.</translation>
     </message>
     <message>
         <source>See what to do</source>

@@ -669,6 +669,22 @@
         <translation>计算日志</translation>
     </message>
     <message>
+        <source>ours (recommended)</source>
+        <translation>本程序的（推荐）</translation>
+    </message>
+    <message>
+        <source>the paper&apos;s (Tao et al., 2021)</source>
+        <translation>论文的（Tao 等，2021）</translation>
+    </message>
+    <message>
+        <source>Method of the calibration</source>
+        <translation>标定方法</translation>
+    </message>
+    <message>
+        <source>Method</source>
+        <translation>方法</translation>
+    </message>
+    <message>
         <source>captured</source>
         <translation>已拍摄</translation>
     </message>
@@ -743,6 +759,10 @@
     <message>
         <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
         <translation>曲线不再下降即完成。每次平差从上一次结束处继续。</translation>
+    </message>
+    <message>
+        <source>With the paper&apos;s method lengths are less certain. The report names the method.</source>
+        <translation>用论文的方法时长度的不确定度更大。报告会注明所用方法。</translation>
     </message>
     <message>
         <source>See what to do</source>

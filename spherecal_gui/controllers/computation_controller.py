@@ -70,7 +70,8 @@ class ComputationController(ControllerPart):
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
             repairs = project.repairs_now
-            verdict = jobs.calibrate(project.folder, project.result_folder, repairs, context, reference)
+            folders, method = (project.folder, project.result_folder), project.method
+            verdict = jobs.calibrate(*folders, repairs, context, reference, method)
             return verdict, read(context)
 
         return self._cameras.start_alone("calibrate", work, self._calibrated)
@@ -85,6 +86,11 @@ class ComputationController(ControllerPart):
         text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.main.tell(kind, text)
         self._warn_of_frame()  # the last word, which the window keeps on the screen
+
+    def choose_method(self, method: str) -> None:
+        """Make the next calibration by this method; empty: the program's own."""
+        if self.project is not None and self.runner.running is None:
+            self.main.update(changes.with_method(self.project, method))
 
     def kept_reference(self) -> str | None:
         """The camera whose frame was the world so far; it stays so, that coordinates of two days can be compared."""

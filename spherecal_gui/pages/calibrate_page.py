@@ -5,7 +5,7 @@ from html import escape
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import coverage as cov
 from spherecal_gui import languages, theme
@@ -89,6 +89,10 @@ class CalibratePage(Page):
         self.details.toggled.connect(lines.setVisible)
         row.addLayout(right, 3)
         column.addWidget(self._work, 1)
+        self._method_line = self._make_method_line()
+        self._method_line.hide()
+        self.details.toggled.connect(self._show_method)
+        column.addWidget(self._method_line)
         if self.course.stages:  # a window made again, in another language say
             self._draw()
 
@@ -109,6 +113,32 @@ class CalibratePage(Page):
         inputs.addLayout(covered, 4)
         made.body.addLayout(inputs, 1)
         return made
+
+    def _make_method_line(self) -> QWidget:
+        """The choice of the method, for those who come from the paper."""
+        line = QWidget()
+        row = QHBoxLayout(line)
+        row.setContentsMargins(0, 0, 0, 0)
+        self.method = QComboBox()
+        self.method.addItem(self.tr("ours (recommended)"), "")
+        self.method.addItem(self.tr("the paper's (Tao et al., 2021)"), "tao2021")
+        tip = self.tr("With the paper's method lengths are less certain. The report names the method.")
+        self.method.setToolTip(tip)
+        self.method.setAccessibleName(self.tr("Method of the calibration"))
+        self.method.activated.connect(lambda _: self.controller.computation.choose_method(self.method.currentData()))
+        row.addWidget(label(self.tr("Method"), "soft"))
+        row.addWidget(self.method)
+        row.addStretch(1)
+        return line
+
+    def _show_method(self) -> None:
+        """Before the first computation, later among the details; a board has a method of its own."""
+        project = self.project
+        asked = self._inputs.isVisibleTo(self) or self.details.isChecked()
+        self._method_line.setVisible(project is not None and not project.by_board and asked and not theme.is_far())
+        if project is not None:
+            self.method.setCurrentIndex(max(self.method.findData(project.method), 0))
+        self.method.setEnabled(not self.is_running)
 
     @property
     def is_running(self) -> bool:
@@ -131,6 +161,7 @@ class CalibratePage(Page):
         self._was_running = self.is_running
         self._show_word()
         self._show_inputs()
+        self._show_method()
         self.action_changed.emit()
 
     def _show_inputs(self) -> None:

@@ -291,11 +291,16 @@ def kept_reference(profile: Path, result: Path) -> str | None:
 
 
 def calibrate(
-    folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context, reference: str | None = None
+    folder: Path,
+    result: Path,
+    repairs: Sequence[tuple[str, str]],
+    context: Context,
+    reference: str | None = None,
+    chosen: str = "",
 ) -> Verdict:
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes.
 
-    `reference` None: it is chosen.
+    `reference` None: it is chosen; `chosen`: the method, empty for the program's own.
     """
     from spherecal.calibrate import calibrate as run
     from spherecal.files.read_session import read_session
@@ -310,7 +315,7 @@ def calibrate(
     context.report("reading the session", 0.0)
     session = read_session(folder)
     by_board = session.board is not None and session.target_set is None
-    method: Method = "board" if by_board else "auto"
+    method: Method = "board" if by_board else "tao2021" if chosen == "tao2021" else "auto"
     settings = CalibrationSettings(method, repairs=repairs_asked, reference=reference)
     calibration = run(session, settings, context)
     context.report("writing the result", 0.0)

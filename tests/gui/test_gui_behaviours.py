@@ -22,6 +22,7 @@ from PySide6.QtWidgets import QLineEdit
 from spherecal.base.context import Context, Progress
 from spherecal.data.findings import Finding, leave_out
 from spherecal.files.write_result import write_result
+from spherecal_app.cli.main import main
 from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, Counters
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.fingerprint import fingerprint
@@ -37,8 +38,9 @@ from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene
 from spherecal_gui.presenters.results_presenter import culprit
 from spherecal_gui.presenters.start_presenter import age_text, number_in_use, picture_name, validity_of
 from spherecal_gui.project import Computation, Project
-from spherecal_gui.project_folder import save_project
+from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.rig_scenes import check_scene
+from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.kept_check import read_kept_check
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
@@ -307,6 +309,30 @@ def test_a_window_made_anew_shows_the_stages_and_another_project_does_not(page, 
     other.step = Step("calibrate", "calibrate")
     other.refresh()
     assert other._stages.text() == ""
+
+
+def test_the_paper_s_method_is_chosen_before_and_among_the_details(page):
+    page.show()
+    page.refresh()
+    before = page.project.calibration_inputs
+    assert page.method.isVisible() and page.method.currentData() == ""
+    page.method.setCurrentIndex(1)
+    page.method.activated.emit(1)
+    assert page.controller.project.method == load_project(page.project.folder).method == "tao2021"
+    assert page.project.calibration_inputs != before  # what was computed by another method is out of date
+    page.course = page.controller.computation.course = course("detect", "triples")
+    page.refresh()
+    assert not page.method.isVisible()
+    page.details.setChecked(True)
+    assert page.method.isVisible() and page.method.currentData() == "tao2021"
+
+
+def test_the_window_calibrates_by_the_method_chosen(tmp_path):
+    assert main(["simulate", "demo", "--observations-only", "-q", "-o", str(tmp_path / "s")]) == 0
+    for chosen, method in (("tao2021", "tao2021"), ("", "auto")):
+        jobs.calibrate(tmp_path / "s", tmp_path / f"r{chosen}", (), Context(), None, chosen)
+        written = json.loads((tmp_path / f"r{chosen}" / "rig.json").read_bytes())
+        assert written["software"]["method"] == method
 
 
 def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):

@@ -100,3 +100,14 @@ def test_session_as_it_is(dome15: Session) -> None:
     assert all(np.array_equal(camera.intrinsics, first) for camera in calibration.rig.cameras)
     for sphere in calibration.spheres:
         assert 0.01 < sphere.radial_sd_mm / sphere.radius_mm < 0.06  # half a dodecahedron: no sphere at all
+
+
+def test_the_papers_method_needs_its_optimal_paths_here(dome15: Session) -> None:
+    """OPT ends at 0.84 px with all cameras; none-OPT in its literal order at hundreds."""
+    opt, none = (
+        calibrate(dome15, CalibrationSettings(method="tao2021", search=search)) for search in ("opt", "first-listed")
+    )
+    assert len(opt.rig.cameras) == 15 and opt.rig.quality.verdict != "not-valid"
+    assert opt.rig.quality.rms_px == pytest.approx(0.841, abs=0.01)
+    assert none.rig.quality.verdict == "not-valid"
+    assert none.rig.quality.rms_px is not None and none.rig.quality.rms_px > 10

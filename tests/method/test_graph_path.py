@@ -437,6 +437,6 @@ def test_chained_points_lie_in_the_reference_frame() -> None:
     assert graph.reference == 0
     paths = find_paths(graph, triples)
     # with no edge in common the two parts keep scales of their own, here both 1
-    found = chain_points(paths, triples, graph.scale, *chain_poses(paths, triples, graph.scale, 5), 21)
+    found = chain_points([(triples[0], 1), (triples[1], 4)], *chain_poses(paths, triples, graph.scale, 5), 21)
     np.testing.assert_allclose(found[:20], points @ true_r[0].T - true_r[0] @ place[0], atol=1e-6)
     assert np.isnan(found[20]).all()

@@ -177,13 +177,11 @@ def test_some_cameras_are_those_in_the_middle():
 def test_displaced_points_converge_with_the_diagonal():
     result = displaced("demo", 1, 0.04, "diagonal")
     cases = result["cases"]
-    assert {(c["percent"], c["way"]) for c in cases} == {
-        (0, "triangulated"),
-        *((p, way) for p in (10, 15, 20, 25) for way in ("spo", "none")),
-    }
+    assert {(c["percent"], c["way"]) for c in cases} == {(p, way) for p in (10, 15, 20, 25) for way in ("spo", "none")}
     for case in cases:
-        assert case["converged"] and case["settled"] and 1 <= case["iterations"] < 50
-        assert case["rms_px"] == pytest.approx(result["best_rms_px"], rel=1e-6)
+        assert case["converged"] and case["settled"] and 1 <= case["iterations"] < 100
+        assert case["start_px"] > 10
+        assert case["rms_px"] == pytest.approx(result["best_rms_px"], rel=1e-3)
         assert len(case["camera_mean_px"]) == len(result["ids"]) == 6
         assert min(case["camera_mean_px"]) < case["mean_px"] < max(case["camera_mean_px"])
 
@@ -191,10 +189,10 @@ def test_displaced_points_converge_with_the_diagonal():
 def test_known_intrinsics_make_the_count_of_common_points_weigh():
     settings = {"preset": "demo", "seed": 1, "sigma_px": 0.04}
     nominal, known = (paths(**settings, search="opt", known=known) for known in (False, True))
-    assert known["start_px"] < 0.2 * nominal["start_px"]
+    assert sum(known["lengths"].values()) < 0.2 * sum(nominal["lengths"].values())
     assert known["count_share"] > 10 * nominal["count_share"]
     heavy = paths(**settings, search="opt", known=True, paths=(1.0, 1000.0, None, 1.1))
-    assert heavy["count_share"] > 0.9
+    assert heavy["count_share"] > 0.85
     listed = paths(**settings, search="first-listed")
     assert set(listed["paths"]) == set(nominal["paths"])
     refused = paths(**settings, search="opt", paths=(1.0, 1.0, 1e-6, 1.1))
@@ -229,9 +227,12 @@ def made_up(trial: Trial) -> dict:
     rng = np.random.default_rng(abs(hash(trial.key)) % 2**32)
     if trial.kind == "displaced":
         case = {"iterations": 9, "settled": True, "mean_px": 0.04, "rms_px": 0.05, "camera_mean_px": [0.04] * 10}
-        ways = [(p, way) for p in (10, 15, 20, 25) for way in ("spo", "none")] + [(0, "triangulated")]
+        case["start_px"] = 90.0
+        ways = [(p, way) for p in (10, 15, 20, 25) for way in ("spo", "none")]
         cases = [{"percent": p, "way": way, "converged": True, **case} for p, way in ways]
         return {"cases": cases, "best_rms_px": 0.05, "best_mean_px": 0.04, "ids": [f"C{i:02d}" for i in range(10)]}
+    if trial.kind == "published":
+        return run_here(Trial("published", {**trial.settings, "preset": "demo", "seed": 1}))
     if trial.kind == "paths":
         return run_here(Trial("paths", {**trial.settings, "preset": "demo", "seed": 1}))
     bars = {label: rng.normal(0, 0.02, 20).tolist() for label in ("A1A2", "A1A4", "A3A4", "B1B2", "B1B3", "B1B4")}
@@ -290,11 +291,12 @@ def test_the_papers_rivals_have_rows_of_their_own():
 
 def test_table_2_is_on_the_papers_rig():
     listed = noise.trials(Options(2))
-    assert {t.settings["preset"] for t in listed} == {"rigA"}
-    assert {(t.settings["damping"], t.settings.get("known", False)) for t in listed} == {
-        ("identity-mm", False),
-        ("identity-mm", True),
-        ("diagonal", False),
+    assert {(t.settings["preset"], t.settings["damping"], t.settings.get("known", False)) for t in listed} == {
+        ("rigA", "identity", False),
+        ("rigA", "identity", True),
+        ("rigA", "diagonal", False),
+        ("rigB", "diagonal", False),
+        ("rigB", "diagonal", True),
     }
 
 
@@ -303,7 +305,7 @@ def test_settings_of_a_study_reach_its_trials():
     for name, study in STUDIES.items():
         for trial in study.trials(asked):
             assert trial.settings.get("known"), name
-            weighed = trial.kind in ("ball", "paths")
+            weighed = trial.kind in ("ball", "paths", "published")
             assert trial.settings.get("paths") == ([1.0, 2.0, 5.0, 1.3] if weighed else None), (name, trial.kind)
 
 
@@ -399,7 +401,7 @@ def test_pages_of_a_folder_are_listed_with_their_pictures(folder):
         assert len(page.pictures) >= 1
         assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in page.pictures)
         assert page.title
-        assert {"what", "paper", "ours", "agrees", "why", "test", "runs"} == set(page.compared[0])
+        assert {"what", "paper", "ours", "agrees", "why", "test", "runs", "pipeline"} == set(page.compared[0])
     assert found[1].options["runs"] == 2
     assert pages_in(folder / "nothing") == ()
 

@@ -17,7 +17,7 @@ BASE = 1.1
 
 @dataclass(frozen=True)
 class PathSettings:
-    """How edges are weighted, (10)-(12), and paths are searched; `base` is b of f = b^m g + h, 1 or more."""
+    """How edges are weighted, (10)-(13), and paths are searched; `base` is b of f = b^m g + h, 1 or more."""
 
     search: Search = "opt"
     weights: EdgeWeights = field(default_factory=EdgeWeights)

@@ -1,5 +1,7 @@
 """Poses and points chained along the paths into the reference camera's frame, [Tao21] (16)-(17)."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
@@ -29,25 +31,18 @@ def chain_poses(
 
 
 def chain_points(
-    paths: dict[int, Path],
-    triples: list[Triple],
-    scale: FloatArray,
-    rotation: FloatArray,
-    translation: FloatArray,
-    n_features: int,
+    sources: Iterable[tuple[Triple, int]], rotation: FloatArray, translation: FloatArray, n_features: int
 ) -> FloatArray:
-    """Points (m,3) from the triples on the paths, in the reference frame; NaN where no triple has the point.
+    """Points (m,3) of triples in the reference frame, each chained by one of its cameras; NaN where no triple has it.
 
-    A point in several triples gets their mean.
+    A point in several triples is that of the first.
 
-    `rotation`, `translation`: poses that came of it, (c,3,3) and (c,3).
+    `rotation`, `translation`: poses that `chain_poses` gives, (c,3,3) and (c,3).
     """
-    total, count = np.zeros((n_features, 3)), np.zeros(n_features)
-    for camera, path in paths.items():
-        for number in path.triples[:1]:
-            triple, j = triples[number], triples[number].cameras.index(camera)
-            in_camera = (triple.points @ triple.rotation[j].T + triple.translation[j]) * scale[number]
-            total[triple.features] += (in_camera - translation[camera]) @ rotation[camera]
-            count[triple.features] += 1
-    with np.errstate(invalid="ignore"):
-        return total / count[:, None]
+    points = np.full((n_features, 3), np.nan)
+    for triple, camera in sources:
+        j = triple.cameras.index(camera)
+        in_camera = triple.points @ triple.rotation[j].T + triple.translation[j]
+        new = np.isnan(points[triple.features, 0])
+        points[triple.features[new]] = ((in_camera - translation[camera]) @ rotation[camera])[new]
+    return points

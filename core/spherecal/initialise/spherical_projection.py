@@ -6,7 +6,7 @@ Only an initial value: a real ball is off by about a millimetre, and the adjustm
 import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.geometry.sphere import fit_sphere
+from spherecal.geometry.sphere import fit_sphere_geometrically
 
 
 def project_to_spheres(points: FloatArray, placement: IntArray) -> FloatArray:
@@ -17,7 +17,7 @@ def project_to_spheres(points: FloatArray, placement: IntArray) -> FloatArray:
     moved = points.copy()
     for p in np.unique(placement):
         own = np.flatnonzero((placement == p) & np.isfinite(points[:, 0]))
-        sphere = fit_sphere(points[own])
+        sphere = fit_sphere_geometrically(points[own])
         if sphere is None:
             continue
         ray = points[own] - sphere.centre

@@ -9,6 +9,8 @@ from spherecal.geometry.rotation import cross, nearest_rotation
 
 # Fewest points of an eight-point estimate with some redundancy left.
 MIN_POINTS = 12
+# What an eight-point estimate needs at least.
+MIN_EIGHT_POINT = 8
 # A triple whose reconstruction has fewer of its points before all three cameras is no reconstruction: right ones had
 # at least 97 % on rigs A and B with nominal intrinsics, wrong ones 40 to 70 %.
 MIN_IN_FRONT = 0.9
@@ -78,13 +80,21 @@ class _Attempt:
 def _attempt(xy: FloatArray) -> _Attempt | None:
     if xy.shape[1] < MIN_POINTS:
         return None
-    rays = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
-    measurement = _scaled_measurements(rays)
-    upgraded = None if measurement is None else _euclidean_upgrade(*_factorise(measurement))
-    if upgraded is None:
+    found = factorised(xy)
+    if found is None:
         return None
-    rotation, translation = upgraded
-    return _Attempt(rotation, translation, *_intersect(rotation, translation, rays))
+    rotation, translation, _ = found
+    return _Attempt(rotation, translation, *_intersect(rotation, translation, _rays(xy)))
+
+
+def factorised(xy: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Rotations (3,3,3), translations (3,3) and points (n,3) of normalised image points (3,n,2), (3)-(9)."""
+    measurement = _scaled_measurements(_rays(xy))
+    return None if measurement is None else _euclidean_upgrade(*_factorise(measurement))
+
+
+def _rays(xy: FloatArray) -> FloatArray:
+    return np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
 
 
 def _intersect(
@@ -150,8 +160,8 @@ def _factorise(measurement: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (u[:, :4] * root).reshape(3, 3, 4), root[:, None] * vt[:4]
 
 
-def _euclidean_upgrade(cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Rotations (3,3,3) and translations (3,3): P_i H = alpha_i [R_i t_i], (7)-(9).
+def _euclidean_upgrade(cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Rotations (3,3,3), translations (3,3) and points (n,3): P_i H = alpha_i [R_i t_i], (7)-(9).
 
     With normalised image points P_i W P_i' is a multiple of I for the dual absolute quadric W = A A': linear in its ten
     numbers, five equations a camera.
@@ -174,7 +184,7 @@ def _euclidean_upgrade(cameras: FloatArray, points: FloatArray) -> tuple[FloatAr
         candidate = _metric(cameras, points, h * [1, 1, 1, sign])
         if candidate is not None and (best is None or candidate[0] > best[0]):
             best = candidate
-    return None if best is None else (best[1], best[2])
+    return None if best is None else best[1:]
 
 
 def _dual_quadric(cameras: FloatArray) -> FloatArray:
@@ -197,8 +207,10 @@ def _dual_quadric(cameras: FloatArray) -> FloatArray:
     return quadric
 
 
-def _metric(cameras: FloatArray, points: FloatArray, h: FloatArray) -> tuple[float, FloatArray, FloatArray] | None:
-    """Share of points in front of all cameras, rotations and translations of one choice of signs."""
+def _metric(
+    cameras: FloatArray, points: FloatArray, h: FloatArray
+) -> tuple[float, FloatArray, FloatArray, FloatArray] | None:
+    """Share of points in front of all cameras, rotations, translations and points (n,3) of one choice of signs."""
     x = np.linalg.solve(h, points)
     rotation, translation = np.empty((3, 3, 3)), np.empty((3, 3))
     for i, q in enumerate(cameras @ h):
@@ -209,4 +221,6 @@ def _metric(cameras: FloatArray, points: FloatArray, h: FloatArray) -> tuple[flo
         translation[i] = q[:, 3] / alpha
     # multiplied by the homogeneous coordinate's square instead of divided by it: only the sign matters
     depth = (np.einsum("cj,jn->cn", rotation[:, 2], x[:3]) + translation[:, 2:3] * x[3]) * x[3]
-    return float((depth > 0).all(axis=0).mean()), rotation, translation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places = (x[:3] / x[3]).T
+    return float((depth > 0).all(axis=0).mean()), rotation, translation, places

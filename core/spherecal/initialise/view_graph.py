@@ -133,7 +133,7 @@ def _try(
 
 @dataclass(frozen=True)
 class Edge:
-    """The lightest reconstruction of a pair of cameras: its triple's number and its weight `alpha` of (12)."""
+    """The lightest reconstruction of a pair of cameras: its triple's number and its weight `alpha` of (13)."""
 
     triple: int
     weight: float
@@ -141,7 +141,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class CameraGraph:
-    """Adjacency of cameras: `edges[j][g]` is the lightest edge of the pair, the same both ways (13).
+    """Adjacency of cameras: `edges[j][g]` is the lightest edge of the pair, the same both ways.
 
     `groups` (c,) counts the triples a camera belongs to; the reference is the camera in most.
     """
@@ -168,7 +168,7 @@ THRESHOLD_FACTOR = 5.0
 
 @dataclass(frozen=True)
 class EdgeWeights:
-    """xi1 and xi2 of (12), and TH_er of (10) in px; None takes `THRESHOLD_FACTOR` times the triples' median error."""
+    """xi1 and xi2 of (13), and TH_er of (11) in px; None takes `THRESHOLD_FACTOR` times the triples' median error."""
 
     error: float = 1.0
     count: float = 1.0
@@ -181,7 +181,7 @@ def error_threshold(triples: list[Triple]) -> float:
 
 
 def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | None = None) -> CameraGraph:
-    """The graph of lightest edges over all triples (13), and common scales.
+    """The graph of lightest edges over all triples, and common scales.
 
     `counts`: common features, (c,c).
     """
@@ -206,7 +206,7 @@ def build_graph(triples: list[Triple], counts: IntArray, weights: EdgeWeights | 
 def edge_weight(
     error_j: float, error_g: float, common: int, threshold_px: float, weights: EdgeWeights | None = None
 ) -> float:
-    """Weight of an edge (12): xi1 times the mean reprojection error in px (10), xi2 over the common features (11)."""
+    """Weight of an edge (13): xi1 times the mean reprojection error in px (11), xi2 over the common features (12)."""
     if not (0 <= error_j <= threshold_px and 0 <= error_g <= threshold_px) or common <= 0:
         return float("inf")
     weights = weights or EdgeWeights()

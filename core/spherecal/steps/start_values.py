@@ -1,4 +1,4 @@
-"""The sphere's start values: its network, the local reconstruction, and points as in the paper."""
+"""The sphere's start values: its network and the local reconstruction."""
 
 from dataclasses import dataclass, replace
 
@@ -11,13 +11,10 @@ from spherecal.base.context import Context, Stopwatch
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.values import Phrase
 from spherecal.data.lens_model import estimated_intrinsics
-from spherecal.data.observations import Features
 from spherecal.data.recording import Recording
 from spherecal.geometry.camera import estimated_mask
-from spherecal.initialise.chain import chain_points
 from spherecal.initialise.incremental import InitialPoses, grow
 from spherecal.initialise.local import LocalNetwork, lasting_reference, reconstruct_locally
-from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.steps.settings import CalibrationSettings
 
 
@@ -68,23 +65,12 @@ class StartValues:
 def start_values(
     recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context
 ) -> StartValues:
-    """Poses chained along the paths and by resection; points as in the paper if that is requested."""
+    """Poses chained along the paths and by resection."""
     context.report("start values", 0.0, Phrase("compiling"))
     network = describe_network(recording, settings)
     poses = grow(local, network, recording.priors, local.keep, context)
-    points = None
-    if settings.method == "tao2021":
-        points = points_as_in_the_paper(poses, local, recording.features, settings.spherical_projection)
     release_freed()
-    return StartValues(network, local, poses, points)
-
-
-def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: Features, spherical: bool) -> FloatArray:
-    """Points (p,3) chained through the triples and, unless none-SPO, moved onto their placements' spheres, [Tao21]."""
-    points = chain_points(
-        local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
-    )
-    return project_to_spheres(points, features.placement) if spherical else points
+    return StartValues(network, local, poses, None)
 
 
 def run_of(

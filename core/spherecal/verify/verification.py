@@ -39,7 +39,7 @@ class LengthBudget:
 
 @dataclass(frozen=True)
 class MeasuredLength:
-    """One certified length in one pose; error = measured length - reference length at the pose's temperature, (21).
+    """One certified length in one pose; error = measured length - reference length at the pose's temperature.
 
     `certified`: the reference's uncertainty is stated; otherwise the error decides nothing. `views` counts the cameras
     of that mark which fewer of them see. `ends_mm` (2, 3) are the marks in the rig's world. `by_cameras` (c*w,) is how
@@ -68,7 +68,7 @@ class MeasuredLength:
 
     @property
     def error_mm(self) -> float:
-        """Measured minus reference length, [Tao21] (21)."""
+        """Measured minus reference length; [Tao21] (21) has the opposite sign."""
         return self.length_mm - self.reference_mm
 
 

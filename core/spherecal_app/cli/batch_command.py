@@ -20,6 +20,8 @@ def batch(options: argparse.Namespace) -> int:
         "method": options.method,
         "search": search_of(options),
         "spherical_projection": not options.no_spo,
+        "th_pt": options.th_pt,
+        "damping": options.damping,
         "intrinsics": options.intrinsics,
         "own_intrinsics": options.own_intrinsics,
         "seed": options.seed,

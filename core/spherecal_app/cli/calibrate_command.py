@@ -44,6 +44,8 @@ def calibrate(options: argparse.Namespace) -> int:
         joint=not options.no_joint,
         weights=EdgeWeights(options.path_weights[0], options.path_weights[1], options.path_error),
         base=options.path_base,
+        th_pt=options.th_pt,
+        damping=options.damping,
         intrinsics=options.intrinsics,
         own_intrinsics=options.own_intrinsics,
         lens=options.lens,

@@ -66,7 +66,8 @@ def _images_taken(result: Result) -> str:
 def _calibrated_with(result: Result) -> str:
     """The program that made the result, its version, and the method and seed where they were noted."""
     software = result.software
-    details = [f"{word(_DETAILS, key)} {value}" for key, value in software.details]
+    paper = f" ({label('report-method-of-the-paper')})"
+    details = [f"{word(_DETAILS, k)} {v}{paper if v == 'tao2021' else ''}" for k, v in software.details]
     return "; ".join((f"{software.name} {software.version}", *details))
 
 

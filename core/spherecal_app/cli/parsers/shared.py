@@ -107,6 +107,10 @@ def search(to: To) -> None:
     flag(to, "--no-opt-listed", "none-OPT in the literal order of Algorithm 3: triples by number")
     flag(to, "--dijkstra", "use shortest paths instead of A*")
     flag(to, "--no-spo", "none-SPO: no spherical projection (affects only --method tao2021)")
+    text = "TH_pt: points that a group of three cameras needs in common (only --method tao2021; default 12)"
+    number(to, "--th-pt", "N", text, between(int, 8, 1_000_000, "must be 8 or more"), default=12)
+    text = "its damping: of the diagonal (Marquardt) or by the identity (Levenberg); only --method tao2021"
+    choice(to, "--damping", ("diagonal", "identity"), text, "diagonal")
 
 
 def search_of(options: argparse.Namespace) -> "Search":
@@ -120,16 +124,20 @@ def path_weights(to: To) -> None:
     """Add xi1, xi2, TH_er and b of [Tao21] (10)-(14)."""
     to.add_argument(
         "--path-weights",
+        "--xi",
         type=float,
         nargs=2,
         default=(1.0, 1.0),
         metavar=("XI1", "XI2"),
         help="xi1, xi2: weights of the reprojection error and of 1/(common features) of an edge (default 1 1)",
     )
-    text = "TH_er: the mean reprojection error in a triple above which an edge is refused (default: 5 x the median)"
-    number(to, "--path-error", "PX", text)
+    text = (
+        "TH_er: the mean reprojection error in a triple above which an edge is refused (default: 5 x the median; "
+        "250 px with --method tao2021)"
+    )
+    to.add_argument("--path-error", "--th-er", type=float, metavar="PX", help=text)
     text = f"b: the factor in the cost of a path for each further camera (default {PATH_BASE})"
-    number(to, "--path-base", "B", text, default=PATH_BASE)
+    to.add_argument("--path-base", "--b", type=float, metavar="B", help=text, default=PATH_BASE)
 
 
 def seed(to: To, text: str, default: int) -> None:

@@ -22,14 +22,16 @@ _MOST = 1e30
 ITERATIONS = 50
 
 
-def minimise_with_identity(problem: Problem, state: State, tolerance: float = 1e-8) -> Minimum:
-    """The state that Levenberg's method reaches in fifty steps (free form, no rows but observations)."""
+def minimise_with_identity(
+    problem: Problem, state: State, tolerance: float = 1e-8, most_steps: int = ITERATIONS
+) -> Minimum:
+    """The state that Levenberg's method reaches (free form, no rows but observations)."""
     with one_blas_thread():
         cost, growth = _cost(problem, state), 2.0
         costs = [cost]
         linear = engine.linearise(problem, state, None)
         damping = _FIRST * _largest_diagonal(problem, linear)
-        for iteration in range(1, ITERATIONS + 1):
+        for iteration in range(1, most_steps + 1):
             new = _step(problem, state, linear, damping)
             new_cost = np.inf if new is None else _cost(problem, new[0])
             if new is None or new_cost >= cost or new[1] <= 0:

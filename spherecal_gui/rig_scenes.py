@@ -1,18 +1,20 @@
 """The scene of each page, from what the page has: a result, a verification, a check."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_gui.standing import Level
 
 if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
     from spherecal.data.rig import PlacedSphere, Rig
+    from spherecal_gui.tasks.ghost import Ghost, Lying
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.outcome import Outcome
     from spherecal_rigs.check_rig import Check
@@ -71,6 +73,32 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
     last = spheres[-1]
     wanted = DrawnBall(place(centre_mm), float(last.radius_mm), place(last.centre_mm))
     return replace(data, scene=replace(data.scene, placements=balls), wanted=wanted)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveParts:
+    """What changes in a scene while it is looked at; places in the scene's frame, mm.
+
+    `ball`: its centre, top (both (3,)) and radius as it lies now; `near`: where it should. `bars`: ends (2, 3) and
+    whether these are of the bar as it lies, not as it should. `levels` and `images` by camera.
+    """
+
+    ball: tuple[FloatArray, FloatArray, float] | None = None
+    near: bool = False
+    bars: tuple[tuple[FloatArray, bool], ...] = ()
+    levels: Mapping[str, Level] = field(default_factory=dict)
+    images: Mapping[str, Any] = field(default_factory=dict)
+
+
+def live_ball(data: SceneData, ghost: "Ghost", lying: "Lying | None") -> tuple[FloatArray, FloatArray, float] | None:
+    """The ball as it lies now, in the scene; None where it is not seen."""
+    if lying is None:
+        return None
+    body = ghost.body
+    turn = np.eye(3) if lying.turn is None else lying.turn
+    centre, top = ((one - data.origin_mm) @ data.scene.axes.T for one in (
+        lying.centre, lying.centre + turn @ (body.up * body.radius_mm)))  # fmt: skip
+    return centre, top, body.radius_mm
 
 
 def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:

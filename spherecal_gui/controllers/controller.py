@@ -1,5 +1,6 @@
 """The wizard's controller: projects are opened and closed here, all else is done by its parts. Knows no widgets."""
 
+import time
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
@@ -22,6 +23,8 @@ from spherecal_gui.controllers.saving_controller import SavingController
 from spherecal_gui.controllers.set_controller import SetController
 from spherecal_gui.controllers.staging_controller import StagingController
 from spherecal_gui.controllers.tuning_controller import TuningController
+from spherecal_gui.presenters.stages import stage_name
+from spherecal_gui.presenters.step_states import left_text
 from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import (
     FILE,
@@ -77,6 +80,18 @@ class Controller(ProjectController):
         if known is None or known[0] is not self.project or known[1] != running:
             known = self._resolved = self.project, running, resolve(self.project, running)
         return known[2]
+
+    def progress_text(self) -> str:
+        """What runs, how far it is and how long it still takes: the one text of header and page; empty where nothing is."""
+        task = self.runner.task
+        if task is None:
+            return ""
+        course = self.computation.course if task.name == "calibrate" else None
+        share = course.fraction if course is not None else 0.0
+        left = left_text(time.perf_counter() - task.began_s, share, task.usual_s)
+        percent = f"{100 * share:.0f} %" if course is not None else ""
+        stage = stage_name(task.stage) if task.stage else ""
+        return " · ".join(part for part in (percent, stage, left) if part)
 
     def go(self, step: str) -> None:
         """Go to a step, if it is not blocked."""

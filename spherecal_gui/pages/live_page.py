@@ -8,6 +8,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import Expected, TileState, figures_text, tile_state, usual_light
+from spherecal_gui.presenters.step_states import Work
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
@@ -15,6 +16,12 @@ if TYPE_CHECKING:  # detection is loaded by the thread that connects the cameras
     from spherecal_gui.tasks.live_detection import Sight
 
 translate = QCoreApplication.translate
+
+_AFTER_IMAGES = (
+    "testing stillness",
+    "finding targets",
+    "writing the images",
+)  # stages in which ball and bars may be moved
 
 
 class LivePage(Page):
@@ -24,6 +31,21 @@ class LivePage(Page):
     wants_dots = False
     some_are_enough = False
     wants_histograms = False
+
+    @property
+    def work(self) -> Work:
+        """What goes on: images are taken at this step, or already computed with, or there is other work."""
+        task = self.controller.runner.task
+        if task is None:
+            return ""
+        if self.controller.sets.taking is None:
+            return "other"
+        return "computing" if task.stage in _AFTER_IMAGES else "exposing"
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the images come from a recording, in which nothing can be moved."""
+        return self.project is not None and self.project.source.startswith("replay")
 
     def show_cameras(self) -> None:
         """One tile for every camera that is open."""

@@ -1,5 +1,6 @@
 """Measure: the rig as a live ruler between chosen points; a bar's deviation while it is carried; a series recorded."""
 
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.measure_presenter import (
     pace_text,
     point_names,
@@ -22,6 +23,8 @@ from spherecal_gui.presenters.measure_presenter import (
     trust_of,
     value_rows,
 )
+from spherecal_gui.presenters.step_states import MeasureFacts, measure_says
+from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, label, set_level
@@ -66,6 +69,7 @@ class MeasurePage(Page):
         self._names: tuple[str, ...] = ()
         self._chosen: list[str] = []
         self._said = ""
+        self._trust: tuple[str, Level] = ("", "none")
         column = QVBoxLayout(self)
         self.trust, self.pace = label("", "big"), label("", "soft")
         column.addWidget(self.trust)
@@ -159,8 +163,8 @@ class MeasurePage(Page):
             text = " ".join(error_text(run.problem))
             if text != self._said:
                 self._said = text
-                self.trust.setText(text)
-                set_level(self.trust, "bad")
+                self._trust = text, "bad"
+                self.show_standing()
             return
         measured = run.latest
         if measured is None or measured is self._shown:
@@ -171,8 +175,8 @@ class MeasurePage(Page):
     def _show(self, run: LiveMeasurement, measured: MeasuredSet) -> None:
         history = list(run.history)
         trust = trust_of(measured, run.moved)
-        self.trust.setText(trust.text)
-        set_level(self.trust, trust.level)
+        self._trust = trust.text, trust.level
+        self.show_standing()
         self.pace.setText(pace_text(measured, rate_of([at for at, _ in history])))
         self._show_points(point_names(measured))
         rows = value_rows(measured)
@@ -189,8 +193,7 @@ class MeasurePage(Page):
         self.large.setText("" if not rows else rows[0].deviation or rows[0].value)
         set_level(self.large, rows[0].level if rows else "none")
         self._show_course(history, measured.values[0].name if measured.values else "")
-        count = run.recorded
-        self.recording.setText("" if count is None else self.tr("Recording: {sets} sets").format(sets=count))
+        self.recording.setText(self.said().left)
 
     def _show_points(self, names: tuple[str, ...]) -> None:
         """All points seen now, and those that are chosen."""
@@ -225,29 +228,35 @@ class MeasurePage(Page):
 
     # --- the series --------------------------------------------------------------------------------------------------
 
-    def action(self) -> PageAction | None:
+    def said(self) -> Said:
         """Record a series, or end it."""
         run = self._run
-        if run is not None and run.recorded is not None:
-            return PageAction(self.tr("Stop recording"))
-        ready = run is not None and run.problem is None
-        return PageAction(self.tr("Record"), ready, "" if ready else self.tr("Nothing is measured now."))
+        measuring = run is not None and run.problem is None
+        return measure_says(MeasureFacts(self._trust, measuring, run.recorded if run is not None else None))
 
-    def act(self) -> None:
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.trust
+
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Begin or end a series; it lies in the project's folder."""
-        run = self._run
-        if run is None:
-            return
-        if run.recorded is None:
+        return {"record": self._record, "stop recording": self._end_recording}
+
+    def _record(self) -> None:
+        if self._run is not None:
             self._folder = Path(self.open_project.folder) / f"series-{datetime.now():%Y%m%d-%H%M%S}"
-            run.record(self._folder)
+            self._run.record(self._folder)
+        self.action_changed.emit()
+
+    def _end_recording(self) -> None:
+        try:
+            count = self._run.end_recording() if self._run is not None else 0
+        except SpherecalError as error:
+            self.controller.tell("bad", *error_text(error))
         else:
-            try:
-                count = run.end_recording()
-            except SpherecalError as error:
-                self.controller.tell("bad", *error_text(error))
-            else:
-                text = self.tr("{sets} sets recorded in {folder}.").format(sets=count, folder=self._folder)
-                self.controller.tell("good", text)
-                self.recording.setText(text)
+            text = self.tr("{sets} sets recorded in {folder}.").format(sets=count, folder=self._folder)
+            self.controller.tell("good", text)
+            self.recording.setText(text)
         self.action_changed.emit()

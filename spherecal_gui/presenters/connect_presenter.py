@@ -1,6 +1,6 @@
 """The cameras found, those that are missing, and the bench, in words."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -20,6 +20,7 @@ from spherecal_gui.texts import camera_details, camera_trouble, error_text
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
     from spherecal_cameras.camera_network import WireCamera
     from spherecal_cameras.protocol import CameraInfo
+    from spherecal_gui.presenters.drivers_presenter import DriverNote
     from spherecal_gui.tasks.live_detection import Connection
 
 translate = QCoreApplication.translate
@@ -188,14 +189,18 @@ def _health(status: CameraStatus | None) -> tuple[str, Level]:
     return translate("Connect", "ready"), "good"
 
 
-def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> tuple[str, Level]:
-    """How many of how many, or what is in the way."""
+def connect_summary(
+    lines: Sequence[CameraLine], searching: bool, failure: str, drivers: "Sequence[DriverNote]" = ()
+) -> tuple[str, Level]:
+    """How many of how many, or what is in the way: what is wrong with a driver before the search that it made vain."""
     if searching:
         return translate("Connect", "Looking for cameras"), "none"
     answering = sum(bool(line.about) or line.listed for line in lines)
     if failure and answering and all(line.level == "bad" for line in lines):  # each row says what it lacks
         text = translate("Connect", "Cameras that answer, but cannot be used yet: {count}")
         return text.format(count=answering), "bad"
+    if drivers and (failure or not lines):
+        return f"{drivers[0].title} {drivers[0].steps[0] if not drivers[0].allow else ''}".strip(), "bad"
     if failure:
         return failure, "bad"
     if not lines:

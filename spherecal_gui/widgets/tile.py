@@ -85,6 +85,11 @@ class CameraTile(QWidget):
         self._can_rename = on
 
     @property
+    def image(self) -> QImage | None:
+        """The image that is shown; None before the first one."""
+        return self._image
+
+    @property
     def has_image(self) -> bool:
         """Whether there is an image."""
         return self._image is not None

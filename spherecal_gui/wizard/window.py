@@ -1,6 +1,5 @@
 """The window: header, rail, page, the large buttons, status bar, log."""
 
-import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -14,8 +13,7 @@ from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import bump_text
-from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
-from spherecal_gui.presenters.stages import doing_text
+from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
@@ -55,8 +53,6 @@ class WizardWindow(WindowFrame):
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
         self._timed: BackgroundTask | None = None  # the work whose time is shown
-        self._doing_words = ""
-        self._usual_s: float | None = None
         self.bench = ""  # what is at the real rig, where the command line names it
         self._connect()
         self._timer = QTimer(self)
@@ -93,11 +89,9 @@ class WizardWindow(WindowFrame):
         self.start.verification_wanted.connect(self.new_verification)
         self.start.said.connect(self._say)
         self.footer.asked_for.connect(self.controller.go)
-        for one, act in (
-            (self.footer.back, self.go_back),
-            (self.footer.action, self._act),
-            (self.footer.next, self.go_next),
-        ):
+        self.footer.acted.connect(self._act)
+        self.footer.settled.connect(self._show_buttons)
+        for one, act in ((self.footer.back, self.go_back), (self.footer.next, self.go_next)):
             one.clicked.connect(act)
         for key, act in (
             (Qt.Key.Key_PageDown, self.press),
@@ -225,7 +219,7 @@ class WizardWindow(WindowFrame):
         self.page.alarmed = self.banner.alarms
         standing = self.page.standing()
         self.rail.show_state(state, standing)
-        self.footer.show_action(self.page.action(), state, self.controller.runner.running is not None, standing)
+        self.footer.show_standing(standing, state, self.controller.runner.running is not None)
 
     def _show_status(self) -> None:
         project, connection = self.controller.project, self.controller.cameras.connection
@@ -299,20 +293,13 @@ class WizardWindow(WindowFrame):
                 self.sounds.play("bad")
 
     def _show_doing(self, task: BackgroundTask | None) -> None:
-        """What runs, for how long already, and how long such work usually takes."""
+        """What runs, in the same words as on its page."""
         if task is not self._timed:
-            self._timed, self._doing_words = task, ""
-            kept = self.settings.text(f"pace-{kind_of(task.name)}") if task is not None else ""
-            self._usual_s = expected_s(read_durations(kept))
-        if task is None:
-            self._tell_doing("")
-            return
-        if task.name != "calibrate":  # its page takes the news
-            news = task.take_news()
-            if news:
-                self._doing_words = doing_text(news[-1])
-        pace = pace_text(time.perf_counter() - task.began_s, self._usual_s)
-        self._tell_doing(" · ".join(part for part in (self._doing_words, pace) if part))
+            self._timed = task
+            if task is not None:
+                task.usual_s = expected_s(read_durations(self.settings.text(f"pace-{kind_of(task.name)}")))
+        self.controller.computation.follow()
+        self._tell_doing(self.controller.progress_text())
 
     def _tell_doing(self, text: str) -> None:
         """What runs, in the header; without it the project's name has the room."""
@@ -337,15 +324,13 @@ class WizardWindow(WindowFrame):
 
     def _act(self) -> None:
         if self.page is not None:
-            action = self.page.action()
-            if action is not None and action.enabled:
-                self.page.act()
+            self.page.act()
 
     def go_next(self) -> None:
         """The next step, if it is open."""
         state = self.controller.state
         after = state.after(state.current) if state is not None else None
-        if after is not None and after.open:
+        if after is not None and after.open and self.page is not None and not self.page.said().stay:
             self.banner.hide()
             self.controller.go(after.step.id)
 

@@ -1,0 +1,68 @@
+"""What changes in a scene while it is looked at, painted over it: images, the state of cameras, the ball, the bar."""
+
+import numpy as np
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QImage, QPainter, QPen, QPolygonF, QTransform
+
+from spherecal.base.arrays import FloatArray
+from spherecal_documents.scene.eye import Eye
+from spherecal_documents.scene.model import SceneData
+from spherecal_gui import theme
+from spherecal_gui.rig_scenes import LiveParts
+
+LYING, WANTED, THERE = "#35e0ff", "#ffb02e", "#3be37f"  # as in the images
+
+
+def paint_live(painter: QPainter, data: SceneData, eye: Eye, live: LiveParts) -> None:
+    """Paint it."""
+    for camera in data.scene.cameras:
+        corners = QPolygonF(_points(eye, camera.corners))
+        if (image := live.images.get(camera.id)) is not None:
+            _draw_image(painter, corners, image)
+        if (level := live.levels.get(camera.id, "none")) != "none":
+            painter.setPen(QPen(QColor(theme.now().of(level)), 2.5))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawPolygon(corners)
+    for ends, lying in live.bars:
+        tint = QColor(THERE if live.near else LYING if lying else WANTED)
+        style = Qt.PenStyle.SolidLine if lying else Qt.PenStyle.DashLine
+        start, end = _points(eye, ends)
+        painter.setPen(QPen(tint, 4, style, Qt.PenCapStyle.RoundCap))
+        painter.drawLine(QLineF(start, end))
+    if live.ball is not None:
+        _draw_ball(painter, eye, *live.ball, near=live.near)
+
+
+def _draw_ball(
+    painter: QPainter, eye: Eye, centre: FloatArray, top: FloatArray, radius_mm: float, *, near: bool
+) -> None:
+    """The ball, thin enough for the ghost to stay in sight, with the way to its top."""
+    tint = QColor(THERE if near else LYING)
+    middle, pole = _points(eye, np.stack([centre, top]))
+    reach = radius_mm * eye.scale
+    painter.setPen(QPen(tint, 2.5))
+    fill = QColor(tint)
+    fill.setAlpha(46)
+    painter.setBrush(fill)
+    painter.drawEllipse(QRectF(middle.x() - reach, middle.y() - reach, 2 * reach, 2 * reach))
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.drawLine(QLineF(middle, pole))
+    painter.setBrush(tint)
+    painter.drawEllipse(pole, 3, 3)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+
+
+def _draw_image(painter: QPainter, corners: QPolygonF, image: QImage) -> None:
+    """A camera's image on the end of its frustum."""
+    w, h = image.width(), image.height()
+    there = QTransform()
+    own = QPolygonF([QPointF(0, 0), QPointF(w, 0), QPointF(w, h), QPointF(0, h)])
+    if QTransform.quadToQuad(own, corners, there):
+        painter.save()
+        painter.setTransform(there, combine=True)
+        painter.drawImage(0, 0, image)
+        painter.restore()
+
+
+def _points(eye: Eye, places: FloatArray) -> list[QPointF]:
+    return [QPointF(x, y) for x, y in eye.flat(places).tolist()]

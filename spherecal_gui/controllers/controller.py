@@ -82,7 +82,7 @@ class Controller(ProjectController):
         return known[2]
 
     def progress_text(self) -> str:
-        """What runs, how far it is and how long it still takes: the one text of header and page; empty where nothing is."""
+        """What runs, how far it is, how long it still takes: one text for header and page; empty where nothing runs."""
         task = self.runner.task
         if task is None:
             return ""

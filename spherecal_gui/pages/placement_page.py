@@ -20,7 +20,7 @@ from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, isl
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball
-from spherecal_gui.standing import Deed, Part, Said, worst
+from spherecal_gui.standing import Deed, Level, Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import button, label, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
@@ -459,7 +459,7 @@ class PlacementPage(LivePage):
             return
         to_go, ghost = self.controller.advice.to_go, guidance.ghost if guidance is not None else None
         ball = live_ball(data, ghost, lying) if ghost is not None and not self.is_taken else None
-        levels = {tile.name: tile.level for tile in self._tiles}
+        levels: dict[str, Level] = {tile.name: tile.level for tile in self._tiles}
         images = {tile.name: tile.image for tile in self.wall.tiles.values() if tile.image is not None}
         self.space.show_live(LiveParts(ball, to_go is not None and to_go.near, (), levels, images))
 

@@ -330,8 +330,7 @@ class VerifyPage(ScalePage):
         if self.tabs.indexOf(self.view) < 0:
             self.tabs.insertTab(0, self.view, self.tr("Where"))
             self.tabs.setCurrentIndex(0)
-        guide, planned = self.guide, self.controller.bars.planned_pose(self.current)
-        self.view.show_guide(guide)
+        self.view.show_guide(self.guide)
         self.show_standing()
 
     def dress(self) -> None:

@@ -67,7 +67,7 @@ def connect_says(f: ConnectFacts) -> Said:
 
 @dataclass(frozen=True)
 class LookFacts:
-    """`summary`: the images in one sentence (look_presenter.summary); `searched`: targets were sought in all of them."""
+    """`summary`: the images in one sentence (look_presenter.summary); `searched`: for targets, all of them."""
 
     summary: tuple[str, Level]
     images: bool = False
@@ -531,15 +531,15 @@ def check_says(f: CheckFacts) -> Said:
     words = translate("State", "Check")
     if f.running or f.status is Status.BLOCKED:
         blocked = Button(words, "check", False, _busy() if f.running else f.reason)
-        level, text = f.verdict[::-1] if f.verdict is not None else ("caution", translate("State", "Not done"))
+        text, level = f.verdict or (translate("State", "Not done"), "caution")
         return Said(level, text, blocked)
     if f.verdict is not None and f.status is not Status.STALE:
         finish = Button(translate("State", "Finish"), "finish", accepts=True)
         again = Button(translate("State", "Check again"), "check")
         return Said(f.verdict[1], f.verdict[0], finish if f.well else again, also=_also({"check-again": f.well}))
     if f.reason:
-        level = "bad" if f.status is Status.FAILED else "caution"
-        return Said(level, translate("State", "Not done"), Button(words, "check"))
+        text = translate("State", "Not done")
+        return Said("bad" if f.status is Status.FAILED else "caution", text, Button(words, "check"))
     return Said("good", translate("State", "Ready"), Button(words, "check"))
 
 

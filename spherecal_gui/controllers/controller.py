@@ -69,7 +69,8 @@ class Controller(ProjectController):
     def running(self) -> Running:
         """What goes on now: the work, the cameras that are open, those that are lost or were moved."""
         cameras = self.cameras
-        return Running(self.runner.running, cameras.connection is not None, cameras.lost(), cameras.moved())
+        lost, moved = cameras.lost(), cameras.moved()
+        return Running(self.runner.running, cameras.connection is not None, lost, moved, self.gone)
 
     @property
     def state(self) -> WorkflowState | None:

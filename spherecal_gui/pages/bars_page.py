@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.presenters.bars_presenter import next_pose
+from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.step_states import BarFacts, bar_says, seeing
 from spherecal_gui.standing import Deed, Said
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
@@ -117,8 +117,9 @@ class ScalePage(LivePage):
         """The pose to take next, and who sees the bar."""
         own = self.bar_targets()
         targets = {name: sight.dots.targets_among(own) for name, sight in self.sights().items()}
-        connected = self.controller.cameras.connection is not None
-        return BarFacts(self.current, seeing(targets), self.work, connected, recorded=self.recorded)
+        connected, pose = self.controller.cameras.connection is not None, self.current
+        name = pose_name(pose, self.pose_ids()) if pose is not None else None
+        return BarFacts(name, seeing(targets), self.work, connected, recorded=self.recorded)
 
     def said(self) -> Said:
         """What to do with the bar."""

@@ -71,6 +71,7 @@ class CameraRow(QWidget):
         self.in_rig.setAccessibleName(self.tr("{name} in this rig").format(name=line.name))
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
         self.picture = Thumbnail()
+        self.picture.clicked.connect(lambda: page.open_camera(self.line.serial))
         policy = self.picture.sizePolicy()
         policy.setRetainSizeWhenHidden(not theme.is_far())
         self.picture.setSizePolicy(policy)
@@ -294,6 +295,7 @@ class ConnectPage(Page):
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)
         self.describe.setEnabled(running is None)
+        self.describe.setVisible(self.project.source.startswith("genicam"))  # else it would describe the real bench
         self.choose.setEnabled(running is None and not self.project.taken)
         self.choose.setToolTip(
             self.tr("Placements are captured already: begin a new calibration for another bench.")

@@ -59,7 +59,7 @@ class Page(QWidget):
 
     def action(self) -> Button | None:
         """The large button; None for none."""
-        return self.said().button
+        return self.standing().said.button
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
@@ -99,6 +99,8 @@ class Page(QWidget):
         said, state, whole = self.said(), self.state, self.controller.state
         if state is None or whole is None:
             return Standing(said.level, said.text, said=said)
+        if self.controller.gone:
+            said = Said("none", "", stay=reason_text(state.reason))  # nothing can be done here
         after = whole.after(state.step.id)
         may_go_on = after is not None and after.open
         return stand(said, self._step_part(state), self._troubles(), may_go_on, self.alarmed)

@@ -16,6 +16,11 @@ if TYPE_CHECKING:  # imports scipy
 translate = QCoreApplication.translate
 
 
+def pose_name(pose: str, poses: Sequence[str]) -> str:
+    """What a pose is called: its number, whatever the plan calls it."""
+    return translate("Bars", "Pose {number} of {count}").format(number=list(poses).index(pose) + 1, count=len(poses))
+
+
 def next_pose(poses: Sequence[str], taken: Mapping[str, str]) -> str | None:
     """The first pose that is not taken."""
     return next((pose for pose in poses if pose not in taken), None)
@@ -117,9 +122,7 @@ def decision_word(decision: str) -> str:
 def rule_text(bars: "BarReport") -> str:
     """How the plot is to be read, and by what rule it was decided."""
     acceptance = _acceptance(bars)
-    grey = translate("Verify", "Grey: what the uncertainty of each error allows (k = {k:.1f}).").format(
-        k=bars.coverage_factor or 2.0
-    )
+    grey = translate("Verify", "Grey: what the uncertainty of each error allows.")
     if acceptance is None:
         return grey
     limit = translate("Verify", "Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.")

@@ -78,11 +78,17 @@ class BenchRow:
 
 @dataclass(frozen=True)
 class DrawnBench:
-    """The ball's diameter and how many targets it has; each bar's name and its marks, mm from the first."""
+    """The ball's diameter and how many targets it has; each bar's name and its marks, mm from the first.
+
+    `sticker`: one target's dots by name with their places (x, y) mm, where the distance of the dots `between` gives the
+    scale.
+    """
 
     diameter_mm: float | None = None
     targets: int = 0
     bars: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    sticker: tuple[tuple[str, float, float], ...] = ()
+    between: tuple[str, str] = ("", "")
 
 
 def camera_lines(
@@ -262,7 +268,12 @@ def drawn_bench(connection: "Connection | None") -> DrawnBench:
     on_bars = {mark.target for bar in plan.bars for mark in bar.marks.values()}
     bars = tuple((bar.id, places) for bar in plan.bars if len(places := mark_places(bar)) > 1)
     diameter = plan.fields.get("sphere", {}).get("nominal_diameter_mm")
-    return DrawnBench(diameter, len(set(targets.layouts) - on_bars), bars)
+    count, scale = len(set(targets.layouts) - on_bars), plan.fields.get("scale") or {}
+    if scale.get("kind") != "target_spacing":
+        return DrawnBench(diameter, count, bars)
+    layout = next(iter(targets.layouts.values()))
+    sticker = tuple((name, float(place[0]), float(place[1])) for name, place in layout.items())
+    return DrawnBench(diameter, count, bars, sticker, (str(scale["from"]), str(scale["to"])))
 
 
 def mark_places(bar: Bar) -> tuple[float, ...]:

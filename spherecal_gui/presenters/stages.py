@@ -17,7 +17,7 @@ def _of_the_engine() -> dict[str, str]:
         "triples": translate("Stages", "Linking three cameras at a time"),
         "start values": translate("Stages", "Start values"),
         "growing the network": translate("Stages", "Growing the network"),
-        "robust adjustment": translate("Stages", "First adjustment, blunders damped"),
+        "robust adjustment": translate("Stages", "First adjustment"),
         "resection": translate("Stages", "Checking each camera's pose"),
         "bundle adjustment": translate("Stages", "Adjusting everything together"),
         "known ball": translate("Stages", "Comparing with the stored ball"),

@@ -270,7 +270,7 @@ def move_text(to_go: "ToGo") -> str:
 
 @dataclass(frozen=True)
 class BarFacts:
-    """What is known while a bar is laid: the `pose` to take next (None: all are there), cameras that see the bar.
+    """What is known while a bar is laid: the `pose` to take next by name (None: all are there), cameras that see the bar.
 
     `guide`: the sentence of bar_guide, its level, whether the bar lies as asked; None where the pose is not guided.
     """
@@ -312,7 +312,7 @@ def _bar_seen(f: BarFacts) -> tuple[Level, str]:
 def _bar_button(f: BarFacts) -> Button:
     if f.pose is None:
         return Button(translate("State", "All poses captured"), "capture", False, done=True)
-    words = translate("State", "Capture {pose}  (space)").format(pose=f.pose)
+    words = translate("State", "Capture  (space)")
     if f.work:
         return Button(words, "capture", False, _capturing(f.work) if f.work != "other" else _busy())
     if not f.connected:

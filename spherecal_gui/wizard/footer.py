@@ -40,6 +40,10 @@ class Footer(QFrame):
         self._quiet.setSingleShot(True)
         self._quiet.timeout.connect(self.settled)
         self.next = once(button(self.tr("Next"), "next", "primary"))
+        for one in (self.action, self.next):  # the others keep their places when one goes
+            policy = one.sizePolicy()
+            policy.setRetainSizeWhenHidden(True)
+            one.setSizePolicy(policy)
         row.addWidget(self.back)
         row.addSpacing(12)
         row.addWidget(self.why, 1)

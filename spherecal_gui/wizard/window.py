@@ -15,7 +15,7 @@ from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import bump_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
-from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
+from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import BackgroundTask
@@ -29,6 +29,7 @@ from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.workflow import Status, Step
 
 _TICK_MS = 100
+_LOOK_EVERY = 10  # ticks between two looks for the project's folder
 _PATIENCE_MS = 5000
 _SAID_BY_PAGES = ("taken without", "taken moving", "not valid", "recalibrate")  # reasons that a headline has
 
@@ -49,6 +50,7 @@ class WizardWindow(WindowFrame):
         self._closed = False
         self._lost: tuple[str, ...] = ()
         self._alarmed = False
+        self._ticks = 0
         self.guard = Guard()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
@@ -136,8 +138,32 @@ class WizardWindow(WindowFrame):
         self._try(lambda: self.controller.new_verification(load_project(Path(like))))
 
     def open_project(self, folder: str) -> None:
-        """Go on with a project."""
+        """Go on with a project; a session is shown as live cameras, a folder of images is imported first."""
+        there = Path(folder)
+        if not is_project(there) and (there / "session.json").is_file():
+            self.new_project(f"replay:{folder}")
+            return
+        if not is_project(there) and there.is_dir():
+            self._import(there)
+            return
         self._try(lambda: self.controller.open_project(Path(folder)))
+
+    def _import(self, images: Path) -> None:
+        """Show how a folder of images is read, and make a session of it once somebody agrees."""
+        from spherecal_gui.pages.import_dialog import ImportDialog  # needs scipy and OpenCV
+
+        try:
+            self.import_dialog = ImportDialog(images, self.projects, self)
+        except SpherecalError as error:
+            self._say("bad", *error_text(error))
+            return
+        self.import_dialog.imported.connect(self._imported)
+        self.import_dialog.show()
+
+    def _imported(self, folder: str, assumed: str) -> None:
+        self.new_project(f"replay:{folder}")
+        if assumed:
+            self._say("info", self.tr("Imported. Assumed: {what}.").format(what=assumed), "")
 
     def copy_command(self) -> None:
         """The command lines that give the same files."""
@@ -157,22 +183,30 @@ class WizardWindow(WindowFrame):
         self.bench_dialog.limits_wanted.connect(self._show_limits)
 
     def _try(self, act: Callable[[], None]) -> None:
+        """Do it; the first time it loads what takes seconds, so the window says at once that it was heard."""
+        self._tell_doing(self.tr("Opening"))
+        self.start.setEnabled(False)
+        self.repaint()
+        QGuiApplication.setOverrideCursor(Qt.CursorShape.WaitCursor)
         try:
             act()
         except SpherecalError as error:
             self._say("bad", *error_text(error))
+        finally:
+            QGuiApplication.restoreOverrideCursor()
+            self.start.setEnabled(True)
+            self._tell_doing(self.controller.progress_text())
 
     def refresh(self) -> None:
         """Show the state as it is."""
         state = self.controller.state
         self.keys.on_start_page = state is None
+        self.header.compiling.setVisible(state is None and bool(self.header.compiling.text))
         for part in (self.rail, self.footer, self._heading, self.header.home):
             part.setVisible(state is not None)
         self._show_status()
         if state is None:
-            if self.page is not None:
-                self.page.leave()
-            self.page, self._shown_step = None, None
+            self._drop_pages()
             self.guard.enter(None)
             self.header.name.setText("SphereCal")
             self.start.refresh()
@@ -183,6 +217,17 @@ class WizardWindow(WindowFrame):
         self.header.name.setText(self.controller.project.folder.name)
         self._show_step(state.now.step)
         self._show_buttons()
+
+    def _drop_pages(self) -> None:
+        """Pages belong to one project: the next one's know nothing of enlarged cameras, scenes and messages of this."""
+        if self.page is not None:
+            self.page.leave()
+        for page in self.pages.values():
+            page.close_page()
+            self.stack.removeWidget(page)
+            page.deleteLater()
+        self.pages.clear()
+        self.page, self._shown_step = None, None
 
     def _show_step(self, step: Step) -> None:
         if step == self._shown_step:
@@ -267,6 +312,9 @@ class WizardWindow(WindowFrame):
             self.banner.hide()
 
     def _tick(self) -> None:
+        self._ticks += 1
+        if self._ticks % _LOOK_EVERY == 0:
+            self.controller.look_for_folder()
         if self.page is not None:
             self.page.tick()
         if self.controller.cameras.lost() != self._lost:
@@ -450,10 +498,7 @@ class WizardWindow(WindowFrame):
             self._say("info", self.tr("The computation is still stopping; close the window again in a moment."), "")
             event.ignore()
             return
-        if self.page is not None:
-            self.page.leave()
-        for page in self.pages.values():
-            page.close_page()
+        self._drop_pages()
         self.controller.close_project()
         self.sounds.close()
         self._closed = True

@@ -60,8 +60,8 @@ class StepState:
 class Running:
     """What goes on at the moment and is not kept: the step whose work runs, the cameras that are open.
 
-    `lost` cameras send no images; `moved` ones were moved, and nobody has seen to them yet. `gone`: the project's folder
-    is no longer there.
+    `lost` cameras send no images; `moved` ones were moved, and nobody has seen to them yet. `gone`: the project's
+    folder is no longer there.
     """
 
     step: str | None = None

@@ -109,7 +109,7 @@ class ImportDialog(QDialog):
 
         self.begin.setEnabled(False)
         self.message.setText(self.tr("Importing"))
-        self._runner.start("import", work, self._done, self._failed, self.close)
+        self._runner.start("import", work, self._done, self._failed)
 
     def _done(self, made: tuple[str, str]) -> None:
         self.imported.emit(*made)

@@ -357,6 +357,7 @@ class SavePage(Page):
         """How far the writing is."""
         writing = self.controller.runner.running == "save"
         self.progress.setVisible(writing)
+        self.progress_words.setVisible(writing)
         self.progress_words.setText(self.said().left if writing else "")
 
     @property

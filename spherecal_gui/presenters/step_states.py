@@ -270,7 +270,7 @@ def move_text(to_go: "ToGo") -> str:
 
 @dataclass(frozen=True)
 class BarFacts:
-    """What is known while a bar is laid: the `pose` to take next by name (None: all are there), cameras that see the bar.
+    """What is known while a bar is laid: the `pose` to take next by name (None: all are there), who sees the bar.
 
     `guide`: the sentence of bar_guide, its level, whether the bar lies as asked; None where the pose is not guided.
     """

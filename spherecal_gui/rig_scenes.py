@@ -80,7 +80,8 @@ class LiveParts:
     """What changes in a scene while it is looked at; places in the scene's frame, mm.
 
     `ball`: its centre, top (both (3,)) and radius as it lies now; `near`: where it should. `bars`: ends (2, 3) and
-    whether these are of the bar as it lies, not as it should. `levels` and `images` by camera.
+    whether these are of the bar as it lies, not as it should. `points`: measured ones by name. `levels` and `images` by
+    camera; `box`: the corners (8, 3) of the measuring volume.
     """
 
     ball: tuple[FloatArray, FloatArray, float] | None = None
@@ -88,6 +89,13 @@ class LiveParts:
     bars: tuple[tuple[FloatArray, bool], ...] = ()
     levels: Mapping[str, Level] = field(default_factory=dict)
     images: Mapping[str, Any] = field(default_factory=dict)
+    points: tuple[tuple[str, FloatArray], ...] = ()
+    box: FloatArray | None = None
+
+
+def in_scene(data: SceneData, places_mm: FloatArray) -> FloatArray:
+    """Places (n, 3) mm of the rig's world in the scene's frame."""
+    return (places_mm - data.origin_mm) @ data.scene.axes.T
 
 
 def live_ball(data: SceneData, ghost: "Ghost", lying: "Lying | None") -> tuple[FloatArray, FloatArray, float] | None:
@@ -96,8 +104,8 @@ def live_ball(data: SceneData, ghost: "Ghost", lying: "Lying | None") -> tuple[F
         return None
     body = ghost.body
     turn = np.eye(3) if lying.turn is None else lying.turn
-    centre, top = ((one - data.origin_mm) @ data.scene.axes.T for one in (
-        lying.centre, lying.centre + turn @ (body.up * body.radius_mm)))  # fmt: skip
+    top_mm = lying.centre + turn @ (body.up * body.radius_mm)
+    centre, top = in_scene(data, np.stack([lying.centre, top_mm]))
     return centre, top, body.radius_mm
 
 
@@ -124,10 +132,9 @@ def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
 
 @dataclass(frozen=True, eq=False)
 class RigPlanes:
-    """The two planes in which a rig is shown; worked out once for a result."""
+    """Upright and level in a rig, for words such as "up"; worked out once for a result."""
 
     axes: FloatArray
-    middle: FloatArray
     names: tuple[str, ...]
     centres: FloatArray
 
@@ -135,17 +142,10 @@ class RigPlanes:
     def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
         """Upright, as the rig is set up.
 
-        `middle`: origin (3,) of both planes, mm in the rig's world.
+        `middle`: of the measuring volume (3,), mm in the rig's world.
         """
         from spherecal_documents.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])
         axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
-        return RigPlanes(axes, np.asarray(middle), tuple(camera.id for camera in rig.cameras), centres)
-
-    def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Places (n, 3) mm from above and from the front, (n, 2) each."""
-        from spherecal_documents.report.rig_view import FRONT, TOP  # imports scipy
-
-        own = (np.atleast_2d(places) - self.middle) @ self.axes.T
-        return TOP.flat(own), FRONT.flat(own)
+        return RigPlanes(axes, tuple(camera.id for camera in rig.cameras), centres)

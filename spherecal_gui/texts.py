@@ -37,10 +37,8 @@ def step_task(step: Step) -> str:
     return {
         "connect": translate("Steps", "Find the cameras and confirm what is on the bench."),
         "look": translate("Steps", "Look at every camera: sharp, well lit, nothing in the way."),
-        "placement": translate("Steps", "Put the ball into place, let it come to rest, then press the space bar."),
-        "scale": translate(
-            "Steps", "Lay the bar that gives the scale where three cameras see it; turn it for every pose."
-        ),
+        "placement": translate("Steps", "One of the ball's places: the more they differ, the better."),
+        "scale": translate("Steps", "The bar that gives the scale, turned another way for every pose."),
         "calibrate": translate("Steps", "Compute the cameras from what was captured."),
         "results": translate("Steps", "Is the calibration good, and what would make it better?"),
         "verify": translate("Steps", "Does it measure right? Measure the check bar and compare with its certificate."),

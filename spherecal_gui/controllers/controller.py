@@ -91,7 +91,8 @@ class Controller(ProjectController):
         share = course.fraction if course is not None else 0.0
         left = left_text(time.perf_counter() - task.began_s, share, task.usual_s)
         percent = f"{100 * share:.0f} %" if course is not None else ""
-        stage = stage_name(task.stage) if task.stage else ""
+        at = course.stage if course is not None else task.stage
+        stage = stage_name(at) if at else ""
         return " · ".join(part for part in (percent, stage, left) if part)
 
     def go(self, step: str) -> None:

@@ -237,12 +237,13 @@ class CalibratePage(Page):
     def _show_news(self, last: bool = False) -> None:
         """Draw what has come since the last look; that costs the window 20 ms each time."""
         now = time.monotonic()
+        self._draw_stages()  # never later than the line above it
         if len(self.course.said) == self._told or (now - self._drawn_s < _DRAW_S and not last):
             return
         for line in self.course.said[self._told :]:
             self.lines.appendPlainText(line)
         self._told, self._drawn_s = len(self.course.said), now
-        self._draw()
+        self.plot.show_runs(self.course.runs)
 
     @property
     def _was_cut_short(self) -> bool:
@@ -253,15 +254,24 @@ class CalibratePage(Page):
         far = theme.is_far()
         self.details.setVisible(not far)
         self._log.setVisible(self.details.isChecked() and not far)
-        stages = self.course.stages[-(_MOST_FROM_AFAR if far else _MOST_STAGES) :]
-        good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
-        done = [f'<span style="color: {good}">✓</span>&nbsp; {escape(stage_name(stage))}' for stage in stages]
-        if done and self.is_running:
-            done[-1] = f'<span style="color: {now}">▸</span>&nbsp; <b>{escape(stage_name(stages[-1]))}</b>'
-        elif done and self._was_cut_short:
-            done[-1] = f'<span style="color: {bad}">✕</span>&nbsp; {escape(stage_name(stages[-1]))}'
-        self._stages.setText(f'<p style="line-height: 150%">{"<br>".join(done)}</p>' if done else "")
+        self._draw_stages()
         self.plot.show_runs(self.course.runs)
+
+    def _draw_stages(self) -> None:
+        """All stages so far; the one that it is at is marked wherever it stands, for the adjustments come twice."""
+        stages = self.course.stages[-(_MOST_FROM_AFAR if theme.is_far() else _MOST_STAGES) :]
+        good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
+        lines = []
+        for stage in stages:
+            mark, tint, words = "✓", good, escape(stage_name(stage))
+            if stage == self.course.stage and self.is_running:
+                mark, tint, words = "▸", now, f"<b>{words}</b>"
+            elif stage == stages[-1] and self._was_cut_short and not self.is_running:
+                mark, tint = "✕", bad
+            lines.append(f'<span style="color: {tint}">{mark}</span>&nbsp; {words}')
+        text = f'<p style="line-height: 150%">{"<br>".join(lines)}</p>' if lines else ""
+        if text != self._stages.text():
+            self._stages.setText(text)
 
     def said(self) -> Said:
         """Start, cancel, see what came of it."""

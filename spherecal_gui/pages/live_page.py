@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
+from PySide6.QtGui import QImage
 
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import Expected, TileState, figures_text, tile_state, usual_light
 from spherecal_gui.presenters.step_states import Work
+from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
@@ -83,15 +85,22 @@ class LivePage(Page):
             exposure_us = self.controller.tuning.settings_of(serial).exposure_us
             state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))
             states.append(state)
+            if frame is not None and self.isVisible():
+                tile.show_image(frame.image, frame.bits, frame.arrived_s)
             if not tile.isVisible():
                 continue
-            if frame is not None:
-                tile.show_image(frame.image, frame.bits, frame.arrived_s)
             tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
             tile.show_histogram(sight.histogram if sight is not None and self.wants_histograms else None)
             tile.show_masks(live.masks.get(serial, ()))
         self.wall.follow_worst()
         return states
+
+    def tiles_now(self) -> tuple[dict[str, Level], dict[str, QImage]]:
+        """The cameras' states and images by name, for the scene."""
+        tiles = self.wall.tiles.values()
+        return {one.name: one.state.level for one in tiles}, {
+            one.name: one.image for one in tiles if one.image is not None
+        }
 
     def sights(self) -> "dict[str, Sight]":
         """The newest examined images by camera name."""

@@ -1,6 +1,7 @@
 """Measure: the rig as a live ruler between chosen points; a bar's deviation while it is carried; a series recorded."""
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.measure_presenter import (
+    large_text,
+    mark_ends,
     pace_text,
     point_names,
     rate_of,
@@ -24,11 +27,13 @@ from spherecal_gui.presenters.measure_presenter import (
     value_rows,
 )
 from spherecal_gui.presenters.step_states import MeasureFacts, measure_says
+from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, label, set_level
 from spherecal_gui.widgets.charts import Chart
+from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import MeasuredSet
@@ -76,8 +81,13 @@ class MeasurePage(Page):
         column.addWidget(self.pace)
         row = QHBoxLayout()
         column.addLayout(row, 1)
-        row.addWidget(self._points(), 1)
-        row.addLayout(self._values(), 3)
+        left = QVBoxLayout()
+        self.space = make_scene_view()
+        self._rig: object = None  # the result whose rig the scene shows
+        left.addWidget(self.space, 3)
+        left.addWidget(self._points(), 2)
+        row.addLayout(left, 1)
+        row.addLayout(self._values(), 1)
         self.recording = label("", "soft")
         column.addWidget(self.recording)
 
@@ -95,9 +105,9 @@ class MeasurePage(Page):
 
     def _values(self) -> QVBoxLayout:
         column = QVBoxLayout()
-        self.large = label("", "huge", wrap=False)
+        self.large = label("", "huge")
         column.addWidget(self.large)
-        headings = [self.tr("Value"), self.tr("measured"), self.tr("± (k = 2)"), self.tr("off its nominal value")]
+        headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
         self.table = Table(headings, sortable=False)
         column.addWidget(self.table, 1)
         self.chart = DeviationChart()
@@ -120,6 +130,7 @@ class MeasurePage(Page):
     def close_page(self) -> None:
         """The program ends."""
         self._end()
+        self.space.close_view()
 
     def _begin(self) -> None:
         connection, result = self.controller.cameras.connection, self.controller.result
@@ -179,6 +190,7 @@ class MeasurePage(Page):
         self.show_standing()
         self.pace.setText(pace_text(measured, rate_of([at for at, _ in history])))
         self._show_points(point_names(measured))
+        self._show_space(measured, run.moved)
         rows = value_rows(measured)
         cells: list[list[tuple[str, Cell, str]]] = [
             [
@@ -190,10 +202,26 @@ class MeasurePage(Page):
             for one in rows
         ]
         self.table.fill(cells)
-        self.large.setText("" if not rows else rows[0].deviation or rows[0].value)
+        self.large.setText(large_text(rows[0]) if rows else "")
         set_level(self.large, rows[0].level if rows else "none")
         self._show_course(history, measured.values[0].name if measured.values else "")
         self.recording.setText(self.said().left)
+
+    def _show_space(self, measured: MeasuredSet, moved: Sequence[str]) -> None:
+        """The rig with the points that are measured, and the bars and distances between them."""
+        outcome = self.controller.outcome
+        if outcome is not None and outcome is not self._rig:
+            self._rig = outcome
+            self.space.show_scene(rig_scene(outcome.result.rig))
+        data, connection = self.space.data, self.controller.cameras.connection
+        if data is None or connection is None:
+            return
+        names = point_names(measured)
+        places = dict(zip(names, in_scene(data, measured.points_mm), strict=True)) if names else {}
+        lines = [mark_ends(bar) for bar in connection.plan.bars] + list(itertools.pairwise(self._chosen))
+        bars = tuple((np.stack([places[a], places[b]]), True) for a, b in lines if a in places and b in places)
+        levels: dict[str, Level] = {name: "bad" if name in moved else "good" for name in connection.names.values()}
+        self.space.show_live(LiveParts(bars=bars, levels=levels, points=tuple(places.items())))
 
     def _show_points(self, names: tuple[str, ...]) -> None:
         """All points seen now, and those that are chosen."""

@@ -20,7 +20,7 @@ from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, isl
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball
-from spherecal_gui.standing import Deed, Level, Part, Said, worst
+from spherecal_gui.standing import Deed, Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import button, label, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
@@ -57,6 +57,7 @@ class PlacementPage(LivePage):
         head = QHBoxLayout()
         self.ready = label("", "huge", wrap=False)
         self.advice = label("", "huge")
+        self.advice.setAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
@@ -188,6 +189,8 @@ class PlacementPage(LivePage):
         self._show_keys()
 
     def _show_keys(self) -> None:
+        """Room for two lines of instruction, so that the images keep their place when it changes."""
+        self.advice.setMinimumHeight(2 * self.advice.fontMetrics().lineSpacing())
         self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())
         self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
@@ -459,8 +462,7 @@ class PlacementPage(LivePage):
             return
         to_go, ghost = self.controller.advice.to_go, guidance.ghost if guidance is not None else None
         ball = live_ball(data, ghost, lying) if ghost is not None and not self.is_taken else None
-        levels: dict[str, Level] = {tile.name: tile.level for tile in self._tiles}
-        images = {tile.name: tile.image for tile in self.wall.tiles.values() if tile.image is not None}
+        levels, images = self.tiles_now()
         self.space.show_live(LiveParts(ball, to_go is not None and to_go.near, (), levels, images))
 
     def _is_enough(self) -> bool:
@@ -488,9 +490,8 @@ class PlacementPage(LivePage):
         if at < 0:
             self.tabs.insertTab(0, self.guidance, self._next_title)
             self.tabs.setCurrentIndex(0)
-        scene = shown.scene if shown is not None else None
-        if scene is not self.space.data:
-            self.space.show_scene(scene)
+        if shown is not None and shown.scene is not self.space.data:  # the last one stays until there is a newer one
+            self.space.show_scene(shown.scene)
         text, level = now_text(shown) if shown is not None else ("", "none")
         self.now.setText(text)
         set_level(self.now, level)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import date
 
+import numpy as np
 from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QGridLayout,
@@ -25,11 +26,11 @@ from spherecal_gui.presenters.connect_presenter import bars_with_nominal, length
 from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import VerifyFacts, verify_says
 from spherecal_gui.project import Artefacts
-from spherecal_gui.rig_scenes import verified_scene
+from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
 from spherecal_gui.standing import Deed, Said
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
+from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step
 
@@ -58,8 +59,9 @@ class VerifyPage(ScalePage):
         self.poses.addWidget(self.pose_box)
         self.poses.addStretch(1)
         self.tabs = QTabWidget()
-        self.view = BarView()
-        self.tabs.addTab(self.view, self.tr("Where"))
+        self.view = make_scene_view()
+        self._rig: object = None  # the result whose rig the scene shows
+        self.tabs.addTab(self.view, self.tr("In space"))
         self.tabs.addTab(self.wall, self.tr("Images"))
         self.column.insertWidget(2, self.tabs, 1)
         self.outcome = VerificationView()
@@ -162,7 +164,7 @@ class VerifyPage(ScalePage):
             for row, pose in enumerate(poses):
                 there = pose in self.open_project.taken
                 mark = MARKS["good"] if there else "\u25b8" if pose == self.current else MARKS["none"]
-                one = button(f"{mark} {pose}", f"pose-{pose}", "pose")
+                one = button(f"{mark} {self.pose_ids().index(pose) + 1}", f"pose-{pose}", "pose")
                 one.setProperty("pose", pose)
                 one.setProperty("level", "good" if there else "none")
                 one.setCheckable(True)
@@ -281,8 +283,8 @@ class VerifyPage(ScalePage):
         if self.project is None or self.shows_outcome:
             return
         if self.guided:
+            self.follow()
             if self.wall.isVisible():
-                self.follow()
                 self._show_ghosts()
             self._show_guide()
             self._look()
@@ -322,25 +324,46 @@ class VerifyPage(ScalePage):
     def _show_guide(self) -> None:
         """The picture and the one sentence."""
         if not self.guided or self.current is None:
-            self.view.show_guide(None)
             at = self.tabs.indexOf(self.view)
             if at >= 0:
                 self.tabs.removeTab(at)
             return
         if self.tabs.indexOf(self.view) < 0:
-            self.tabs.insertTab(0, self.view, self.tr("Where"))
+            self.tabs.insertTab(0, self.view, self.tr("In space"))
             self.tabs.setCurrentIndex(0)
-        self.view.show_guide(self.guide)
+        self._show_space(self.current)
         self.show_standing()
+
+    def _show_space(self, pose: str) -> None:
+        """The rig with its live images, the bar where it should lie and where it lies, in the measuring volume."""
+        outcome, planned = self.controller.outcome, self.controller.bars.planned_pose(pose)
+        if outcome is None or planned is None or outcome.plan is None:
+            return
+        if outcome is not self._rig:
+            self._rig = outcome
+            self.view.show_scene(rig_scene(outcome.result.rig))
+        data, box = self.view.data, outcome.plan.box
+        if data is None or not self.view.isVisible():
+            return
+        signs = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+        corners = box.middle + (signs * box.half) @ box.axes
+        bars = [(in_scene(data, np.stack([planned.start_mm, planned.end_mm])), False)]
+        lying = self.controller.bars.lying_ends
+        if lying is not None and np.isfinite(lying).all():
+            bars.append((in_scene(data, lying), True))
+        near = self.guide is not None and self.guide.accepted
+        levels, images = self.tiles_now()
+        self.view.show_live(LiveParts(None, near, tuple(bars), levels, images, box=in_scene(data, corners)))
 
     def dress(self) -> None:
         """Draw in the new colours."""
         self.refresh()
-        self.view.update()
+        self.view.dress()
         self.outcome.panel.dress()
 
     def close_page(self) -> None:
         """Let go of the 3-D view."""
+        self.view.close_view()
         self.outcome.panel.close_view()
 
     # --- its state ---------------------------------------------------------------------------------------------------

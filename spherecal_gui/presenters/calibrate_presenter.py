@@ -53,6 +53,7 @@ class CourseOfWork:
     stages: list[str] = field(default_factory=list)
     runs: list[list[float]] = field(default_factory=list)
     fraction: float = 0.0
+    stage: str = ""  # of the newest event
     said: list[str] = field(default_factory=list)  # every event in words, for the log
     _last: tuple[str, int] = ("", 0)
     _part: str = "detect"
@@ -60,6 +61,7 @@ class CourseOfWork:
 
     def add(self, news: Progress) -> None:
         """Take one event into account; the whole never runs backwards."""
+        self.stage = news.stage
         if news.stage not in self.stages:
             self.stages.append(news.stage)
         self.said.append(f"{stage_name(news.stage)}  {news.words(languages.now())}".strip())

@@ -139,9 +139,9 @@ def placement_says(f: PlacementFacts) -> Said:
     level, text = _placement_instruction(f)
     stay = ""
     if not f.taken:
-        stay = translate("State", "Nothing is captured here: capture it.")
+        stay = translate("State", "Next, once this is captured.")
         if f.spare:
-            stay = translate("State", "Nothing is captured here: capture it, or skip this placement.")
+            stay = translate("State", "Next, once this is captured or skipped.")
     there = [name for name in f.scene.ready if name not in f.scene.lost]
     count = f"{len(there)} / {len(f.scene.counts)}"
     return Said(level, text, _placement_button(f), count, _placement_also(f), stay)
@@ -480,7 +480,9 @@ def save_says(f: SaveFacts) -> Said:
     if f.running == "save":
         cancel = Button(translate("State", "Cancel"), "cancel")
         if f.stopping:
-            cancel = Button(translate("State", "Stopping"), "cancel", False)
+            cancel = Button(
+                translate("State", "Stopping"), "cancel", False, translate("State", "It was asked to stop.")
+            )
         return Said(level, text, cancel, left=f.left)
     report = Button(translate("State", "Write the report"), "report")
     if f.running or f.stale:

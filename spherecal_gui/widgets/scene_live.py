@@ -1,5 +1,7 @@
 """What changes in a scene while it is looked at, painted over it: images, the state of cameras, the ball, the bar."""
 
+import itertools
+
 import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPen, QPolygonF, QTransform
@@ -10,6 +12,7 @@ from spherecal_documents.scene.model import SceneData
 from spherecal_gui import theme
 from spherecal_gui.rig_scenes import LiveParts
 
+_EDGES = tuple((i, i ^ bit) for i in range(8) for bit in (1, 2, 4) if not i & bit)  # of a box, corners by x, y, z
 LYING, WANTED, THERE = "#35e0ff", "#ffb02e", "#3be37f"  # as in the images
 
 
@@ -23,14 +26,38 @@ def paint_live(painter: QPainter, data: SceneData, eye: Eye, live: LiveParts) ->
             painter.setPen(QPen(QColor(theme.now().of(level)), 2.5))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawPolygon(corners)
+    if live.box is not None:
+        painter.setPen(QPen(theme.colour("soft"), 1, Qt.PenStyle.DotLine))
+        corners = _points(eye, live.box)
+        painter.drawLines([QLineF(corners[i], corners[j]) for i, j in _EDGES])
     for ends, lying in live.bars:
         tint = QColor(THERE if live.near else LYING if lying else WANTED)
-        style = Qt.PenStyle.SolidLine if lying else Qt.PenStyle.DashLine
+        _drop(painter, eye, data, ends)
         start, end = _points(eye, ends)
-        painter.setPen(QPen(tint, 4, style, Qt.PenCapStyle.RoundCap))
+        painter.setPen(QPen(tint, 4, Qt.PenStyle.SolidLine if lying else Qt.PenStyle.DashLine))
         painter.drawLine(QLineF(start, end))
+    painter.setFont(theme.font(theme.CAPTION))
+    for name, place in live.points:
+        (at,) = _points(eye, place[None])
+        painter.setPen(QPen(QColor(LYING), 7, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        painter.drawPoint(at)
+        painter.setPen(theme.colour("text"))
+        painter.drawText(at + QPointF(6, -4), name)
     if live.ball is not None:
+        _drop(painter, eye, data, live.ball[0][None])
         _draw_ball(painter, eye, *live.ball, near=live.near)
+
+
+def _drop(painter: QPainter, eye: Eye, data: SceneData, places: FloatArray) -> None:
+    """Where places lie over the floor: without it nothing in a picture says how high they are."""
+    below = places.copy()
+    below[:, 2] = data.floor.z
+    feet = _points(eye, below)
+    painter.setPen(QPen(theme.colour("soft"), 1, Qt.PenStyle.DotLine))
+    painter.drawLines([QLineF(a, b) for a, b in zip(_points(eye, places), feet, strict=True)])
+    painter.drawLines([QLineF(a, b) for a, b in itertools.pairwise(feet)])
+    for foot in feet:
+        painter.drawEllipse(foot, 3, 2)
 
 
 def _draw_ball(

@@ -347,7 +347,8 @@ class WizardWindow(WindowFrame):
             if task is not None:
                 task.usual_s = expected_s(read_durations(self.settings.text(f"pace-{kind_of(task.name)}")))
         self.controller.computation.follow()
-        self._tell_doing(self.controller.progress_text())
+        shown = self.page is not None and self.page.said().left  # the page says it, large
+        self._tell_doing("" if shown else self.controller.progress_text())
 
     def _tell_doing(self, text: str) -> None:
         """What runs, in the header; without it the project's name has the room."""

@@ -44,7 +44,10 @@ pytestmark = pytest.mark.usefixtures("images_at_rest")
 LEVELS: tuple[Level, ...] = ("none", "good", "caution", "bad")
 BUTTONS = (
     None,
-    *(Button("", "", enabled, "", done, accepts) for enabled, done, accepts in itertools.product((False, True), repeat=3)),
+    *(
+        Button("", "", enabled, "", done, accepts)
+        for enabled, done, accepts in itertools.product((False, True), repeat=3)
+    ),
 )
 
 

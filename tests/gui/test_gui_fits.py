@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -102,7 +101,9 @@ def faults_of_advice(window: WizardWindow, connected: Controller, large: bool) -
     few = Scene(FEW_DOTS, True)
     for name, change in (("longest advice", {"to_go": longest_advice()}), ("few dots", {"to_go": None, "scene": few})):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(PlacementPage, "_facts_of", lambda self, scene, change=change: replace(facts(self, scene), **change))
+            patch.setattr(
+                PlacementPage, "_facts_of", lambda self, scene, change=change: replace(facts(self, scene), **change)
+            )
             shown.tick()
             wrong += [f"placement:P4, {name}, {one}" for one in faults_at(window, large)]
             assert shown.advice.text() in (move_text(longest_advice()), short_text(FEW_DOTS))

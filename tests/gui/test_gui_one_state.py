@@ -244,5 +244,5 @@ def test_no_page_makes_a_sentence_about_its_state():
             if name in ("Button", "Said") and any(
                 w for w in ast.walk(node) if getattr(w, "attr", "") in ("tr", "text")
             ):
-                found.append(f"{path.name}:{node.lineno} {name}")
+                found.append(f"{path.name}: {ast.unparse(node)}")
     assert not found

@@ -498,7 +498,7 @@ class Wall(QWidget):
             tile.deleteLater()
         self.tiles, self._order, self._rank = {}, [], ()
         for serial, name in names.items():
-            tile = CameraTile(serial, name)
+            tile = CameraTile(serial, name, self)
             tile.opened.connect(self.zoom)
             tile.masked.connect(self.masked)
             tile.renamed.connect(self.renamed)

@@ -56,8 +56,10 @@ def all_facts() -> dict[Any, list]:
     summaries = (("", "none"), ("2 of 2 cameras ready", "good"), ("Could be better", "caution"), ("No cameras", "bad"))
     return {
         st.connect_says: every(st.ConnectFacts, summary=summaries, cameras=ON, confirmed=ON, busy=ON),
-        st.look_says: every(st.LookFacts, summary=summaries[1:], images=ON, searched=ON, accepted=ON, moved=ON)
-        + [st.LookFacts(("", "none"))],
+        st.look_says: [
+            st.LookFacts(("", "none")),
+            *every(st.LookFacts, summary=summaries[1:], images=ON, searched=ON, accepted=ON, moved=ON),
+        ],
         st.placement_says: every(
             st.PlacementFacts,
             scene=SCENES,

@@ -86,8 +86,8 @@ class MeasurePage(Page):
         self._rig: object = None  # the result whose rig the scene shows
         left.addWidget(self.space, 3)
         left.addWidget(self._points(), 2)
-        row.addLayout(left, 1)
-        row.addLayout(self._values(), 1)
+        row.addLayout(left, 4)
+        row.addLayout(self._values(), 5)
         self.recording = label("", "soft")
         column.addWidget(self.recording)
 
@@ -108,7 +108,7 @@ class MeasurePage(Page):
         self.large = label("", "huge")
         column.addWidget(self.large)
         headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
-        self.table = Table(headings, sortable=False)
+        self.table = Table(headings, sortable=False, spare=(2,))
         column.addWidget(self.table, 1)
         self.chart = DeviationChart()
         column.addWidget(self.chart, 1)

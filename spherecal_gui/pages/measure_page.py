@@ -209,10 +209,10 @@ class MeasurePage(Page):
 
     def _show_space(self, measured: MeasuredSet, moved: Sequence[str]) -> None:
         """The rig with the points that are measured, and the bars and distances between them."""
-        outcome = self.controller.outcome
-        if outcome is not None and outcome is not self._rig:
-            self._rig = outcome
-            self.space.show_scene(rig_scene(outcome.result.rig))
+        result = self.controller.result
+        if result is not None and result is not self._rig:
+            self._rig = result
+            self.space.show_scene(rig_scene(result.rig))
         data, connection = self.space.data, self.controller.cameras.connection
         if data is None or connection is None:
             return

@@ -101,7 +101,9 @@ def reason_text(reason: Reason | None) -> str:
         "inconsistent": translate("Reasons", "The check bar contradicts the calibration."),
         "no data": translate("Reasons", "The check bar could not be measured."),
         "busy": translate("Reasons", "Work is running; wait for it or cancel it."),
-        "cameras lost": translate("Reasons", "No images from {names}.").format(names=joined),
+        "cameras lost": translate("Reasons", "No images from {names}: check cable, power and network.").format(
+            names=joined
+        ),
         "moved": moved_text(values),
         "taken without": translate("Reasons", "Captured without {names}: retake it.").format(names=joined),
         "taken moving": translate("Reasons", "The scene moved in {names}: retake it.").format(names=joined),

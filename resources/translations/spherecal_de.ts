@@ -2622,8 +2622,8 @@ px</translation>
         <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
     </message>
     <message>
-        <source>No images from {names}.</source>
-        <translation>Keine Bilder von {names}.</translation>
+        <source>No images from {names}: check cable, power and network.</source>
+        <translation>Keine Bilder von {names}: Kabel, Strom und Netz prüfen.</translation>
     </message>
     <message>
         <source>Captured without {names}: retake it.</source>
@@ -3669,10 +3669,6 @@ mm</translation>
     <message>
         <source>Captured. Press space to go on</source>
         <translation>Aufgenommen. Leertaste: weiter</translation>
-    </message>
-    <message>
-        <source>{names} sends no images</source>
-        <translation>{names} schickt keine Bilder</translation>
     </message>
     <message>
         <source>The recording shows no targets here</source>

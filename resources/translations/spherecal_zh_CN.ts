@@ -2622,8 +2622,8 @@ px</translation>
         <translation>正在运行；请等待或取消。</translation>
     </message>
     <message>
-        <source>No images from {names}.</source>
-        <translation>{names} 没有图像。</translation>
+        <source>No images from {names}: check cable, power and network.</source>
+        <translation>{names} 未传来图像：请检查电缆、电源和网络。</translation>
     </message>
     <message>
         <source>Captured without {names}: retake it.</source>
@@ -3669,10 +3669,6 @@ mm</translation>
     <message>
         <source>Captured. Press space to go on</source>
         <translation>已拍摄。按空格键继续</translation>
-    </message>
-    <message>
-        <source>{names} sends no images</source>
-        <translation>{names} 未传来图像</translation>
     </message>
     <message>
         <source>The recording shows no targets here</source>

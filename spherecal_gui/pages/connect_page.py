@@ -1,6 +1,7 @@
 """Connect: the cameras that were found, and what is on the bench."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
@@ -290,7 +291,10 @@ class ConnectPage(Page):
         self._show_lines(lines)
         taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
         self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))
-        self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.cameras.driver_troubles))
+        notes = [] if running == "connect" else driver_notes(self.controller.cameras.driver_troubles)
+        if notes and self.summary.text().startswith(notes[0].title):  # the headline says it, with the first step
+            notes[0] = replace(notes[0], title="", steps=notes[0].steps[1:])
+        self.drivers.show_notes(notes)
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)

@@ -244,7 +244,7 @@ class PlacementPage(LivePage):
         facts = self._facts = self._facts_of(scene)
         self.some_are_enough = facts.scene.made_up
         self.show_standing()
-        said = self.said()
+        said = self.standing().said
         for key, one in self.small.items():
             one.setVisible(key in said.also)
         self.ready.setText(said.count)
@@ -408,8 +408,10 @@ class PlacementPage(LivePage):
         project = self.open_project
         to_come = any(name not in project.taken for name in project.placements if name != self.set_id)
         more, spread = need_lists(found, to_come)
-        self._show_on_tiles(cameras, before, now, found if not to_come or mine is not None else [])
-        if self.recorded or project.purpose == "check":  # nothing of it can be changed; one placement is all there is
+        fixed = self.recorded or project.purpose == "check"  # nothing of it can be changed, or one placement is all
+        told = not fixed and (not to_come or mine is not None)
+        self._show_on_tiles(cameras, before, now, found if told else [])
+        if fixed:
             more = spread = None
         self.more_dots.show_need(more)
         self.spread_dots.show_need(spread, "none" if to_come else "caution")

@@ -70,7 +70,8 @@ class Page(QWidget):
         """The large button was pressed."""
         action = self.action()
         if action is not None and action.enabled:
-            {"cancel": self.controller.cancel, "finish": self.finished.emit, **self.deeds}[action.does]()
+            own: dict[Deed, Callable[[], object]] = {"finish": self.finished.emit, **self.deeds}
+            (self.controller.cancel if action.does == "cancel" else own[action.does])()
 
     # --- its state ---------------------------------------------------------------------------------------------------
 

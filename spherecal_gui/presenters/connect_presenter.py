@@ -206,7 +206,7 @@ def connect_summary(
         text = translate("Connect", "Cameras that answer, but cannot be used yet: {count}")
         return text.format(count=answering), "bad"
     if drivers and (failure or not lines):
-        return f"{drivers[0].title} {drivers[0].steps[0] if not drivers[0].allow else ''}".strip(), "bad"
+        return f"{drivers[0].title} {drivers[0].steps[0]}".strip(), "bad"
     if failure:
         return failure, "bad"
     if not lines:

@@ -12,7 +12,8 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.presenters.placement_presenter import Scene, is_stuck, ready_text, short_text
 from spherecal_gui.standing import Button, Level, Said
-from spherecal_gui.workflow import Status
+from spherecal_gui.texts import reason_text
+from spherecal_gui.workflow import Reason, Status
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import ToGo
@@ -202,7 +203,7 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
         (f.work == "exposing", "caution", translate("State", "Hold still: images are being captured")),
         (f.work == "computing", "none", translate("State", "The images are there; their dots are being found")),
         (f.taken, "good", translate("State", "Captured. Press space to go on")),
-        (bool(lost), "bad", translate("State", "{names} sends no images").format(names=lost)),
+        (bool(lost), "bad", reason_text(Reason("cameras lost", scene.lost))),
         (f.recorded and not seen, "bad", translate("State", "The recording shows no targets here")),
         (f.recorded, "good", translate("State", "Recorded images. Press space to take them over")),
         *(_board_rows(scene, f.as_before) if scene.board else ()),

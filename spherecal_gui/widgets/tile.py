@@ -376,6 +376,8 @@ class CameraTile(QWidget):
         painter.setFont(theme.font(theme.CAPTION, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))
         said = self._need if self._need and state.level in ("good", "none") else state.word
+        if state.lost and self._image is not None:  # it stands over the image, in full
+            said = ""
         if not self._has_two_lines and state.figures and state.level == "good":
             said = f"{said} · {state.figures}"
         text = _fitting(said, painter.fontMetrics(), bottom.width())

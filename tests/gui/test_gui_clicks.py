@@ -7,6 +7,7 @@ too: the map of buttons, and that it says that the window has answered.
 import json
 import os
 import time
+from typing import Any
 
 import pytest
 
@@ -121,7 +122,7 @@ def test_the_walk_of_the_installer_waits_for_the_same_answer(tmp_path, monkeypat
     import walk  # type: ignore[import-not-found]
 
     monkeypatch.setattr(walk, "PATIENCE_S", 3.0)
-    made = walk.Walk.__new__(walk.Walk)
+    made: Any = walk.Walk.__new__(walk.Walk)
     made.folder, made.map = tmp_path, tmp_path / "map.json"
     made.process = type("Alive", (), {"poll": lambda _: None})()
     looks = iter(range(1, 1000))

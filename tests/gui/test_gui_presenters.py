@@ -130,7 +130,7 @@ def test_advice_names_the_most_urgent():
     assert "Hold still" not in advice(Scene({}, None), work="computing").text
     assert "Put the ball" in advice(Scene({"A": 0, "B": 0}, None)).text
     assert "B sees too little" in advice(Scene({"A": 200, "B": 30}, False)).text
-    assert "B sends no images" in advice(Scene({"A": 200, "B": 0}, True, ("B",))).text
+    assert "No images from B: check cable" in advice(Scene({"A": 200, "B": 0}, True, ("B",))).text
     assert "come to rest" in advice(Scene(enough, False)).text
     assert advice(Scene(enough, True)).level == "good"
     assert advice(Scene(enough, True), taken=True).text.startswith("Captured")

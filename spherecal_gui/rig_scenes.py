@@ -1,6 +1,6 @@
 """The scene of each page, from what the page has: a result, a verification, a check."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,8 @@ from spherecal_documents.scene.model import DrawnBall, SceneData, scene_data, wi
 from spherecal_gui.standing import Level
 
 if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
+    from pathlib import Path
+
     from spherecal.data.rig import PlacedSphere, Rig
     from spherecal_gui.tasks.ghost import Ghost, Lying
     from spherecal_gui.tasks.kept_check import CheckSummary
@@ -51,6 +53,23 @@ def rig_scene(rig: "Rig") -> SceneData | None:
         placement=[], target=np.empty(0, dtype=np.int64), point=[], used=np.empty(0, dtype=bool), du_dv=np.empty((0, 2))
     )
     return scene_data(SimpleNamespace(rig=rig, points=none, residuals=residuals, spheres=()))
+
+
+def rig_in_use(profile: "Path | None", cameras: Collection[str]) -> "Rig | None":
+    """The calibration in use of a profile, where it has all of these cameras; else None, also where it cannot be read.
+
+    `profile` None: there is none.
+    """
+    from spherecal.base.errors import SpherecalError
+    from spherecal_rigs.store import open_profile  # imports scipy
+
+    if profile is None or not (profile / "profile.json").is_file() or not cameras:
+        return None
+    try:
+        rig = open_profile(profile).rig()
+    except (SpherecalError, OSError):
+        return None
+    return rig if set(cameras) <= {camera.id for camera in rig.cameras} else None
 
 
 def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:

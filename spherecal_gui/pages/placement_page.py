@@ -19,7 +19,7 @@ from spherecal_gui.presenters.look_presenter import TileState
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists, need_text
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
-from spherecal_gui.rig_scenes import LiveParts, live_ball
+from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
 from spherecal_gui.standing import Deed, Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import button, label, option, set_level
@@ -485,7 +485,10 @@ class PlacementPage(LivePage):
         """The engine's advice, where it gives one."""
         shown, planning = self.controller.advice.guidance, self.controller.advice.planning
         at = self.tabs.indexOf(self.guidance)
-        if shown is None and not planning:
+        if self.space.data is None and shown is None:  # as the cameras stood when they were calibrated last
+            known = rig_in_use(self.controller.profile_folder, self.scene().counts)
+            self.space.show_scene(rig_scene(known) if known is not None else None)
+        if shown is None and not planning and self.space.data is None:
             if at >= 0:
                 self.tabs.removeTab(at)
             return

@@ -115,7 +115,7 @@ def reason_text(reason: Reason | None) -> str:
         "watch": translate("Reasons", "The rig has changed a little: watch it."),
         "error": joined,
         "project gone": translate(
-            "Reasons", "The project's folder is gone: {folder}. Put it back, or begin anew on the start page."
+            "Reasons", "The project's folder {folder} is gone. Put it back, or begin anew on the start page."
         ).format(folder=joined),
     }
     if reason.code == "placements missing":

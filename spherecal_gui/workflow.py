@@ -138,7 +138,7 @@ def _nearest(step_id: str, project: Project) -> str:
 
 def _state(step: Step, project: Project, running: Running) -> StepState:
     if running.gone:
-        return StepState(step, Status.FAILED, Reason("project gone", (str(project.folder),)))
+        return StepState(step, Status.FAILED, Reason("project gone", (project.folder.name,)))
     if running.step == step.id:
         return StepState(step, Status.RUNNING)
     rule = {

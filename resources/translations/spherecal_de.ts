@@ -2034,8 +2034,8 @@ px</translation>
         <translation>{camera} ist unscharf.</translation>
     </message>
     <message>
-        <source>All {count} cameras are sharp, and their dots are found.</source>
-        <translation>Alle {count} Kameras sind scharf, und ihre Punkte werden gefunden.</translation>
+        <source>All {count} cameras: sharp, dots found.</source>
+        <translation>Alle {count} Kameras: scharf, Punkte gefunden.</translation>
     </message>
     <message>
         <source>Only these moved: {names}.</source>
@@ -2658,8 +2658,8 @@ px</translation>
         <translation>Der Aufbau hat sich etwas verändert: beobachten.</translation>
     </message>
     <message>
-        <source>The project&apos;s folder is gone: {folder}. Put it back, or begin anew on the start page.</source>
-        <translation>Der Ordner des Projekts ist nicht mehr da: {folder}. Ihn wiederherstellen, oder auf der Startseite neu beginnen.</translation>
+        <source>The project&apos;s folder {folder} is gone. Put it back, or begin anew on the start page.</source>
+        <translation>Der Ordner {folder} des Projekts ist nicht mehr da. Ihn wiederherstellen, oder auf der Startseite neu beginnen.</translation>
     </message>
     <message>
         <source>{have} of at least {need} placements are captured.</source>

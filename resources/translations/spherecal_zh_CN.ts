@@ -2034,8 +2034,8 @@ px</translation>
         <translation>{camera} 失焦。</translation>
     </message>
     <message>
-        <source>All {count} cameras are sharp, and their dots are found.</source>
-        <translation>全部 {count} 台相机均清晰，且已找到其圆点。</translation>
+        <source>All {count} cameras: sharp, dots found.</source>
+        <translation>全部 {count} 台相机：清晰，已找到圆点。</translation>
     </message>
     <message>
         <source>Only these moved: {names}.</source>
@@ -2658,8 +2658,8 @@ px</translation>
         <translation>系统略有变化：请留意。</translation>
     </message>
     <message>
-        <source>The project&apos;s folder is gone: {folder}. Put it back, or begin anew on the start page.</source>
-        <translation>项目文件夹已不存在：{folder}。请恢复该文件夹，或在起始页重新开始。</translation>
+        <source>The project&apos;s folder {folder} is gone. Put it back, or begin anew on the start page.</source>
+        <translation>项目文件夹 {folder} 已不存在。请恢复，或在起始页重新开始。</translation>
     </message>
     <message>
         <source>{have} of at least {need} placements are captured.</source>

@@ -81,7 +81,8 @@ class Footer(QFrame):
         self._set_kind(self.action, "primary" if standing.default == "action" else "plain")
         enable(self.back, state.before(state.current) is not None, self.tr("This is the first step."))
         blocked = button.why if button is not None and not button.enabled and not button.done else ""
-        self.why.setText(blocked or stay or ("" if running else reason_text(reason)))
+        why = blocked or stay or ("" if running else reason_text(reason))
+        self.why.setText("" if why == standing.text else why)  # the headline says it
         goal = reason.go_to if reason is not None and not blocked else None
         goal = goal if goal not in (None, state.current) and not running else None
         self.show_me.setVisible(goal is not None)

@@ -223,7 +223,7 @@ def test_a_lost_camera_says_so_before_anything_else():
 
 def test_the_wall_in_one_sentence():
     good, bad = tile_state("C01", status(), sight()), tile_state("C02", status(CameraState.LOST), None)
-    assert summary([good]) == ("All 1 cameras are sharp, and their dots are found.", "good")
+    assert summary([good]) == ("All 1 cameras: sharp, dots found.", "good")
     assert summary([good, bad]) == ("Check C02.", "bad")
     assert summary([good, tile_state("C05", status(), sight(blur=3.0))]) == ("C05 is out of focus.", "bad")
     assert summary([good, tile_state("C05", status(), sight(saturated=0.2))]) == ("C05 is too bright.", "caution")

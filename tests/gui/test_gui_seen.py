@@ -115,7 +115,7 @@ def test_a_project_whose_folder_is_gone_says_so_and_writes_nothing(window):
     assert all(one.status is Status.FAILED for one in state.steps)
     assert "gone" in reason_text(state.now.reason)
     window.page.show_standing()
-    assert str(folder) in window.page.headline.text() and window.page.action() is None
+    assert folder.name in window.page.headline.text() and window.page.action() is None
     assert window.footer.default == "" and not window.footer.next.isEnabled()
     controller.cameras.accept_look()
     assert not is_project(folder)

@@ -217,7 +217,7 @@ def test_the_camera_process_killed_is_said_and_all_cameras_come_back(real):
         pump(lambda: "6 of 6 cameras ready" in told_on(window))
     elif step == "look":
         feed.show("P3")
-        pump(lambda: "sharp and well lit" in told_on(window))
+        pump(lambda: "sharp, dots found" in told_on(window))
         assert window.page.action().done
     else:
         pose = controller.project.check_poses[1]

@@ -189,6 +189,4 @@ def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Le
     if unsure:
         message = translate("Look", "Could be better: {names}.").format(names=", ".join(unsure))
         return alone.get(unsure[0]) or message, "caution"
-    return translate("Look", "All {count} cameras: sharp, dots found.").format(
-        count=len(states)
-    ), "good"
+    return translate("Look", "All {count} cameras: sharp, dots found.").format(count=len(states)), "good"

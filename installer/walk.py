@@ -151,16 +151,14 @@ class Walk:
         return bool((self.buttons().get(name) or [False])[-1])
 
     def settle(self) -> None:
-        """Until the window has dealt with a click, however busy it is: it tells twice more where its buttons are."""
+        """Until the window has dealt with a click, however busy it is: its clock has ticked twice since."""
         for _ in range(2):
-            answers = self.answers()
-            self.wait(lambda answers=answers: self.answers() != answers, "the window answers")
+            ticks = self.ticks()
+            self.wait(lambda ticks=ticks: self.ticks() != ticks, "the window answers")
 
-    def answers(self) -> int:
-        """Another number whenever the program has printed where its buttons are."""
-        with contextlib.suppress(OSError):
-            return self.map.stat().st_mtime_ns
-        return 0
+    def ticks(self) -> int:
+        """How often the program has looked where its buttons are."""
+        return int(self.buttons().get("", [0])[0])
 
     def press(self, name: str) -> None:
         """Click a button as soon as it can be pressed."""

@@ -19,15 +19,16 @@ class ClickMap(QObject):
     def __init__(self, path: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._path = path
-        self._written = b""
+        self._ticks = 0
         self._timer = QTimer(self)
         self._timer.setInterval(_EVERY_MS)
         self._timer.timeout.connect(self.write)
         self._timer.start()
 
     def write(self) -> None:
-        """Write it now, whole, where it has changed."""
-        found = {}
+        """Write it now, whole, with how often that was done."""
+        self._ticks += 1
+        found: dict[str, list] = {"": [self._ticks, 0, False, "", False]}  # a window that is busy does not count on
         for window in QApplication.topLevelWidgets():
             buttons: list[QWidget] = [*window.findChildren(QPushButton), *window.findChildren(QCheckBox)]
             for one in buttons:
@@ -36,9 +37,7 @@ class ClickMap(QObject):
                     key = str(one.property("key") or one.objectName())
                     text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
                     found[key] = [middle.x(), middle.y(), one.isEnabled(), text, one.hasFocus()]
-        if (data := json.dumps(found).encode()) != self._written:
-            write_whole(self._path, data)
-            self._written = data
+        write_whole(self._path, json.dumps(found).encode())
 
 
 def wanted() -> Path | None:

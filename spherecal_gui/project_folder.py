@@ -200,6 +200,12 @@ def is_project(folder: Path) -> bool:
     return is_plain_file_below(folder, FILE)
 
 
+def require_project(folder: Path) -> None:
+    """Raise OutputError where the project's folder is gone: what was captured before is not there any more either."""
+    if not is_project(folder):
+        raise OutputError(Phrase("error-project-gone", {"folder": folder}))
+
+
 def save_project(project: Project) -> None:
     """Write wizard.json; OutputError if that fails."""
     try:

@@ -1,18 +1,22 @@
 """The scene of each page, from what the page has: a result, a verification, a check."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_gui.standing import Level
 
 if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
+    from pathlib import Path
+
     from spherecal.data.rig import PlacedSphere, Rig
+    from spherecal_gui.tasks.ghost import Ghost, Lying
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.outcome import Outcome
     from spherecal_rigs.check_rig import Check
@@ -51,6 +55,23 @@ def rig_scene(rig: "Rig") -> SceneData | None:
     return scene_data(SimpleNamespace(rig=rig, points=none, residuals=residuals, spheres=()))
 
 
+def rig_in_use(profile: "Path | None", cameras: Collection[str]) -> "Rig | None":
+    """The calibration in use of a profile, where it has all of these cameras; else None, also where it cannot be read.
+
+    `profile` None: there is none.
+    """
+    from spherecal.base.errors import SpherecalError
+    from spherecal_rigs.store import open_profile  # imports scipy
+
+    if profile is None or not (profile / "profile.json").is_file() or not cameras:
+        return None
+    try:
+        rig = open_profile(profile).rig()
+    except (SpherecalError, OSError):
+        return None
+    return rig if set(cameras) <= {camera.id for camera in rig.cameras} else None
+
+
 def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:
     """The rig as it is known so far, the ball where it was and where it should go next.
 
@@ -71,6 +92,40 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
     last = spheres[-1]
     wanted = DrawnBall(place(centre_mm), float(last.radius_mm), place(last.centre_mm))
     return replace(data, scene=replace(data.scene, placements=balls), wanted=wanted)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveParts:
+    """What changes in a scene while it is looked at; places in the scene's frame, mm.
+
+    `ball`: its centre, top (both (3,)) and radius as it lies now; `near`: where it should. `bars`: ends (2, 3) and
+    whether these are of the bar as it lies, not as it should. `points`: measured ones by name. `levels` and `images` by
+    camera; `box`: the corners (8, 3) of the measuring volume.
+    """
+
+    ball: tuple[FloatArray, FloatArray, float] | None = None
+    near: bool = False
+    bars: tuple[tuple[FloatArray, bool], ...] = ()
+    levels: Mapping[str, Level] = field(default_factory=dict)
+    images: Mapping[str, Any] = field(default_factory=dict)
+    points: tuple[tuple[str, FloatArray], ...] = ()
+    box: FloatArray | None = None
+
+
+def in_scene(data: SceneData, places_mm: FloatArray) -> FloatArray:
+    """Places (n, 3) mm of the rig's world in the scene's frame."""
+    return (places_mm - data.origin_mm) @ data.scene.axes.T
+
+
+def live_ball(data: SceneData, ghost: "Ghost", lying: "Lying | None") -> tuple[FloatArray, FloatArray, float] | None:
+    """The ball as it lies now, in the scene; None where it is not seen."""
+    if lying is None:
+        return None
+    body = ghost.body
+    turn = np.eye(3) if lying.turn is None else lying.turn
+    top_mm = lying.centre + turn @ (body.up * body.radius_mm)
+    centre, top = in_scene(data, np.stack([lying.centre, top_mm]))
+    return centre, top, body.radius_mm
 
 
 def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
@@ -96,10 +151,9 @@ def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
 
 @dataclass(frozen=True, eq=False)
 class RigPlanes:
-    """The two planes in which a rig is shown; worked out once for a result."""
+    """Upright and level in a rig, for words such as "up"; worked out once for a result."""
 
     axes: FloatArray
-    middle: FloatArray
     names: tuple[str, ...]
     centres: FloatArray
 
@@ -107,17 +161,10 @@ class RigPlanes:
     def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
         """Upright, as the rig is set up.
 
-        `middle`: origin (3,) of both planes, mm in the rig's world.
+        `middle`: of the measuring volume (3,), mm in the rig's world.
         """
         from spherecal_documents.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])
         axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
-        return RigPlanes(axes, np.asarray(middle), tuple(camera.id for camera in rig.cameras), centres)
-
-    def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Places (n, 3) mm from above and from the front, (n, 2) each."""
-        from spherecal_documents.report.rig_view import FRONT, TOP  # imports scipy
-
-        own = (np.atleast_2d(places) - self.middle) @ self.axes.T
-        return TOP.flat(own), FRONT.flat(own)
+        return RigPlanes(axes, tuple(camera.id for camera in rig.cameras), centres)

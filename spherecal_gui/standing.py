@@ -1,17 +1,22 @@
-"""The state of a page: one level and one sentence, the worst of all its parts, and the button that space presses.
+"""One state: the instruction, its colour, the large button, the counter, what else can be done, why not, time left.
 
-Headline, rail, chip, counter and buttons are all drawn from one Standing, so that none of them can say something better
-than another. Pure: no Qt, no engine.
+Header, headline, rail, tiles, footer and help draw a `Standing` and make no sentence, count or button of their own.
+What a step says of itself is `Said` (presenters/step_states.py); here it is joined with what is wrong elsewhere. Pure.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from spherecal_gui.workflow import Status, StepKind
 
 Level = Literal["none", "good", "caution", "bad"]
 Default = Literal["action", "next", ""]
+# What the large button does: as long as this stays, its meaning stays.
+Deed = Literal[
+    "", "accept", "calibrate", "cancel", "capture", "check", "confirm", "finish", "measure", "next", "record", "report",
+    "results", "save", "stop recording",
+]  # fmt: skip
 
 # Nothing known is better than nothing: a part that has nothing to say does not spoil what another one knows.
 _RANK: tuple[Level, ...] = ("none", "good", "caution", "bad")
@@ -32,11 +37,31 @@ class Part:
 
 @dataclass(frozen=True)
 class Button:
-    """The page's large button: whether it can be pressed, the page's work is done, it accepts what is shown."""
+    """The one large button: what it says and does, whether it can be pressed, else why not.
 
+    `done`: the step's work is done, and the space bar goes on to the next step instead. `accepts`: it accepts what is
+    shown, which the space bar does not do where that is red.
+    """
+
+    text: str
+    does: Deed = ""
     enabled: bool = True
+    why: str = ""
     done: bool = False
     accepts: bool = False
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a step says of itself. `also`: keys of what else can be done; `stay`: why one does not go on from here."""
+
+    level: Level
+    text: str
+    button: Button | None = None
+    count: str = ""
+    also: frozenset[str] = frozenset()
+    stay: str = ""
+    left: str = ""
 
 
 @dataclass(frozen=True)
@@ -46,6 +71,7 @@ class Standing:
     level: Level
     text: str
     default: Default = ""
+    said: Said = field(default=Said("none", ""))
 
 
 def level_of(status: Status) -> Level:
@@ -65,24 +91,17 @@ def worse(one: Level, other: Level) -> bool:
 
 
 def stand(
-    own: Part,
-    step: Part,
-    troubles: Sequence[Part] = (),
-    button: Button | None = None,
-    may_go_on: bool = False,
-    alarmed: bool = False,
+    said: Said, step: Part, troubles: Sequence[Part] = (), may_go_on: bool = False, alarmed: bool = False
 ) -> Standing:
-    """The standing of a page from its own headline, its step's status, and troubles from elsewhere.
+    """The standing of a page from what it says itself, its step's status, and troubles from elsewhere.
 
     Of parts that are equally bad the page's own comes first, then the step's.
-
-    `button` None: it has none.
     """
-    parts = (own, step, *troubles)
+    parts = (Part(said.level, said.text), step, *troubles)
     level = worst(part.level for part in parts)
-    text = next((part.text for part in parts if part.level == level and part.text), own.text)
-    default = _default("bad" if alarmed else level, button, may_go_on)
-    return Standing("none" if alarmed and level == "good" else level, text, default)
+    text = next((part.text for part in parts if part.level == level and part.text), said.text)
+    default = _default("bad" if alarmed else level, said.button, may_go_on and not said.stay)
+    return Standing("none" if alarmed and level == "good" else level, text, default, said)
 
 
 def _default(level: Level, button: Button | None, may_go_on: bool) -> Default:

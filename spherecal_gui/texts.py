@@ -7,7 +7,7 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.base.errors import OutputError, SpherecalError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
-from spherecal_gui.workflow import Reason, Status, Step
+from spherecal_gui.workflow import Reason, Status, Step, StepKind
 
 if TYPE_CHECKING:  # the window is shown before cameras are loaded
     from spherecal_cameras.protocol import CameraStatus
@@ -37,21 +37,24 @@ def step_task(step: Step) -> str:
     return {
         "connect": translate("Steps", "Find the cameras and confirm what is on the bench."),
         "look": translate("Steps", "Look at every camera: sharp, well lit, nothing in the way."),
-        "placement": translate("Steps", "Put the ball into place, let it come to rest, then press the space bar."),
-        "scale": translate(
-            "Steps", "Lay the bar that gives the scale where three cameras see it; for every pose another way."
-        ),
+        "placement": translate("Steps", "One of the ball's places: the more they differ, the better."),
+        "scale": translate("Steps", "The bar that gives the scale, turned another way for every pose."),
         "calibrate": translate("Steps", "Compute the cameras from what was captured."),
         "results": translate("Steps", "Is the calibration good, and what would make it better?"),
-        "verify": translate("Steps", "Measure the check bar: does the rig measure what its certificate says?"),
+        "verify": translate("Steps", "Does it measure right? Measure the check bar and compare with its certificate."),
         "save": translate("Steps", "Write the report and put the calibration to use."),
-        "check": translate("Steps", "Does the rig still measure as it was calibrated?"),
+        "check": translate("Steps", "Has a camera moved since the calibration? One placement of the ball shows it."),
         "measure": translate("Steps", "Carry a bar through the volume, or choose points and read their distance."),
     }[step.kind]
 
 
-def status_word(status: Status) -> str:
-    """The state in a word."""
+def status_word(status: Status, kind: StepKind | None = None) -> str:
+    """The state in a word; of a placement that is not there yet that it is not.
+
+    `kind` None: of any step.
+    """
+    if status is Status.READY and kind in ("placement", "scale"):
+        return translate("Steps", "not captured")
     return {
         Status.BLOCKED: translate("Steps", "not yet"),
         Status.READY: translate("Steps", "ready"),
@@ -98,7 +101,9 @@ def reason_text(reason: Reason | None) -> str:
         "inconsistent": translate("Reasons", "The check bar contradicts the calibration."),
         "no data": translate("Reasons", "The check bar could not be measured."),
         "busy": translate("Reasons", "Work is running; wait for it or cancel it."),
-        "cameras lost": translate("Reasons", "No images from {names}.").format(names=joined),
+        "cameras lost": translate("Reasons", "No images from {names}: check cable, power and network.").format(
+            names=joined
+        ),
         "moved": moved_text(values),
         "taken without": translate("Reasons", "Captured without {names}: retake it.").format(names=joined),
         "taken moving": translate("Reasons", "The scene moved in {names}: retake it.").format(names=joined),
@@ -109,6 +114,9 @@ def reason_text(reason: Reason | None) -> str:
         "undecided": translate("Reasons", "Undecided: uncertainty too large for the limit."),
         "watch": translate("Reasons", "The rig has changed a little: watch it."),
         "error": joined,
+        "project gone": translate(
+            "Reasons", "The project's folder {folder} is gone. Put it back, or begin anew on the start page."
+        ).format(folder=joined),
     }
     if reason.code == "placements missing":
         text = translate("Reasons", "{have} of at least {need} placements are captured.")

@@ -60,13 +60,15 @@ class StepState:
 class Running:
     """What goes on at the moment and is not kept: the step whose work runs, the cameras that are open.
 
-    `lost` cameras send no images; `moved` ones were moved, and nobody has seen to them yet.
+    `lost` cameras send no images; `moved` ones were moved, and nobody has seen to them yet. `gone`: the project's
+    folder is no longer there.
     """
 
     step: str | None = None
     connected: bool = False
     lost: tuple[str, ...] = ()
     moved: tuple[str, ...] = ()
+    gone: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,8 @@ def _nearest(step_id: str, project: Project) -> str:
 
 
 def _state(step: Step, project: Project, running: Running) -> StepState:
+    if running.gone:
+        return StepState(step, Status.FAILED, Reason("project gone", (project.folder.name,)))
     if running.step == step.id:
         return StepState(step, Status.RUNNING)
     rule = {

@@ -91,34 +91,7 @@
     </message>
 </context>
 <context>
-    <name>BarView</name>
-    <message>
-        <source>From above</source>
-        <translation>Von oben</translation>
-    </message>
-    <message>
-        <source>From the front</source>
-        <translation>Von vorn</translation>
-    </message>
-</context>
-<context>
     <name>Bars</name>
-    <message>
-        <source>Hold still: images are being captured</source>
-        <translation>Stillhalten: Es wird aufgenommen</translation>
-    </message>
-    <message>
-        <source>{name} is captured</source>
-        <translation>{name} ist aufgenommen</translation>
-    </message>
-    <message>
-        <source>Lay the bar where two cameras or more see it</source>
-        <translation>Den Stab so legen, dass mindestens zwei Kameras ihn sehen</translation>
-    </message>
-    <message>
-        <source>Only two cameras see the bar; three are better</source>
-        <translation>Nur zwei Kameras sehen den Stab; drei sind besser</translation>
-    </message>
     <message>
         <source>Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}</source>
         <translation>Stab {bar} um {deg:.0f}° drehen: von nahe {first} bis nahe {last}</translation>
@@ -150,6 +123,10 @@
     <message>
         <source>Move bar {bar} {mm:.0f} mm towards {camera}</source>
         <translation>Stab {bar} {mm:.0f} mm in Richtung {camera}</translation>
+    </message>
+    <message>
+        <source>Pose {number} of {count}</source>
+        <translation>Lage {number} von {count}</translation>
     </message>
 </context>
 <context>
@@ -590,18 +567,6 @@
 <context>
     <name>Calibrate</name>
     <message>
-        <source>estimating the time</source>
-        <translation>schätzt die Dauer</translation>
-    </message>
-    <message>
-        <source>about {seconds} s left</source>
-        <translation>noch etwa {seconds} s</translation>
-    </message>
-    <message>
-        <source>about {minutes} min left</source>
-        <translation>noch etwa {minutes} min</translation>
-    </message>
-    <message>
         <source>The calibration is finished: {verdict}.</source>
         <translation>Die Kalibrierung ist fertig: {verdict}.</translation>
     </message>
@@ -693,38 +658,6 @@
         <translation>nicht aufgenommen</translation>
     </message>
     <message>
-        <source>Stopping: what was captured is kept</source>
-        <translation>Hält an: Die Aufnahmen bleiben erhalten</translation>
-    </message>
-    <message>
-        <source>Stopping as soon as there is a result</source>
-        <translation>Hört auf, sobald es ein Ergebnis gibt</translation>
-    </message>
-    <message>
-        <source>Computing</source>
-        <translation>Rechnet</translation>
-    </message>
-    <message>
-        <source>Done: the calibration is valid</source>
-        <translation>Fertig: Die Kalibrierung ist gültig</translation>
-    </message>
-    <message>
-        <source>Done: the calibration is to be used with care</source>
-        <translation>Fertig: Die Kalibrierung ist mit Vorsicht zu benutzen</translation>
-    </message>
-    <message>
-        <source>Done: the calibration is not valid</source>
-        <translation>Fertig: Die Kalibrierung ist nicht gültig</translation>
-    </message>
-    <message>
-        <source>Ready: {taken} of {planned} placements</source>
-        <translation>Bereit: {taken} von {planned} Aufstellungen</translation>
-    </message>
-    <message>
-        <source>It failed; what was captured is kept</source>
-        <translation>Fehlgeschlagen; die Aufnahmen bleiben erhalten</translation>
-    </message>
-    <message>
         <source>The last calibration is valid and would be lost: cancel instead.</source>
         <translation>Die letzte Kalibrierung ist gültig und ginge verloren: stattdessen abbrechen.</translation>
     </message>
@@ -737,36 +670,12 @@
         <translation>Endet, sobald es etwas anzusehen gibt. Ein solches Ergebnis ist nicht gültig.</translation>
     </message>
     <message>
-        <source>Stopping</source>
-        <translation>Hält an</translation>
-    </message>
-    <message>
-        <source>The last stage is coming to its end.</source>
-        <translation>Der letzte Schritt kommt zum Ende.</translation>
-    </message>
-    <message>
-        <source>Cancel</source>
-        <translation>Abbrechen</translation>
-    </message>
-    <message>
-        <source>Calibrate</source>
-        <translation>Kalibrieren</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>Es wird gearbeitet.</translation>
-    </message>
-    <message>
         <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
         <translation>Fertig, wenn die Linie nicht mehr fällt. Jede Ausgleichung beginnt, wo die vorige endete.</translation>
     </message>
     <message>
         <source>With the paper&apos;s method lengths are less certain. The report names the method.</source>
         <translation>Mit dem Verfahren der Veröffentlichung sind Längen weniger sicher. Der Bericht nennt das Verfahren.</translation>
-    </message>
-    <message>
-        <source>See what to do</source>
-        <translation>Anzeigen, was zu tun ist</translation>
     </message>
     <message>
         <source>Calibrate again</source>
@@ -1126,32 +1035,8 @@ px</translation>
         <translation>Kein Stab hat sie verifiziert, und die Grenzwerte verbieten ihren Gebrauch: den Aufbau kalibrieren und verifizieren.</translation>
     </message>
     <message>
-        <source>Checking</source>
-        <translation>Prüfung läuft</translation>
-    </message>
-    <message>
         <source>Check again to see the numbers.</source>
         <translation>Erneut prüfen zeigt die Zahlen.</translation>
-    </message>
-    <message>
-        <source>Ready</source>
-        <translation>Bereit</translation>
-    </message>
-    <message>
-        <source>Not done</source>
-        <translation>Nicht erledigt</translation>
-    </message>
-    <message>
-        <source>Cancel</source>
-        <translation>Abbrechen</translation>
-    </message>
-    <message>
-        <source>Check</source>
-        <translation>Prüfen</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
         <source>Check again</source>
@@ -1359,26 +1244,6 @@ px</translation>
         <source>Description of the bench</source>
         <translation>Beschreibung der Messmittel</translation>
     </message>
-    <message>
-        <source>Bench confirmed</source>
-        <translation>Messmittel bestätigt</translation>
-    </message>
-    <message>
-        <source>Yes, this matches</source>
-        <translation>Ja, das stimmt</translation>
-    </message>
-    <message>
-        <source>The cameras are being looked for.</source>
-        <translation>Die Kameras werden gesucht.</translation>
-    </message>
-    <message>
-        <source>There are no cameras yet.</source>
-        <translation>Es gibt noch keine Kameras.</translation>
-    </message>
-    <message>
-        <source>It was confirmed already.</source>
-        <translation>Schon bestätigt.</translation>
-    </message>
 </context>
 <context>
     <name>ConvergenceChart</name>
@@ -1387,8 +1252,8 @@ px</translation>
         <translation>Iteration</translation>
     </message>
     <message>
-        <source>cost, as a share of the first</source>
-        <translation>Kosten, als Anteil der ersten</translation>
+        <source>misfit, 1 at the start</source>
+        <translation>Abweichung, am Anfang 1</translation>
     </message>
 </context>
 <context>
@@ -1743,58 +1608,6 @@ px</translation>
 <context>
     <name>Guidance</name>
     <message>
-        <source>Leave the ball where it is</source>
-        <translation>Kugel stehen lassen</translation>
-    </message>
-    <message>
-        <source>Move the ball {away:.0f} mm towards {camera}</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu stellen</translation>
-    </message>
-    <message>
-        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm höher stellen</translation>
-    </message>
-    <message>
-        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm tiefer stellen</translation>
-    </message>
-    <message>
-        <source>tip its top {turn:.0f}° towards {camera}</source>
-        <translation>oben um {turn:.0f}° auf {camera} zu kippen</translation>
-    </message>
-    <message>
-        <source>turn it {turn:.0f}° to the left, as on a turntable</source>
-        <translation>{turn:.0f}° nach links drehen wie auf einem Drehteller</translation>
-    </message>
-    <message>
-        <source>turn it {turn:.0f}° to the right, as on a turntable</source>
-        <translation>{turn:.0f}° nach rechts drehen wie auf einem Drehteller</translation>
-    </message>
-    <message>
-        <source>{place}, {turn}.</source>
-        <translation>{place}, {turn}.</translation>
-    </message>
-    <message>
-        <source>Enough.</source>
-        <translation>Das genügt.</translation>
-    </message>
-    <message>
-        <source>Any place where the cameras see it well, turned, will do.</source>
-        <translation>Jede Stelle, an der die Kameras sie gut sehen, ist recht; vorher drehen.</translation>
-    </message>
-    <message>
-        <source>In place</source>
-        <translation>Am Platz</translation>
-    </message>
-    <message>
-        <source>{away:.0f} mm to go</source>
-        <translation>Noch {away:.0f} mm</translation>
-    </message>
-    <message>
-        <source>{away:.0f} mm and {turn:.0f}° to go</source>
-        <translation>Noch {away:.0f} mm und {turn:.0f}°</translation>
-    </message>
-    <message>
         <source>If you stop now: being worked out</source>
         <translation>Jetzt aufhören: wird berechnet</translation>
     </message>
@@ -1933,6 +1746,61 @@ px</translation>
     <message>
         <source>Save a support bundle</source>
         <translation>Support-Paket speichern</translation>
+    </message>
+</context>
+<context>
+    <name>ImportDialog</name>
+    <message>
+        <source>Import images</source>
+        <translation>Bilder importieren</translation>
+    </message>
+    <message>
+        <source>not known</source>
+        <translation>unbekannt</translation>
+    </message>
+    <message>
+        <source>Diameter of the ball</source>
+        <translation>Durchmesser der Kugel</translation>
+    </message>
+    <message>
+        <source>They show a board, not the ball</source>
+        <translation>Sie zeigen eine Tafel, nicht die Kugel</translation>
+    </message>
+    <message>
+        <source>The images are copied. Lenses that the images do not name are assumed.</source>
+        <translation>Die Bilder werden kopiert. Objektive, die sie nicht nennen, werden angenommen.</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>Abbrechen</translation>
+    </message>
+    <message>
+        <source>Import</source>
+        <translation>Importieren</translation>
+    </message>
+    <message>
+        <source>Folder</source>
+        <translation>Ordner</translation>
+    </message>
+    <message>
+        <source>Read as</source>
+        <translation>Gelesen als</translation>
+    </message>
+    <message>
+        <source>Cameras: {count}</source>
+        <translation>Kameras: {count}</translation>
+    </message>
+    <message>
+        <source>Placements: {count}</source>
+        <translation>Aufstellungen: {count}</translation>
+    </message>
+    <message>
+        <source>Left out: {count}</source>
+        <translation>Weggelassen: {count}</translation>
+    </message>
+    <message>
+        <source>Importing</source>
+        <translation>Wird importiert</translation>
     </message>
 </context>
 <context>
@@ -2186,12 +2054,8 @@ px</translation>
         <translation>{camera} ist unscharf.</translation>
     </message>
     <message>
-        <source>Focus {blur:.1f} px</source>
-        <translation>Schärfe {blur:.1f} px</translation>
-    </message>
-    <message>
-        <source>brightness {share} %</source>
-        <translation>Helligkeit {share} %</translation>
+        <source>All {count} cameras: sharp, dots found.</source>
+        <translation>Alle {count} Kameras: scharf, Punkte gefunden.</translation>
     </message>
     <message>
         <source>Only these moved: {names}.</source>
@@ -2218,6 +2082,10 @@ px</translation>
         <translation>{ms:g} ms</translation>
     </message>
     <message>
+        <source>sharp</source>
+        <translation>scharf</translation>
+    </message>
+    <message>
         <source>Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it.</source>
         <translation>Wird noch warm, in °C je Minute: {rates}. Warten, bis es weniger als 0.1 ist: Objektive wandern dabei.</translation>
     </message>
@@ -2236,10 +2104,6 @@ px</translation>
     <message>
         <source>Could be better: {names}.</source>
         <translation>Könnte besser sein: {names}.</translation>
-    </message>
-    <message>
-        <source>All {count} cameras are sharp and well lit.</source>
-        <translation>Alle {count} Kameras sind scharf und gut belichtet.</translation>
     </message>
     <message>
         <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
@@ -2312,30 +2176,6 @@ px</translation>
         <source>There are no masks.</source>
         <translation>Es gibt keine Masken.</translation>
     </message>
-    <message>
-        <source>The images are good</source>
-        <translation>Die Bilder sind gut</translation>
-    </message>
-    <message>
-        <source>Use the images as they are</source>
-        <translation>Bilder so verwenden, wie sie sind</translation>
-    </message>
-    <message>
-        <source>They were accepted already.</source>
-        <translation>Schon angenommen.</translation>
-    </message>
-    <message>
-        <source>See to the cameras that are named above.</source>
-        <translation>Die oben genannten Kameras prüfen.</translation>
-    </message>
-    <message>
-        <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
-        <translation>Zielmarken werden gesucht. Auf einem neuen Rechner dauert das erste Mal ein bis zwei Minuten.</translation>
-    </message>
-    <message>
-        <source>Not every camera has sent an image yet.</source>
-        <translation>Noch hat nicht jede Kamera ein Bild geschickt.</translation>
-    </message>
 </context>
 <context>
     <name>MakersDialog</name>
@@ -2370,6 +2210,10 @@ px</translation>
 </context>
 <context>
     <name>Measure</name>
+    <message>
+        <source>{name}: off by {deviation}</source>
+        <translation>{name}: Abweichung {deviation}</translation>
+    </message>
     <message>
         <source>Choose two points for their distance, three for the angle at the second.</source>
         <translation>Zwei Punkte wählen für ihren Abstand, drei für den Winkel im zweiten.</translation>
@@ -2430,28 +2274,12 @@ px</translation>
         <translation>gemessen</translation>
     </message>
     <message>
-        <source>± (k = 2)</source>
-        <translation>± (k = 2)</translation>
+        <source>± (95 %)</source>
+        <translation>± (95 %)</translation>
     </message>
     <message>
         <source>off its nominal value</source>
         <translation>Abweichung vom Sollwert</translation>
-    </message>
-    <message>
-        <source>Recording: {sets} sets</source>
-        <translation>Aufzeichnung: {sets} Sätze</translation>
-    </message>
-    <message>
-        <source>Stop recording</source>
-        <translation>Aufzeichnung beenden</translation>
-    </message>
-    <message>
-        <source>Record</source>
-        <translation>Aufzeichnen</translation>
-    </message>
-    <message>
-        <source>Nothing is measured now.</source>
-        <translation>Im Moment wird nichts gemessen.</translation>
     </message>
     <message>
         <source>{sets} sets recorded in {folder}.</source>
@@ -2459,58 +2287,7 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>Pace</name>
-    <message>
-        <source>{seconds:.0f} s</source>
-        <translation>{seconds:.0f} s</translation>
-    </message>
-    <message>
-        <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
-        <translation>{seconds:.0f} s, länger als sonst ({usual:.0f} s)</translation>
-    </message>
-    <message>
-        <source>{seconds:.0f} s of about {usual:.0f} s</source>
-        <translation>{seconds:.0f} s von etwa {usual:.0f} s</translation>
-    </message>
-</context>
-<context>
     <name>Placement</name>
-    <message>
-        <source>Hold still: images are being captured</source>
-        <translation>Stillhalten: Es wird aufgenommen</translation>
-    </message>
-    <message>
-        <source>Captured. Press space to go on</source>
-        <translation>Aufgenommen. Leertaste: weiter</translation>
-    </message>
-    <message>
-        <source>{names} sends no images</source>
-        <translation>{names} schickt keine Bilder</translation>
-    </message>
-    <message>
-        <source>Put the ball where the cameras see it</source>
-        <translation>Die Kugel dorthin stellen, wo die Kameras sie sehen</translation>
-    </message>
-    <message>
-        <source>Turn or move the ball: {names} sees too little</source>
-        <translation>Kugel drehen oder versetzen: {names} sieht zu wenig</translation>
-    </message>
-    <message>
-        <source>Move the ball, or confirm that it was turned</source>
-        <translation>Kugel bewegen, oder bestätigen, dass sie gedreht wurde</translation>
-    </message>
-    <message>
-        <source>Checking that the ball is still</source>
-        <translation>Prüft, ob die Kugel ruht</translation>
-    </message>
-    <message>
-        <source>Let the ball come to rest</source>
-        <translation>Die Kugel zur Ruhe kommen lassen</translation>
-    </message>
-    <message>
-        <source>Move the ball to its ghost</source>
-        <translation>Kugel auf ihren Geist stellen</translation>
-    </message>
     <message>
         <source>Ready: {names} sees little here, but enough elsewhere</source>
         <translation>Bereit: {names} sieht hier wenig, sonst aber genug</translation>
@@ -2595,22 +2372,6 @@ px</translation>
         <source>{name} is captured.</source>
         <translation>{name} ist aufgenommen.</translation>
     </message>
-    <message>
-        <source>Show the board to the cameras</source>
-        <translation>Die Tafel den Kameras zeigen</translation>
-    </message>
-    <message>
-        <source>Move the board: elsewhere, and tilted otherwise</source>
-        <translation>Die Tafel bewegen: an eine andere Stelle, anders geneigt</translation>
-    </message>
-    <message>
-        <source>Checking that the board is still</source>
-        <translation>Prüft, ob die Tafel ruht</translation>
-    </message>
-    <message>
-        <source>Hold the board still</source>
-        <translation>Die Tafel ruhig halten</translation>
-    </message>
 </context>
 <context>
     <name>PlacementPage</name>
@@ -2641,6 +2402,14 @@ px</translation>
     <message>
         <source>One more placement</source>
         <translation>Noch eine Aufstellung</translation>
+    </message>
+    <message>
+        <source>Expected error on 500 mm (95 %).</source>
+        <translation>Zu erwartender Fehler auf 500 mm (95 %).</translation>
+    </message>
+    <message>
+        <source>Enough: one more placement would not be worth it.</source>
+        <translation>Genug: eine weitere Aufstellung lohnt sich nicht.</translation>
     </message>
     <message>
         <source>It was turned</source>
@@ -2691,80 +2460,20 @@ px</translation>
         <translation>Übung: legt die simulierte Kugel an den gewünschten Platz.</translation>
     </message>
     <message>
-        <source>Expected error on 500 mm (95 %); the picture is seen from above.</source>
-        <translation>Erwarteter Fehler auf 500 mm (95 %); Bild von oben gesehen.</translation>
-    </message>
-    <message>
         <source>In space</source>
         <translation>Im Raum</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>Es wird gearbeitet.</translation>
-    </message>
-    <message>
-        <source>This placement is not captured yet.</source>
-        <translation>Diese Aufstellung ist noch nicht aufgenommen.</translation>
     </message>
     <message>
         <source>Skip this placement</source>
         <translation>Auslassen</translation>
     </message>
     <message>
-        <source>Nothing was deleted.</source>
-        <translation>Es wurde nichts gelöscht.</translation>
-    </message>
-    <message>
         <source>Undo {name}</source>
         <translation>{name} zurückholen</translation>
     </message>
     <message>
-        <source>Cameras that see enough</source>
-        <translation>Kameras, die genug sehen</translation>
-    </message>
-    <message>
         <source>Working out where the ball should go next: {seconds:.0f} s</source>
         <translation>Berechnet, wohin die Kugel als Nächstes soll: {seconds:.0f} s</translation>
-    </message>
-    <message>
-        <source>Where next</source>
-        <translation>Nächster Platz</translation>
-    </message>
-    <message>
-        <source>Captured</source>
-        <translation>Aufgenommen</translation>
-    </message>
-    <message>
-        <source>Capture  (space)</source>
-        <translation>Aufnehmen  (Leertaste)</translation>
-    </message>
-    <message>
-        <source>Capture anyway  (space)</source>
-        <translation>Trotzdem aufnehmen  (Leertaste)</translation>
-    </message>
-    <message>
-        <source>Capture without {cameras}</source>
-        <translation>Ohne {cameras} aufnehmen</translation>
-    </message>
-    <message>
-        <source>Capturing</source>
-        <translation>Nimmt auf</translation>
-    </message>
-    <message>
-        <source>Images are being captured.</source>
-        <translation>Es wird aufgenommen.</translation>
-    </message>
-    <message>
-        <source>Retake  (space)</source>
-        <translation>Neu aufnehmen  (Leertaste)</translation>
-    </message>
-    <message>
-        <source>It is captured; Retake replaces it.</source>
-        <translation>Aufgenommen; „Neu aufnehmen“ ersetzt sie.</translation>
-    </message>
-    <message>
-        <source>The cameras are not connected.</source>
-        <translation>Die Kameras sind nicht verbunden.</translation>
     </message>
 </context>
 <context>
@@ -2941,8 +2650,8 @@ px</translation>
         <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
     </message>
     <message>
-        <source>No images from {names}.</source>
-        <translation>Keine Bilder von {names}.</translation>
+        <source>No images from {names}: check cable, power and network.</source>
+        <translation>Keine Bilder von {names}: Kabel, Strom und Netz prüfen.</translation>
     </message>
     <message>
         <source>Captured without {names}: retake it.</source>
@@ -2977,6 +2686,10 @@ px</translation>
         <translation>Der Aufbau hat sich etwas verändert: beobachten.</translation>
     </message>
     <message>
+        <source>The project&apos;s folder {folder} is gone. Put it back, or begin anew on the start page.</source>
+        <translation>Der Ordner {folder} des Projekts ist nicht mehr da. Ihn wiederherstellen, oder auf der Startseite neu beginnen.</translation>
+    </message>
+    <message>
         <source>{have} of at least {need} placements are captured.</source>
         <translation>{have} von mindestens {need} Aufstellungen sind aufgenommen.</translation>
     </message>
@@ -3004,8 +2717,8 @@ px</translation>
         <translation>keine Residuen</translation>
     </message>
     <message>
-        <source>{name}: arrows {gain:.0f} times, 95 % shorter than {usual:.3f} px, {out} left out</source>
-        <translation>{name}: Pfeile {gain:.0f}-fach, 95 % kürzer als {usual:.3f} px, {out} weggelassen</translation>
+        <source>{name}: errors drawn {gain:.0f} times larger, most below {usual:.3f} px; {out} dots left out</source>
+        <translation>{name}: Fehler {gain:.0f}-mal größer gezeichnet, meist unter {usual:.3f} px; {out} Punkte weggelassen</translation>
     </message>
 </context>
 <context>
@@ -3023,12 +2736,8 @@ px</translation>
         <translation>{placed} von {all} Kameras bestimmt; die Bilder stimmen auf {rms:.3f} px überein.</translation>
     </message>
     <message>
-        <source>Expected error on {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.</source>
-        <translation>Erwarteter Fehler auf {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.</translation>
-    </message>
-    <message>
-        <source>Expected error on {length:.0f} mm (95 %): {mm:.3f} mm.</source>
-        <translation>Erwarteter Fehler auf {length:.0f} mm (95 %): {mm:.3f} mm.</translation>
+        <source>A length of {length:.0f} mm is measured to {mm:.3f} mm (95 %).</source>
+        <translation>Eine Länge von {length:.0f} mm wird auf {mm:.3f} mm genau gemessen (95 %).</translation>
     </message>
     <message>
         <source>NOT VALID</source>
@@ -3190,14 +2899,6 @@ mm</translation>
         <translation>Kamera weglassen</translation>
     </message>
     <message>
-        <source>Reading the result</source>
-        <translation>Ergebnis wird gelesen</translation>
-    </message>
-    <message>
-        <source>OUT OF DATE</source>
-        <translation>VERALTET</translation>
-    </message>
-    <message>
         <source>not placed</source>
         <translation>nicht bestimmt</translation>
     </message>
@@ -3212,30 +2913,6 @@ mm</translation>
     <message>
         <source>Choose one image on the left first.</source>
         <translation>Zuerst links ein Bild wählen.</translation>
-    </message>
-    <message>
-        <source>Accept the result</source>
-        <translation>Ergebnis annehmen</translation>
-    </message>
-    <message>
-        <source>The result is being read.</source>
-        <translation>Das Ergebnis wird gelesen.</translation>
-    </message>
-    <message>
-        <source>It was accepted already.</source>
-        <translation>Schon angenommen.</translation>
-    </message>
-    <message>
-        <source>Calibrate again</source>
-        <translation>Neu kalibrieren</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>Es wird gearbeitet.</translation>
-    </message>
-    <message>
-        <source>It is not valid: do what the findings advise.</source>
-        <translation>Nicht gültig: tun, was die Befunde raten.</translation>
     </message>
 </context>
 <context>
@@ -3391,60 +3068,8 @@ mm</translation>
         <translation>Ein simulierter Aufbau hat ein eigenes Profil: Er gilt nie als Kalibrierung eines wirklichen.</translation>
     </message>
     <message>
-        <source>Writing</source>
-        <translation>Schreibt</translation>
-    </message>
-    <message>
-        <source>The calibration is not saved yet</source>
-        <translation>Die Kalibrierung ist noch nicht gesichert</translation>
-    </message>
-    <message>
-        <source>Saved; it is not valid</source>
-        <translation>Gesichert; sie ist nicht gültig</translation>
-    </message>
-    <message>
-        <source>Saved; its verification failed</source>
-        <translation>Gesichert; Verifizierung fehlgeschlagen</translation>
-    </message>
-    <message>
-        <source>Saved; not verified</source>
-        <translation>Gesichert; nicht verifiziert</translation>
-    </message>
-    <message>
-        <source>Saved; to be used with care</source>
-        <translation>Gesichert; mit Vorsicht zu benutzen</translation>
-    </message>
-    <message>
-        <source>Saved</source>
-        <translation>Gesichert</translation>
-    </message>
-    <message>
-        <source>Not saved yet; its verification failed</source>
-        <translation>Noch nicht gesichert; Verifizierung fehlgeschlagen</translation>
-    </message>
-    <message>
-        <source>Finish</source>
-        <translation>Fertig</translation>
-    </message>
-    <message>
-        <source>What was saved is out of date</source>
-        <translation>Was gesichert wurde, ist veraltet</translation>
-    </message>
-    <message>
-        <source>Not saved yet</source>
-        <translation>Noch nicht gesichert</translation>
-    </message>
-    <message>
-        <source>Not saved yet; not verified</source>
-        <translation>Noch nicht gesichert; nicht verifiziert</translation>
-    </message>
-    <message>
         <source>Exports are given in: {frame}.</source>
         <translation>Exporte in: {frame}.</translation>
-    </message>
-    <message>
-        <source>Save and put to use</source>
-        <translation>Sichern und in Gebrauch nehmen</translation>
     </message>
     <message>
         <source>Work is running.</source>
@@ -3478,10 +3103,6 @@ mm</translation>
         <source>Copied.</source>
         <translation>Kopiert.</translation>
     </message>
-    <message>
-        <source>Write the report</source>
-        <translation>Bericht schreiben</translation>
-    </message>
 </context>
 <context>
     <name>ScalePage</name>
@@ -3492,26 +3113,6 @@ mm</translation>
     <message>
         <source>No pose is captured yet.</source>
         <translation>Noch keine Lage aufgenommen.</translation>
-    </message>
-    <message>
-        <source>All poses captured</source>
-        <translation>Alle Lagen aufgenommen</translation>
-    </message>
-    <message>
-        <source>Every pose is there.</source>
-        <translation>Alle Lagen sind da.</translation>
-    </message>
-    <message>
-        <source>Capture {pose}  (space)</source>
-        <translation>{pose} aufnehmen  (Leertaste)</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>Es wird gearbeitet.</translation>
-    </message>
-    <message>
-        <source>The cameras are not connected.</source>
-        <translation>Die Kameras sind nicht verbunden.</translation>
     </message>
 </context>
 <context>
@@ -3553,12 +3154,8 @@ mm</translation>
         <translation>Längenabweichung {error:+.3f} mm</translation>
     </message>
     <message>
-        <source>Uncertainty {u:.3f} mm (k = 2)</source>
-        <translation>Unsicherheit {u:.3f} mm (k = 2)</translation>
-    </message>
-    <message>
-        <source>Uncertainty {u:.3f} mm (k = {k:.0f})</source>
-        <translation>Unsicherheit {u:.3f} mm (k = {k:.0f})</translation>
+        <source>Uncertainty {u:.3f} mm (95 %)</source>
+        <translation>Unsicherheit {u:.3f} mm (95 %)</translation>
     </message>
     <message>
         <source>Residual {px:.3f} px rms</source>
@@ -3601,8 +3198,8 @@ mm</translation>
         <translation>Stäbe: grün innerhalb, rot außerhalb ihrer Unsicherheit</translation>
     </message>
     <message>
-        <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
-        <translation>Unsicherheit von {length:.0f} mm, mm (k = {k:.0f})</translation>
+        <source>Uncertainty of {length:.0f} mm, mm (95 %)</source>
+        <translation>Unsicherheit von {length:.0f} mm, mm (95 %)</translation>
     </message>
     <message>
         <source>Residuals of the dots, px</source>
@@ -3717,8 +3314,8 @@ mm</translation>
         <translation>Netz aufbauen</translation>
     </message>
     <message>
-        <source>First adjustment, blunders damped</source>
-        <translation>Erste Ausgleichung, grobe Fehler gedämpft</translation>
+        <source>First adjustment</source>
+        <translation>Erste Ausgleichung</translation>
     </message>
     <message>
         <source>Checking each camera&apos;s pose</source>
@@ -3907,10 +3504,6 @@ mm</translation>
         <translation>Prüfen</translation>
     </message>
     <message>
-        <source>Is the calibration in use still good? One minute, one placement.</source>
-        <translation>Ist die benutzte Kalibrierung noch gut? Eine Minute, eine Aufstellung.</translation>
-    </message>
-    <message>
         <source>no calibration in use</source>
         <translation>keine Kalibrierung in Gebrauch</translation>
     </message>
@@ -3951,16 +3544,20 @@ mm</translation>
         <translation>Verifizieren</translation>
     </message>
     <message>
-        <source>Measure the check bar with the calibration in use, and print the result.</source>
-        <translation>Den Prüfstab mit der Kalibrierung in Gebrauch messen und das Ergebnis drucken.</translation>
-    </message>
-    <message>
         <source>Bench, bars and balls</source>
         <translation>Messmittel, Stäbe und Kugeln</translation>
     </message>
     <message>
         <source>Verify the rig</source>
         <translation>Aufbau verifizieren</translation>
+    </message>
+    <message>
+        <source>Has a camera moved since? One minute, one placement of the ball.</source>
+        <translation>Hat sich seither eine Kamera bewegt? Eine Minute, eine Aufstellung der Kugel.</translation>
+    </message>
+    <message>
+        <source>Does the rig measure right? The check bar is measured, and the result printed.</source>
+        <translation>Misst der Aufbau richtig? Der Prüfstab wird gemessen, das Ergebnis gedruckt.</translation>
     </message>
     <message>
         <source>Train on a simulated rig</source>
@@ -3997,6 +3594,453 @@ mm</translation>
     <message>
         <source>ChArUco, AprilGrid, chessboard or circles; no ball is needed.</source>
         <translation>ChArUco, AprilGrid, Schachbrett oder Kreise; es braucht keine Kugel.</translation>
+    </message>
+</context>
+<context>
+    <name>State</name>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>Die Kameras sind nicht verbunden.</translation>
+    </message>
+    <message>
+        <source>The cameras are being looked for.</source>
+        <translation>Die Kameras werden gesucht.</translation>
+    </message>
+    <message>
+        <source>There are no cameras yet.</source>
+        <translation>Es gibt noch keine Kameras.</translation>
+    </message>
+    <message>
+        <source>It was confirmed already.</source>
+        <translation>Schon bestätigt.</translation>
+    </message>
+    <message>
+        <source>Bench confirmed</source>
+        <translation>Messmittel bestätigt</translation>
+    </message>
+    <message>
+        <source>Yes, this matches</source>
+        <translation>Ja, das stimmt</translation>
+    </message>
+    <message>
+        <source>The images are good</source>
+        <translation>Die Bilder sind gut</translation>
+    </message>
+    <message>
+        <source>Use the images as they are</source>
+        <translation>Bilder so verwenden, wie sie sind</translation>
+    </message>
+    <message>
+        <source>They were accepted already.</source>
+        <translation>Schon angenommen.</translation>
+    </message>
+    <message>
+        <source>See to the cameras that are named above.</source>
+        <translation>Die oben genannten Kameras prüfen.</translation>
+    </message>
+    <message>
+        <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
+        <translation>Zielmarken werden gesucht. Auf einem neuen Rechner dauert das erste Mal ein bis zwei Minuten.</translation>
+    </message>
+    <message>
+        <source>Not every camera has sent an image yet.</source>
+        <translation>Noch hat nicht jede Kamera ein Bild geschickt.</translation>
+    </message>
+    <message>
+        <source>Next, once this is captured.</source>
+        <translation>Weiter, sobald aufgenommen ist.</translation>
+    </message>
+    <message>
+        <source>Next, once this is captured or skipped.</source>
+        <translation>Weiter, sobald aufgenommen oder übersprungen ist.</translation>
+    </message>
+    <message>
+        <source>Capture  (space)</source>
+        <translation>Aufnehmen  (Leertaste)</translation>
+    </message>
+    <message>
+        <source>Capture without {cameras}</source>
+        <translation>Ohne {cameras} aufnehmen</translation>
+    </message>
+    <message>
+        <source>Capture anyway  (space)</source>
+        <translation>Trotzdem aufnehmen  (Leertaste)</translation>
+    </message>
+    <message>
+        <source>Capturing</source>
+        <translation>Nimmt auf</translation>
+    </message>
+    <message>
+        <source>Retake  (space)</source>
+        <translation>Neu aufnehmen  (Leertaste)</translation>
+    </message>
+    <message>
+        <source>Go on without {cameras}</source>
+        <translation>Ohne {cameras} weiter</translation>
+    </message>
+    <message>
+        <source>Captured</source>
+        <translation>Aufgenommen</translation>
+    </message>
+    <message>
+        <source>Images are being captured.</source>
+        <translation>Es wird aufgenommen.</translation>
+    </message>
+    <message>
+        <source>The dots are being found in the images; the ball may be moved already.</source>
+        <translation>Die Punkte in den Bildern werden gesucht; die Kugel darf schon bewegt werden.</translation>
+    </message>
+    <message>
+        <source>Turn or move the ball: {names} sees too little</source>
+        <translation>Kugel drehen oder versetzen: {names} sieht zu wenig</translation>
+    </message>
+    <message>
+        <source>Hold still: images are being captured</source>
+        <translation>Stillhalten: Es wird aufgenommen</translation>
+    </message>
+    <message>
+        <source>The images are there; their dots are being found</source>
+        <translation>Die Bilder sind da; ihre Punkte werden gesucht</translation>
+    </message>
+    <message>
+        <source>Captured. Press space to go on</source>
+        <translation>Aufgenommen. Leertaste: weiter</translation>
+    </message>
+    <message>
+        <source>The recording shows no targets here</source>
+        <translation>Die Aufzeichnung zeigt hier keine Zielmarken</translation>
+    </message>
+    <message>
+        <source>Recorded images. Press space to take them over</source>
+        <translation>Aufgezeichnete Bilder. Leertaste: übernehmen</translation>
+    </message>
+    <message>
+        <source>Put the ball where the cameras see it</source>
+        <translation>Die Kugel dorthin stellen, wo die Kameras sie sehen</translation>
+    </message>
+    <message>
+        <source>Move the ball, or confirm that it was turned</source>
+        <translation>Kugel bewegen, oder bestätigen, dass sie gedreht wurde</translation>
+    </message>
+    <message>
+        <source>Checking that the ball is still</source>
+        <translation>Prüft, ob die Kugel ruht</translation>
+    </message>
+    <message>
+        <source>Let the ball come to rest</source>
+        <translation>Die Kugel zur Ruhe kommen lassen</translation>
+    </message>
+    <message>
+        <source>Move the board: elsewhere, and tilted otherwise</source>
+        <translation>Die Tafel bewegen: an eine andere Stelle, anders geneigt</translation>
+    </message>
+    <message>
+        <source>Show the board to the cameras</source>
+        <translation>Die Tafel den Kameras zeigen</translation>
+    </message>
+    <message>
+        <source>Checking that the board is still</source>
+        <translation>Prüft, ob die Tafel ruht</translation>
+    </message>
+    <message>
+        <source>Hold the board still</source>
+        <translation>Die Tafel ruhig halten</translation>
+    </message>
+    <message>
+        <source>Leave the ball where it is</source>
+        <translation>Kugel stehen lassen</translation>
+    </message>
+    <message>
+        <source>Move the ball {up:.0f} mm down</source>
+        <translation>Kugel {up:.0f} mm tiefer stellen</translation>
+    </message>
+    <message>
+        <source>Move the ball {up:.0f} mm up</source>
+        <translation>Kugel {up:.0f} mm höher stellen</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera}</source>
+        <translation>Kugel {away:.0f} mm auf {camera} zu stellen</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
+        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm höher stellen</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
+        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm tiefer stellen</translation>
+    </message>
+    <message>
+        <source>tip its top {turn:.0f}° towards {camera}</source>
+        <translation>oben um {turn:.0f}° auf {camera} zu kippen</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the left, as on a turntable</source>
+        <translation>{turn:.0f}° nach links drehen wie auf einem Drehteller</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the right, as on a turntable</source>
+        <translation>{turn:.0f}° nach rechts drehen wie auf einem Drehteller</translation>
+    </message>
+    <message>
+        <source>{place}, {turn}</source>
+        <translation>{place}, {turn}</translation>
+    </message>
+    <message>
+        <source>All poses are captured</source>
+        <translation>Alle Lagen sind aufgenommen</translation>
+    </message>
+    <message>
+        <source>The recording shows no bar here</source>
+        <translation>Die Aufzeichnung zeigt hier keinen Stab</translation>
+    </message>
+    <message>
+        <source>Lay the bar where two cameras or more see it</source>
+        <translation>Den Stab so legen, dass mindestens zwei Kameras ihn sehen</translation>
+    </message>
+    <message>
+        <source>Only two cameras see the bar; three are better</source>
+        <translation>Nur zwei Kameras sehen den Stab; drei sind besser</translation>
+    </message>
+    <message>
+        <source>Ready: press space</source>
+        <translation>Bereit: Leertaste drücken</translation>
+    </message>
+    <message>
+        <source>All poses captured</source>
+        <translation>Alle Lagen aufgenommen</translation>
+    </message>
+    <message>
+        <source>Measure the bar</source>
+        <translation>Stab messen</translation>
+    </message>
+    <message>
+        <source>Measuring</source>
+        <translation>Misst</translation>
+    </message>
+    <message>
+        <source>Lengths are being measured.</source>
+        <translation>Längen werden gemessen.</translation>
+    </message>
+    <message>
+        <source>It is measured; retake a pose to measure again.</source>
+        <translation>Gemessen; eine Lage neu aufnehmen, um erneut zu messen.</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>Kalibrieren</translation>
+    </message>
+    <message>
+        <source>The last stage is coming to its end.</source>
+        <translation>Der letzte Schritt kommt zum Ende.</translation>
+    </message>
+    <message>
+        <source>Stopping</source>
+        <translation>Hält an</translation>
+    </message>
+    <message>
+        <source>Stopping: what was captured is kept</source>
+        <translation>Hält an: Die Aufnahmen bleiben erhalten</translation>
+    </message>
+    <message>
+        <source>Computing</source>
+        <translation>Rechnet</translation>
+    </message>
+    <message>
+        <source>Stopping as soon as there is a result</source>
+        <translation>Hört auf, sobald es ein Ergebnis gibt</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>Abbrechen</translation>
+    </message>
+    <message>
+        <source>Ready: {taken} of {planned} placements</source>
+        <translation>Bereit: {taken} von {planned} Aufstellungen</translation>
+    </message>
+    <message>
+        <source>It failed; what was captured is kept</source>
+        <translation>Fehlgeschlagen; die Aufnahmen bleiben erhalten</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is valid</source>
+        <translation>Fertig: Die Kalibrierung ist gültig</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is to be used with care</source>
+        <translation>Fertig: Die Kalibrierung ist mit Vorsicht zu benutzen</translation>
+    </message>
+    <message>
+        <source>See what to do</source>
+        <translation>Anzeigen, was zu tun ist</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is not valid</source>
+        <translation>Fertig: Die Kalibrierung ist nicht gültig</translation>
+    </message>
+    <message>
+        <source>Accept the result</source>
+        <translation>Ergebnis annehmen</translation>
+    </message>
+    <message>
+        <source>Reading the result</source>
+        <translation>Ergebnis wird gelesen</translation>
+    </message>
+    <message>
+        <source>The result is being read.</source>
+        <translation>Das Ergebnis wird gelesen.</translation>
+    </message>
+    <message>
+        <source>A calibration is running: wait for what comes of it.</source>
+        <translation>Eine Kalibrierung läuft: ihr Ergebnis abwarten.</translation>
+    </message>
+    <message>
+        <source>Being computed again</source>
+        <translation>Wird neu berechnet</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>Neu kalibrieren</translation>
+    </message>
+    <message>
+        <source>OUT OF DATE</source>
+        <translation>VERALTET</translation>
+    </message>
+    <message>
+        <source>It was accepted already.</source>
+        <translation>Schon angenommen.</translation>
+    </message>
+    <message>
+        <source>It is not valid: do what the findings advise.</source>
+        <translation>Nicht gültig: tun, was die Befunde raten.</translation>
+    </message>
+    <message>
+        <source>It was asked to stop.</source>
+        <translation>Das Anhalten ist verlangt.</translation>
+    </message>
+    <message>
+        <source>Write the report</source>
+        <translation>Bericht schreiben</translation>
+    </message>
+    <message>
+        <source>The calibration is out of date.</source>
+        <translation>Die Kalibrierung ist veraltet.</translation>
+    </message>
+    <message>
+        <source>Save and put to use</source>
+        <translation>Sichern und in Gebrauch nehmen</translation>
+    </message>
+    <message>
+        <source>Save in the profile</source>
+        <translation>Im Profil sichern</translation>
+    </message>
+    <message>
+        <source>Finish</source>
+        <translation>Fertig</translation>
+    </message>
+    <message>
+        <source>Writing</source>
+        <translation>Schreibt</translation>
+    </message>
+    <message>
+        <source>The calibration is not saved yet</source>
+        <translation>Die Kalibrierung ist noch nicht gesichert</translation>
+    </message>
+    <message>
+        <source>What was saved is out of date</source>
+        <translation>Was gesichert wurde, ist veraltet</translation>
+    </message>
+    <message>
+        <source>Not saved yet; its verification failed</source>
+        <translation type="unfinished">Noch nicht gesichert; Verifizierung fehlgeschlagen</translation>
+    </message>
+    <message>
+        <source>Not saved yet</source>
+        <translation>Noch nicht gesichert</translation>
+    </message>
+    <message>
+        <source>Not saved yet; not verified</source>
+        <translation>Noch nicht gesichert; nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>Saved; it is not valid</source>
+        <translation>Gesichert; sie ist nicht gültig</translation>
+    </message>
+    <message>
+        <source>Saved; its verification failed</source>
+        <translation type="unfinished">Gesichert; Verifizierung fehlgeschlagen</translation>
+    </message>
+    <message>
+        <source>Saved; not verified</source>
+        <translation>Gesichert; nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>Saved; to be used with care</source>
+        <translation>Gesichert; mit Vorsicht zu benutzen</translation>
+    </message>
+    <message>
+        <source>Saved</source>
+        <translation>Gesichert</translation>
+    </message>
+    <message>
+        <source>Checking</source>
+        <translation>Prüfung läuft</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>Prüfen</translation>
+    </message>
+    <message>
+        <source>Not done</source>
+        <translation>Nicht erledigt</translation>
+    </message>
+    <message>
+        <source>Check again</source>
+        <translation>Erneut prüfen</translation>
+    </message>
+    <message>
+        <source>Ready</source>
+        <translation>Bereit</translation>
+    </message>
+    <message>
+        <source>Recording: {sets} sets</source>
+        <translation>Aufzeichnung: {sets} Sätze</translation>
+    </message>
+    <message>
+        <source>Stop recording</source>
+        <translation>Aufzeichnung beenden</translation>
+    </message>
+    <message>
+        <source>Nothing is measured now.</source>
+        <translation>Im Moment wird nichts gemessen.</translation>
+    </message>
+    <message>
+        <source>Record</source>
+        <translation>Aufzeichnen</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
+        <translation>{seconds:.0f} s, länger als sonst ({usual:.0f} s)</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s</source>
+        <translation>{seconds:.0f} s</translation>
+    </message>
+    <message>
+        <source>{gone}, nearly done</source>
+        <translation>{gone}, fast fertig</translation>
+    </message>
+    <message>
+        <source>{gone}, about {left} s left</source>
+        <translation>{gone}, noch etwa {left} s</translation>
+    </message>
+    <message>
+        <source>{gone}, about {left} min left</source>
+        <translation>{gone}, noch etwa {left} min</translation>
     </message>
 </context>
 <context>
@@ -4050,14 +4094,6 @@ mm</translation>
         <translation>Jede Kamera ansehen: scharf, gut belichtet, nichts im Weg.</translation>
     </message>
     <message>
-        <source>Put the ball into place, let it come to rest, then press the space bar.</source>
-        <translation>Kugel aufstellen, zur Ruhe kommen lassen, dann die Leertaste drücken.</translation>
-    </message>
-    <message>
-        <source>Lay the bar that gives the scale where three cameras see it; for every pose another way.</source>
-        <translation>Den Stab, der den Maßstab gibt, dorthin legen, wo drei Kameras ihn sehen; in jeder Lage anders.</translation>
-    </message>
-    <message>
         <source>Compute the cameras from what was captured.</source>
         <translation>Die Kameras aus den Aufnahmen berechnen.</translation>
     </message>
@@ -4066,20 +4102,32 @@ mm</translation>
         <translation>Ist die Kalibrierung gut, und was würde sie verbessern?</translation>
     </message>
     <message>
-        <source>Measure the check bar: does the rig measure what its certificate says?</source>
-        <translation>Den Prüfstab messen: Misst der Aufbau, was das Zertifikat sagt?</translation>
-    </message>
-    <message>
         <source>Write the report and put the calibration to use.</source>
         <translation>Den Bericht schreiben und die Kalibrierung in Gebrauch nehmen.</translation>
     </message>
     <message>
-        <source>Does the rig still measure as it was calibrated?</source>
-        <translation>Misst der Aufbau noch so, wie er kalibriert wurde?</translation>
+        <source>One of the ball&apos;s places: the more they differ, the better.</source>
+        <translation>Einer der Orte der Kugel: je verschiedener, desto besser.</translation>
+    </message>
+    <message>
+        <source>The bar that gives the scale, turned another way for every pose.</source>
+        <translation>Der Stab, der den Maßstab gibt, in jeder Lage anders gedreht.</translation>
+    </message>
+    <message>
+        <source>Does it measure right? Measure the check bar and compare with its certificate.</source>
+        <translation>Misst der Aufbau richtig? Den Prüfstab messen und mit seinem Zertifikat vergleichen.</translation>
+    </message>
+    <message>
+        <source>Has a camera moved since the calibration? One placement of the ball shows it.</source>
+        <translation>Hat sich seit der Kalibrierung eine Kamera bewegt? Eine Aufstellung der Kugel zeigt es.</translation>
     </message>
     <message>
         <source>Carry a bar through the volume, or choose points and read their distance.</source>
         <translation>Einen Stab durch das Volumen tragen, oder Punkte wählen und ihren Abstand ablesen.</translation>
+    </message>
+    <message>
+        <source>not captured</source>
+        <translation>nicht aufgenommen</translation>
     </message>
     <message>
         <source>not yet</source>
@@ -4317,10 +4365,6 @@ mm</translation>
         <translation>n</translation>
     </message>
     <message>
-        <source>mean E, mm</source>
-        <translation>mittl. E, mm</translation>
-    </message>
-    <message>
         <source>sd, mm</source>
         <translation>s, mm</translation>
     </message>
@@ -4329,8 +4373,12 @@ mm</translation>
         <translation>größte, mm</translation>
     </message>
     <message>
-        <source>U, mm</source>
-        <translation>U, mm</translation>
+        <source>mean error, mm</source>
+        <translation>mittlerer Fehler, mm</translation>
+    </message>
+    <message>
+        <source>±, mm</source>
+        <translation>±, mm</translation>
     </message>
     <message>
         <source>limit, mm</source>
@@ -4464,8 +4512,8 @@ mm</translation>
         <translation>unentschieden</translation>
     </message>
     <message>
-        <source>Grey: what the uncertainty of each error allows (k = {k:.1f}).</source>
-        <translation>Grau: was die Unsicherheit jeder Abweichung zulässt (k = {k:.1f}).</translation>
+        <source>Grey: what the uncertainty of each error allows.</source>
+        <translation>Grau: was die Unsicherheit jedes Fehlers zulässt.</translation>
     </message>
     <message>
         <source>Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.</source>
@@ -4539,24 +4587,12 @@ mm</translation>
 <context>
     <name>VerifyPage</name>
     <message>
-        <source>Measuring</source>
-        <translation>Misst</translation>
-    </message>
-    <message>
         <source>Locked: the responsible person sets this limit (Menu, Limits).</source>
         <translation>Gesperrt: Die verantwortliche Person stellt diese Grenze ein (Menü, Grenzwerte).</translation>
     </message>
     <message>
-        <source>The lengths are being measured.</source>
-        <translation>Die Längen werden gemessen.</translation>
-    </message>
-    <message>
-        <source>Measure the bar</source>
-        <translation>Stab messen</translation>
-    </message>
-    <message>
-        <source>Where</source>
-        <translation>Wo</translation>
+        <source>In space</source>
+        <translation>Im Raum</translation>
     </message>
     <message>
         <source>Images</source>
@@ -4619,24 +4655,15 @@ mm</translation>
         <translation>Noch nicht aufgenommen.</translation>
     </message>
     <message>
-        <source>Work is running.</source>
-        <translation>Es wird gearbeitet.</translation>
-    </message>
-    <message>
         <source>No pose is captured yet.</source>
         <translation>Noch keine Lage aufgenommen.</translation>
     </message>
+</context>
+<context>
+    <name>Wall</name>
     <message>
-        <source>Hold still: images are being captured</source>
-        <translation>Stillhalten: Bilder werden aufgenommen</translation>
-    </message>
-    <message>
-        <source>It is measured; retake a pose to measure again.</source>
-        <translation>Gemessen; eine Lage neu aufnehmen, um erneut zu messen.</translation>
-    </message>
-    <message>
-        <source>The bar is being looked for.</source>
-        <translation>Der Stab wird gesucht.</translation>
+        <source>All cameras  (Esc)</source>
+        <translation>Alle Kameras  (Esc)</translation>
     </message>
 </context>
 <context>
@@ -4661,12 +4688,20 @@ mm</translation>
         <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
     </message>
     <message>
+        <source>Imported. Assumed: {what}.</source>
+        <translation>Importiert. Angenommen: {what}.</translation>
+    </message>
+    <message>
         <source>There is no command yet: calibrate first.</source>
         <translation>Es gibt noch keinen Befehl: zuerst kalibrieren.</translation>
     </message>
     <message>
         <source>Copied.</source>
         <translation>Kopiert.</translation>
+    </message>
+    <message>
+        <source>Opening</source>
+        <translation>Wird geöffnet</translation>
     </message>
     <message>
         <source>not connected</source>

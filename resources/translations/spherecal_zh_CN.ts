@@ -91,34 +91,7 @@
     </message>
 </context>
 <context>
-    <name>BarView</name>
-    <message>
-        <source>From above</source>
-        <translation>俯视</translation>
-    </message>
-    <message>
-        <source>From the front</source>
-        <translation>正视</translation>
-    </message>
-</context>
-<context>
     <name>Bars</name>
-    <message>
-        <source>Hold still: images are being captured</source>
-        <translation>请保持静止：正在拍摄</translation>
-    </message>
-    <message>
-        <source>{name} is captured</source>
-        <translation>{name} 已拍摄</translation>
-    </message>
-    <message>
-        <source>Lay the bar where two cameras or more see it</source>
-        <translation>将基准尺放在至少两台相机可见之处</translation>
-    </message>
-    <message>
-        <source>Only two cameras see the bar; three are better</source>
-        <translation>仅两台相机看到基准尺；三台更好</translation>
-    </message>
     <message>
         <source>Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}</source>
         <translation>将基准尺 {bar} 转动 {deg:.0f}°：从 {first} 附近到 {last} 附近</translation>
@@ -150,6 +123,10 @@
     <message>
         <source>Move bar {bar} {mm:.0f} mm towards {camera}</source>
         <translation>将基准尺 {bar} 向 {camera} 移动 {mm:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Pose {number} of {count}</source>
+        <translation>姿态 {number}/{count}</translation>
     </message>
 </context>
 <context>
@@ -590,18 +567,6 @@
 <context>
     <name>Calibrate</name>
     <message>
-        <source>estimating the time</source>
-        <translation>正在估计时间</translation>
-    </message>
-    <message>
-        <source>about {seconds} s left</source>
-        <translation>约剩 {seconds} 秒</translation>
-    </message>
-    <message>
-        <source>about {minutes} min left</source>
-        <translation>约剩 {minutes} 分钟</translation>
-    </message>
-    <message>
         <source>The calibration is finished: {verdict}.</source>
         <translation>标定完成：{verdict}。</translation>
     </message>
@@ -693,38 +658,6 @@
         <translation>未拍摄</translation>
     </message>
     <message>
-        <source>Stopping: what was captured is kept</source>
-        <translation>正在停止：已拍摄的内容保留</translation>
-    </message>
-    <message>
-        <source>Stopping as soon as there is a result</source>
-        <translation>一有结果就停止</translation>
-    </message>
-    <message>
-        <source>Computing</source>
-        <translation>正在计算</translation>
-    </message>
-    <message>
-        <source>Done: the calibration is valid</source>
-        <translation>完成：标定有效</translation>
-    </message>
-    <message>
-        <source>Done: the calibration is to be used with care</source>
-        <translation>完成：标定需谨慎使用</translation>
-    </message>
-    <message>
-        <source>Done: the calibration is not valid</source>
-        <translation>完成：标定无效</translation>
-    </message>
-    <message>
-        <source>Ready: {taken} of {planned} placements</source>
-        <translation>就绪：{taken}/{planned} 次摆放</translation>
-    </message>
-    <message>
-        <source>It failed; what was captured is kept</source>
-        <translation>失败；已拍摄的内容保留</translation>
-    </message>
-    <message>
         <source>The last calibration is valid and would be lost: cancel instead.</source>
         <translation>上一次标定有效，会被覆盖：请改用取消。</translation>
     </message>
@@ -737,36 +670,12 @@
         <translation>一有可看的结果就结束。这样的结果无效。</translation>
     </message>
     <message>
-        <source>Stopping</source>
-        <translation>正在停止</translation>
-    </message>
-    <message>
-        <source>The last stage is coming to its end.</source>
-        <translation>最后阶段即将结束。</translation>
-    </message>
-    <message>
-        <source>Cancel</source>
-        <translation>取消</translation>
-    </message>
-    <message>
-        <source>Calibrate</source>
-        <translation>标定</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>正在运行。</translation>
-    </message>
-    <message>
         <source>Done when the line falls no more. Each adjustment goes on where the one before ended.</source>
         <translation>曲线不再下降即完成。每次平差从上一次结束处继续。</translation>
     </message>
     <message>
         <source>With the paper&apos;s method lengths are less certain. The report names the method.</source>
         <translation>用论文的方法时长度的不确定度更大。报告会注明所用方法。</translation>
-    </message>
-    <message>
-        <source>See what to do</source>
-        <translation>查看应如何处理</translation>
     </message>
     <message>
         <source>Calibrate again</source>
@@ -1126,32 +1035,8 @@ px</translation>
         <translation>未经基准尺验证，限值不允许启用：请标定系统并验证。</translation>
     </message>
     <message>
-        <source>Checking</source>
-        <translation>正在检查</translation>
-    </message>
-    <message>
         <source>Check again to see the numbers.</source>
         <translation>再次检查以查看数值。</translation>
-    </message>
-    <message>
-        <source>Ready</source>
-        <translation>就绪</translation>
-    </message>
-    <message>
-        <source>Not done</source>
-        <translation>未完成</translation>
-    </message>
-    <message>
-        <source>Cancel</source>
-        <translation>取消</translation>
-    </message>
-    <message>
-        <source>Check</source>
-        <translation>检查</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>正在运行。</translation>
     </message>
     <message>
         <source>Check again</source>
@@ -1359,26 +1244,6 @@ px</translation>
         <source>Description of the bench</source>
         <translation>器具描述</translation>
     </message>
-    <message>
-        <source>Bench confirmed</source>
-        <translation>器具已确认</translation>
-    </message>
-    <message>
-        <source>Yes, this matches</source>
-        <translation>是，一致</translation>
-    </message>
-    <message>
-        <source>The cameras are being looked for.</source>
-        <translation>正在查找相机。</translation>
-    </message>
-    <message>
-        <source>There are no cameras yet.</source>
-        <translation>尚无相机。</translation>
-    </message>
-    <message>
-        <source>It was confirmed already.</source>
-        <translation>已确认。</translation>
-    </message>
 </context>
 <context>
     <name>ConvergenceChart</name>
@@ -1387,8 +1252,8 @@ px</translation>
         <translation>迭代</translation>
     </message>
     <message>
-        <source>cost, as a share of the first</source>
-        <translation>代价，占首次的份额</translation>
+        <source>misfit, 1 at the start</source>
+        <translation>偏差，起始为 1</translation>
     </message>
 </context>
 <context>
@@ -1743,58 +1608,6 @@ px</translation>
 <context>
     <name>Guidance</name>
     <message>
-        <source>Leave the ball where it is</source>
-        <translation>球保持原位</translation>
-    </message>
-    <message>
-        <source>Move the ball {away:.0f} mm towards {camera}</source>
-        <translation>将球向 {camera} 移动 {away:.0f} mm</translation>
-    </message>
-    <message>
-        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
-        <translation>将球向 {camera} 移动 {away:.0f} mm 并升高 {up:.0f} mm</translation>
-    </message>
-    <message>
-        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
-        <translation>将球向 {camera} 移动 {away:.0f} mm 并降低 {up:.0f} mm</translation>
-    </message>
-    <message>
-        <source>tip its top {turn:.0f}° towards {camera}</source>
-        <translation>顶部朝 {camera} 倾转 {turn:.0f}°</translation>
-    </message>
-    <message>
-        <source>turn it {turn:.0f}° to the left, as on a turntable</source>
-        <translation>像转盘一样向左转 {turn:.0f}°</translation>
-    </message>
-    <message>
-        <source>turn it {turn:.0f}° to the right, as on a turntable</source>
-        <translation>像转盘一样向右转 {turn:.0f}°</translation>
-    </message>
-    <message>
-        <source>{place}, {turn}.</source>
-        <translation>{place}，{turn}。</translation>
-    </message>
-    <message>
-        <source>Enough.</source>
-        <translation>已经足够。</translation>
-    </message>
-    <message>
-        <source>Any place where the cameras see it well, turned, will do.</source>
-        <translation>转动球后，放在任何相机看得清的位置都可以。</translation>
-    </message>
-    <message>
-        <source>In place</source>
-        <translation>已到位</translation>
-    </message>
-    <message>
-        <source>{away:.0f} mm to go</source>
-        <translation>还差 {away:.0f} mm</translation>
-    </message>
-    <message>
-        <source>{away:.0f} mm and {turn:.0f}° to go</source>
-        <translation>还差 {away:.0f} mm 和 {turn:.0f}°</translation>
-    </message>
-    <message>
         <source>If you stop now: being worked out</source>
         <translation>若现在停止：正在计算</translation>
     </message>
@@ -1933,6 +1746,61 @@ px</translation>
     <message>
         <source>Save a support bundle</source>
         <translation>保存支持包</translation>
+    </message>
+</context>
+<context>
+    <name>ImportDialog</name>
+    <message>
+        <source>Import images</source>
+        <translation>导入图像</translation>
+    </message>
+    <message>
+        <source>not known</source>
+        <translation>未知</translation>
+    </message>
+    <message>
+        <source>Diameter of the ball</source>
+        <translation>球的直径</translation>
+    </message>
+    <message>
+        <source>They show a board, not the ball</source>
+        <translation>图像显示的是标定板，不是球</translation>
+    </message>
+    <message>
+        <source>The images are copied. Lenses that the images do not name are assumed.</source>
+        <translation>图像将被复制。图像未注明的镜头按假定值处理。</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>取消</translation>
+    </message>
+    <message>
+        <source>Import</source>
+        <translation>导入</translation>
+    </message>
+    <message>
+        <source>Folder</source>
+        <translation>文件夹</translation>
+    </message>
+    <message>
+        <source>Read as</source>
+        <translation>读作</translation>
+    </message>
+    <message>
+        <source>Cameras: {count}</source>
+        <translation>相机：{count}</translation>
+    </message>
+    <message>
+        <source>Placements: {count}</source>
+        <translation>摆放：{count}</translation>
+    </message>
+    <message>
+        <source>Left out: {count}</source>
+        <translation>已略去：{count}</translation>
+    </message>
+    <message>
+        <source>Importing</source>
+        <translation>正在导入</translation>
     </message>
 </context>
 <context>
@@ -2186,12 +2054,8 @@ px</translation>
         <translation>{camera} 失焦。</translation>
     </message>
     <message>
-        <source>Focus {blur:.1f} px</source>
-        <translation>清晰度 {blur:.1f} px</translation>
-    </message>
-    <message>
-        <source>brightness {share} %</source>
-        <translation>亮度 {share} %</translation>
+        <source>All {count} cameras: sharp, dots found.</source>
+        <translation>全部 {count} 台相机：清晰，已找到圆点。</translation>
     </message>
     <message>
         <source>Only these moved: {names}.</source>
@@ -2218,6 +2082,10 @@ px</translation>
         <translation>{ms:g} ms</translation>
     </message>
     <message>
+        <source>sharp</source>
+        <translation>清晰</translation>
+    </message>
+    <message>
         <source>Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it.</source>
         <translation>仍在升温（每分钟 °C）：{rates}。请等到低于 0.1：镜头会随之移动。</translation>
     </message>
@@ -2236,10 +2104,6 @@ px</translation>
     <message>
         <source>Could be better: {names}.</source>
         <translation>尚可改进：{names}。</translation>
-    </message>
-    <message>
-        <source>All {count} cameras are sharp and well lit.</source>
-        <translation>全部 {count} 台相机清晰且曝光良好。</translation>
     </message>
     <message>
         <source>Not as wanted: {names}. Their driver took the nearest setting.</source>
@@ -2312,30 +2176,6 @@ px</translation>
         <source>There are no masks.</source>
         <translation>没有遮挡。</translation>
     </message>
-    <message>
-        <source>The images are good</source>
-        <translation>图像良好</translation>
-    </message>
-    <message>
-        <source>Use the images as they are</source>
-        <translation>按现状使用图像</translation>
-    </message>
-    <message>
-        <source>They were accepted already.</source>
-        <translation>已接受。</translation>
-    </message>
-    <message>
-        <source>See to the cameras that are named above.</source>
-        <translation>请检查上面列出的相机。</translation>
-    </message>
-    <message>
-        <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
-        <translation>正在查找靶标。在新电脑上首次需要一两分钟。</translation>
-    </message>
-    <message>
-        <source>Not every camera has sent an image yet.</source>
-        <translation>尚有相机未传来图像。</translation>
-    </message>
 </context>
 <context>
     <name>MakersDialog</name>
@@ -2370,6 +2210,10 @@ px</translation>
 </context>
 <context>
     <name>Measure</name>
+    <message>
+        <source>{name}: off by {deviation}</source>
+        <translation>{name}：偏差 {deviation}</translation>
+    </message>
     <message>
         <source>Choose two points for their distance, three for the angle at the second.</source>
         <translation>选两个点得到距离，选三个点得到第二个点处的角度。</translation>
@@ -2430,28 +2274,12 @@ px</translation>
         <translation>测得</translation>
     </message>
     <message>
-        <source>± (k = 2)</source>
-        <translation>±（k = 2）</translation>
+        <source>± (95 %)</source>
+        <translation>±（95 %）</translation>
     </message>
     <message>
         <source>off its nominal value</source>
         <translation>与标称值之差</translation>
-    </message>
-    <message>
-        <source>Recording: {sets} sets</source>
-        <translation>正在记录：{sets} 组</translation>
-    </message>
-    <message>
-        <source>Stop recording</source>
-        <translation>停止记录</translation>
-    </message>
-    <message>
-        <source>Record</source>
-        <translation>记录</translation>
-    </message>
-    <message>
-        <source>Nothing is measured now.</source>
-        <translation>当前没有测量。</translation>
     </message>
     <message>
         <source>{sets} sets recorded in {folder}.</source>
@@ -2459,58 +2287,7 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>Pace</name>
-    <message>
-        <source>{seconds:.0f} s</source>
-        <translation>{seconds:.0f} s</translation>
-    </message>
-    <message>
-        <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
-        <translation>{seconds:.0f} s，比平时长（{usual:.0f} s）</translation>
-    </message>
-    <message>
-        <source>{seconds:.0f} s of about {usual:.0f} s</source>
-        <translation>{seconds:.0f} s / 约 {usual:.0f} s</translation>
-    </message>
-</context>
-<context>
     <name>Placement</name>
-    <message>
-        <source>Hold still: images are being captured</source>
-        <translation>请保持静止：正在拍摄</translation>
-    </message>
-    <message>
-        <source>Captured. Press space to go on</source>
-        <translation>已拍摄。按空格键继续</translation>
-    </message>
-    <message>
-        <source>{names} sends no images</source>
-        <translation>{names} 未传来图像</translation>
-    </message>
-    <message>
-        <source>Put the ball where the cameras see it</source>
-        <translation>把球放到相机可见之处</translation>
-    </message>
-    <message>
-        <source>Turn or move the ball: {names} sees too little</source>
-        <translation>请转动或移动球：{names} 看到的太少</translation>
-    </message>
-    <message>
-        <source>Move the ball, or confirm that it was turned</source>
-        <translation>请移动球，或确认球已转动</translation>
-    </message>
-    <message>
-        <source>Checking that the ball is still</source>
-        <translation>正在确认球是否静止</translation>
-    </message>
-    <message>
-        <source>Let the ball come to rest</source>
-        <translation>让球静止下来</translation>
-    </message>
-    <message>
-        <source>Move the ball to its ghost</source>
-        <translation>将球移到虚影处</translation>
-    </message>
     <message>
         <source>Ready: {names} sees little here, but enough elsewhere</source>
         <translation>就绪：{names} 此处看到的点少，但其他位置已足够</translation>
@@ -2595,22 +2372,6 @@ px</translation>
         <source>{name} is captured.</source>
         <translation>{name} 已拍摄。</translation>
     </message>
-    <message>
-        <source>Show the board to the cameras</source>
-        <translation>把标定板展示给相机</translation>
-    </message>
-    <message>
-        <source>Move the board: elsewhere, and tilted otherwise</source>
-        <translation>移动标定板：换个位置，换个倾角</translation>
-    </message>
-    <message>
-        <source>Checking that the board is still</source>
-        <translation>正在检查标定板是否静止</translation>
-    </message>
-    <message>
-        <source>Hold the board still</source>
-        <translation>保持标定板静止</translation>
-    </message>
 </context>
 <context>
     <name>PlacementPage</name>
@@ -2641,6 +2402,14 @@ px</translation>
     <message>
         <source>One more placement</source>
         <translation>再增一次摆放</translation>
+    </message>
+    <message>
+        <source>Expected error on 500 mm (95 %).</source>
+        <translation>500 mm 上的预期误差（95 %）。</translation>
+    </message>
+    <message>
+        <source>Enough: one more placement would not be worth it.</source>
+        <translation>已足够：再多摆放一次没有明显好处。</translation>
     </message>
     <message>
         <source>It was turned</source>
@@ -2691,80 +2460,20 @@ px</translation>
         <translation>练习：将仿真球移到应放的位置。</translation>
     </message>
     <message>
-        <source>Expected error on 500 mm (95 %); the picture is seen from above.</source>
-        <translation>500 mm 的预期误差（95 %）；图为俯视。</translation>
-    </message>
-    <message>
         <source>In space</source>
         <translation>三维</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>正在运行。</translation>
-    </message>
-    <message>
-        <source>This placement is not captured yet.</source>
-        <translation>此次摆放尚未拍摄。</translation>
     </message>
     <message>
         <source>Skip this placement</source>
         <translation>跳过此次摆放</translation>
     </message>
     <message>
-        <source>Nothing was deleted.</source>
-        <translation>没有删除任何内容。</translation>
-    </message>
-    <message>
         <source>Undo {name}</source>
         <translation>撤销 {name}</translation>
     </message>
     <message>
-        <source>Cameras that see enough</source>
-        <translation>观测充足的相机</translation>
-    </message>
-    <message>
         <source>Working out where the ball should go next: {seconds:.0f} s</source>
         <translation>正在计算球的下一个位置：{seconds:.0f} s</translation>
-    </message>
-    <message>
-        <source>Where next</source>
-        <translation>下一位置</translation>
-    </message>
-    <message>
-        <source>Captured</source>
-        <translation>已拍摄</translation>
-    </message>
-    <message>
-        <source>Capture  (space)</source>
-        <translation>拍摄（空格键）</translation>
-    </message>
-    <message>
-        <source>Capture anyway  (space)</source>
-        <translation>仍然拍摄（空格键）</translation>
-    </message>
-    <message>
-        <source>Capture without {cameras}</source>
-        <translation>不用 {cameras} 拍摄</translation>
-    </message>
-    <message>
-        <source>Capturing</source>
-        <translation>正在拍摄</translation>
-    </message>
-    <message>
-        <source>Images are being captured.</source>
-        <translation>正在拍摄。</translation>
-    </message>
-    <message>
-        <source>Retake  (space)</source>
-        <translation>重拍（空格键）</translation>
-    </message>
-    <message>
-        <source>It is captured; Retake replaces it.</source>
-        <translation>已拍摄；可用“重拍”替换。</translation>
-    </message>
-    <message>
-        <source>The cameras are not connected.</source>
-        <translation>相机未连接。</translation>
     </message>
 </context>
 <context>
@@ -2941,8 +2650,8 @@ px</translation>
         <translation>正在运行；请等待或取消。</translation>
     </message>
     <message>
-        <source>No images from {names}.</source>
-        <translation>{names} 没有图像。</translation>
+        <source>No images from {names}: check cable, power and network.</source>
+        <translation>{names} 未传来图像：请检查电缆、电源和网络。</translation>
     </message>
     <message>
         <source>Captured without {names}: retake it.</source>
@@ -2977,6 +2686,10 @@ px</translation>
         <translation>系统略有变化：请留意。</translation>
     </message>
     <message>
+        <source>The project&apos;s folder {folder} is gone. Put it back, or begin anew on the start page.</source>
+        <translation>项目文件夹 {folder} 已不存在。请恢复，或在起始页重新开始。</translation>
+    </message>
+    <message>
         <source>{have} of at least {need} placements are captured.</source>
         <translation>至少需 {need} 次摆放，已拍摄 {have} 次。</translation>
     </message>
@@ -3004,8 +2717,8 @@ px</translation>
         <translation>无残差</translation>
     </message>
     <message>
-        <source>{name}: arrows {gain:.0f} times, 95 % shorter than {usual:.3f} px, {out} left out</source>
-        <translation>{name}：箭头放大 {gain:.0f} 倍，95 % 短于 {usual:.3f} px，剔除 {out} 个</translation>
+        <source>{name}: errors drawn {gain:.0f} times larger, most below {usual:.3f} px; {out} dots left out</source>
+        <translation>{name}：误差放大 {gain:.0f} 倍绘制，多数小于 {usual:.3f} px；略去 {out} 个圆点</translation>
     </message>
 </context>
 <context>
@@ -3023,12 +2736,8 @@ px</translation>
         <translation>{placed}/{all} 台相机已定位；图像一致性 {rms:.3f} px。</translation>
     </message>
     <message>
-        <source>Expected error on {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.</source>
-        <translation>{length:.0f} mm 的预期误差（k = {k:.0f}）：{mm:.3f} mm。</translation>
-    </message>
-    <message>
-        <source>Expected error on {length:.0f} mm (95 %): {mm:.3f} mm.</source>
-        <translation>{length:.0f} mm 的预期误差（95 %）：{mm:.3f} mm。</translation>
+        <source>A length of {length:.0f} mm is measured to {mm:.3f} mm (95 %).</source>
+        <translation>{length:.0f} mm 的长度可测准至 {mm:.3f} mm（95 %）。</translation>
     </message>
     <message>
         <source>NOT VALID</source>
@@ -3190,14 +2899,6 @@ mm</translation>
         <translation>剔除该相机</translation>
     </message>
     <message>
-        <source>Reading the result</source>
-        <translation>正在读取结果</translation>
-    </message>
-    <message>
-        <source>OUT OF DATE</source>
-        <translation>已过期</translation>
-    </message>
-    <message>
         <source>not placed</source>
         <translation>未定位</translation>
     </message>
@@ -3212,30 +2913,6 @@ mm</translation>
     <message>
         <source>Choose one image on the left first.</source>
         <translation>请先在左侧选择一幅图像。</translation>
-    </message>
-    <message>
-        <source>Accept the result</source>
-        <translation>接受结果</translation>
-    </message>
-    <message>
-        <source>The result is being read.</source>
-        <translation>正在读取结果。</translation>
-    </message>
-    <message>
-        <source>It was accepted already.</source>
-        <translation>已接受。</translation>
-    </message>
-    <message>
-        <source>Calibrate again</source>
-        <translation>重新标定</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>正在运行。</translation>
-    </message>
-    <message>
-        <source>It is not valid: do what the findings advise.</source>
-        <translation>无效：请按检查结果建议处理。</translation>
     </message>
 </context>
 <context>
@@ -3391,60 +3068,8 @@ mm</translation>
         <translation>仿真系统有自己的档案：绝不会当作真实系统的标定。</translation>
     </message>
     <message>
-        <source>Writing</source>
-        <translation>正在写入</translation>
-    </message>
-    <message>
-        <source>The calibration is not saved yet</source>
-        <translation>标定尚未保存</translation>
-    </message>
-    <message>
-        <source>Saved; it is not valid</source>
-        <translation>已保存；无效</translation>
-    </message>
-    <message>
-        <source>Saved; its verification failed</source>
-        <translation>已保存；验证未通过</translation>
-    </message>
-    <message>
-        <source>Saved; not verified</source>
-        <translation>已保存；未验证</translation>
-    </message>
-    <message>
-        <source>Saved; to be used with care</source>
-        <translation>已保存；请谨慎使用</translation>
-    </message>
-    <message>
-        <source>Saved</source>
-        <translation>已保存</translation>
-    </message>
-    <message>
-        <source>Not saved yet; its verification failed</source>
-        <translation>尚未保存；验证未通过</translation>
-    </message>
-    <message>
-        <source>Finish</source>
-        <translation>完成</translation>
-    </message>
-    <message>
-        <source>What was saved is out of date</source>
-        <translation>已保存的内容已过期</translation>
-    </message>
-    <message>
-        <source>Not saved yet</source>
-        <translation>尚未保存</translation>
-    </message>
-    <message>
-        <source>Not saved yet; not verified</source>
-        <translation>尚未保存；未验证</translation>
-    </message>
-    <message>
         <source>Exports are given in: {frame}.</source>
         <translation>导出所用坐标系：{frame}。</translation>
-    </message>
-    <message>
-        <source>Save and put to use</source>
-        <translation>保存并启用</translation>
     </message>
     <message>
         <source>Work is running.</source>
@@ -3478,10 +3103,6 @@ mm</translation>
         <source>Copied.</source>
         <translation>已复制。</translation>
     </message>
-    <message>
-        <source>Write the report</source>
-        <translation>生成报告</translation>
-    </message>
 </context>
 <context>
     <name>ScalePage</name>
@@ -3492,26 +3113,6 @@ mm</translation>
     <message>
         <source>No pose is captured yet.</source>
         <translation>尚未拍摄任何位姿。</translation>
-    </message>
-    <message>
-        <source>All poses captured</source>
-        <translation>所有位姿已拍摄</translation>
-    </message>
-    <message>
-        <source>Every pose is there.</source>
-        <translation>所有位姿齐全。</translation>
-    </message>
-    <message>
-        <source>Capture {pose}  (space)</source>
-        <translation>拍摄 {pose}（空格键）</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>正在运行。</translation>
-    </message>
-    <message>
-        <source>The cameras are not connected.</source>
-        <translation>相机未连接。</translation>
     </message>
 </context>
 <context>
@@ -3553,12 +3154,8 @@ mm</translation>
         <translation>长度误差 {error:+.3f} mm</translation>
     </message>
     <message>
-        <source>Uncertainty {u:.3f} mm (k = 2)</source>
-        <translation>不确定度 {u:.3f} mm (k = 2)</translation>
-    </message>
-    <message>
-        <source>Uncertainty {u:.3f} mm (k = {k:.0f})</source>
-        <translation>不确定度 {u:.3f} mm (k = {k:.0f})</translation>
+        <source>Uncertainty {u:.3f} mm (95 %)</source>
+        <translation>不确定度 {u:.3f} mm（95 %）</translation>
     </message>
     <message>
         <source>Residual {px:.3f} px rms</source>
@@ -3601,8 +3198,8 @@ mm</translation>
         <translation>基准尺：绿色在不确定度内，红色超出</translation>
     </message>
     <message>
-        <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
-        <translation>{length:.0f} mm 的不确定度，mm (k = {k:.0f})</translation>
+        <source>Uncertainty of {length:.0f} mm, mm (95 %)</source>
+        <translation>{length:.0f} mm 的不确定度，mm（95 %）</translation>
     </message>
     <message>
         <source>Residuals of the dots, px</source>
@@ -3717,8 +3314,8 @@ mm</translation>
         <translation>扩展网络</translation>
     </message>
     <message>
-        <source>First adjustment, blunders damped</source>
-        <translation>初次平差，抑制粗差</translation>
+        <source>First adjustment</source>
+        <translation>首次平差</translation>
     </message>
     <message>
         <source>Checking each camera&apos;s pose</source>
@@ -3907,10 +3504,6 @@ mm</translation>
         <translation>检查</translation>
     </message>
     <message>
-        <source>Is the calibration in use still good? One minute, one placement.</source>
-        <translation>启用中的标定是否仍然有效？一分钟，一次摆放。</translation>
-    </message>
-    <message>
         <source>no calibration in use</source>
         <translation>没有启用中的标定</translation>
     </message>
@@ -3951,16 +3544,20 @@ mm</translation>
         <translation>验证</translation>
     </message>
     <message>
-        <source>Measure the check bar with the calibration in use, and print the result.</source>
-        <translation>用启用中的标定测量检验尺，并打印结果。</translation>
-    </message>
-    <message>
         <source>Bench, bars and balls</source>
         <translation>器具、基准尺和球</translation>
     </message>
     <message>
         <source>Verify the rig</source>
         <translation>验证系统</translation>
+    </message>
+    <message>
+        <source>Has a camera moved since? One minute, one placement of the ball.</source>
+        <translation>此后是否有相机移动？一分钟，摆放一次球。</translation>
+    </message>
+    <message>
+        <source>Does the rig measure right? The check bar is measured, and the result printed.</source>
+        <translation>装置测量是否正确？测量检验杆并打印结果。</translation>
     </message>
     <message>
         <source>Train on a simulated rig</source>
@@ -3997,6 +3594,453 @@ mm</translation>
     <message>
         <source>ChArUco, AprilGrid, chessboard or circles; no ball is needed.</source>
         <translation>ChArUco、AprilGrid、棋盘格或圆点；不需要球。</translation>
+    </message>
+</context>
+<context>
+    <name>State</name>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>相机未连接。</translation>
+    </message>
+    <message>
+        <source>The cameras are being looked for.</source>
+        <translation>正在查找相机。</translation>
+    </message>
+    <message>
+        <source>There are no cameras yet.</source>
+        <translation>尚无相机。</translation>
+    </message>
+    <message>
+        <source>It was confirmed already.</source>
+        <translation>已确认。</translation>
+    </message>
+    <message>
+        <source>Bench confirmed</source>
+        <translation>器具已确认</translation>
+    </message>
+    <message>
+        <source>Yes, this matches</source>
+        <translation>是，一致</translation>
+    </message>
+    <message>
+        <source>The images are good</source>
+        <translation>图像良好</translation>
+    </message>
+    <message>
+        <source>Use the images as they are</source>
+        <translation>按现状使用图像</translation>
+    </message>
+    <message>
+        <source>They were accepted already.</source>
+        <translation>已接受。</translation>
+    </message>
+    <message>
+        <source>See to the cameras that are named above.</source>
+        <translation>请检查上面列出的相机。</translation>
+    </message>
+    <message>
+        <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
+        <translation>正在查找靶标。在新电脑上首次需要一两分钟。</translation>
+    </message>
+    <message>
+        <source>Not every camera has sent an image yet.</source>
+        <translation>尚有相机未传来图像。</translation>
+    </message>
+    <message>
+        <source>Next, once this is captured.</source>
+        <translation>拍摄之后可继续。</translation>
+    </message>
+    <message>
+        <source>Next, once this is captured or skipped.</source>
+        <translation>拍摄或跳过之后可继续。</translation>
+    </message>
+    <message>
+        <source>Capture  (space)</source>
+        <translation>拍摄（空格键）</translation>
+    </message>
+    <message>
+        <source>Capture without {cameras}</source>
+        <translation>不用 {cameras} 拍摄</translation>
+    </message>
+    <message>
+        <source>Capture anyway  (space)</source>
+        <translation>仍然拍摄（空格键）</translation>
+    </message>
+    <message>
+        <source>Capturing</source>
+        <translation>正在拍摄</translation>
+    </message>
+    <message>
+        <source>Retake  (space)</source>
+        <translation>重拍（空格键）</translation>
+    </message>
+    <message>
+        <source>Go on without {cameras}</source>
+        <translation>不用 {cameras} 继续</translation>
+    </message>
+    <message>
+        <source>Captured</source>
+        <translation>已拍摄</translation>
+    </message>
+    <message>
+        <source>Images are being captured.</source>
+        <translation>正在拍摄。</translation>
+    </message>
+    <message>
+        <source>The dots are being found in the images; the ball may be moved already.</source>
+        <translation>正在图像中寻找圆点；球已可移动。</translation>
+    </message>
+    <message>
+        <source>Turn or move the ball: {names} sees too little</source>
+        <translation>请转动或移动球：{names} 看到的太少</translation>
+    </message>
+    <message>
+        <source>Hold still: images are being captured</source>
+        <translation>请保持静止：正在拍摄</translation>
+    </message>
+    <message>
+        <source>The images are there; their dots are being found</source>
+        <translation>图像已拍好；正在寻找圆点</translation>
+    </message>
+    <message>
+        <source>Captured. Press space to go on</source>
+        <translation>已拍摄。按空格键继续</translation>
+    </message>
+    <message>
+        <source>The recording shows no targets here</source>
+        <translation>录制内容在此没有显示标志</translation>
+    </message>
+    <message>
+        <source>Recorded images. Press space to take them over</source>
+        <translation>录制的图像。按空格键采用</translation>
+    </message>
+    <message>
+        <source>Put the ball where the cameras see it</source>
+        <translation>把球放到相机可见之处</translation>
+    </message>
+    <message>
+        <source>Move the ball, or confirm that it was turned</source>
+        <translation>请移动球，或确认球已转动</translation>
+    </message>
+    <message>
+        <source>Checking that the ball is still</source>
+        <translation>正在确认球是否静止</translation>
+    </message>
+    <message>
+        <source>Let the ball come to rest</source>
+        <translation>让球静止下来</translation>
+    </message>
+    <message>
+        <source>Move the board: elsewhere, and tilted otherwise</source>
+        <translation>移动标定板：换个位置，换个倾角</translation>
+    </message>
+    <message>
+        <source>Show the board to the cameras</source>
+        <translation>把标定板展示给相机</translation>
+    </message>
+    <message>
+        <source>Checking that the board is still</source>
+        <translation>正在检查标定板是否静止</translation>
+    </message>
+    <message>
+        <source>Hold the board still</source>
+        <translation>保持标定板静止</translation>
+    </message>
+    <message>
+        <source>Leave the ball where it is</source>
+        <translation>球保持原位</translation>
+    </message>
+    <message>
+        <source>Move the ball {up:.0f} mm down</source>
+        <translation>将球降低 {up:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move the ball {up:.0f} mm up</source>
+        <translation>将球升高 {up:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera}</source>
+        <translation>将球向 {camera} 移动 {away:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
+        <translation>将球向 {camera} 移动 {away:.0f} mm 并升高 {up:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
+        <translation>将球向 {camera} 移动 {away:.0f} mm 并降低 {up:.0f} mm</translation>
+    </message>
+    <message>
+        <source>tip its top {turn:.0f}° towards {camera}</source>
+        <translation>顶部朝 {camera} 倾转 {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the left, as on a turntable</source>
+        <translation>像转盘一样向左转 {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the right, as on a turntable</source>
+        <translation>像转盘一样向右转 {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>{place}, {turn}</source>
+        <translation>{place}，{turn}</translation>
+    </message>
+    <message>
+        <source>All poses are captured</source>
+        <translation>所有姿态均已拍摄</translation>
+    </message>
+    <message>
+        <source>The recording shows no bar here</source>
+        <translation>录制内容在此没有显示杆</translation>
+    </message>
+    <message>
+        <source>Lay the bar where two cameras or more see it</source>
+        <translation>将基准尺放在至少两台相机可见之处</translation>
+    </message>
+    <message>
+        <source>Only two cameras see the bar; three are better</source>
+        <translation>仅两台相机看到基准尺；三台更好</translation>
+    </message>
+    <message>
+        <source>Ready: press space</source>
+        <translation>就绪：请按空格键</translation>
+    </message>
+    <message>
+        <source>All poses captured</source>
+        <translation>所有位姿已拍摄</translation>
+    </message>
+    <message>
+        <source>Measure the bar</source>
+        <translation>测量基准尺</translation>
+    </message>
+    <message>
+        <source>Measuring</source>
+        <translation>正在测量</translation>
+    </message>
+    <message>
+        <source>Lengths are being measured.</source>
+        <translation>正在测量长度。</translation>
+    </message>
+    <message>
+        <source>It is measured; retake a pose to measure again.</source>
+        <translation>已测量；重拍某位姿后可再次测量。</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>标定</translation>
+    </message>
+    <message>
+        <source>The last stage is coming to its end.</source>
+        <translation>最后阶段即将结束。</translation>
+    </message>
+    <message>
+        <source>Stopping</source>
+        <translation>正在停止</translation>
+    </message>
+    <message>
+        <source>Stopping: what was captured is kept</source>
+        <translation>正在停止：已拍摄的内容保留</translation>
+    </message>
+    <message>
+        <source>Computing</source>
+        <translation>正在计算</translation>
+    </message>
+    <message>
+        <source>Stopping as soon as there is a result</source>
+        <translation>一有结果就停止</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>取消</translation>
+    </message>
+    <message>
+        <source>Ready: {taken} of {planned} placements</source>
+        <translation>就绪：{taken}/{planned} 次摆放</translation>
+    </message>
+    <message>
+        <source>It failed; what was captured is kept</source>
+        <translation>失败；已拍摄的内容保留</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is valid</source>
+        <translation>完成：标定有效</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is to be used with care</source>
+        <translation>完成：标定需谨慎使用</translation>
+    </message>
+    <message>
+        <source>See what to do</source>
+        <translation>查看应如何处理</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is not valid</source>
+        <translation>完成：标定无效</translation>
+    </message>
+    <message>
+        <source>Accept the result</source>
+        <translation>接受结果</translation>
+    </message>
+    <message>
+        <source>Reading the result</source>
+        <translation>正在读取结果</translation>
+    </message>
+    <message>
+        <source>The result is being read.</source>
+        <translation>正在读取结果。</translation>
+    </message>
+    <message>
+        <source>A calibration is running: wait for what comes of it.</source>
+        <translation>正在标定：请等待结果。</translation>
+    </message>
+    <message>
+        <source>Being computed again</source>
+        <translation>正在重新计算</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>重新标定</translation>
+    </message>
+    <message>
+        <source>OUT OF DATE</source>
+        <translation>已过期</translation>
+    </message>
+    <message>
+        <source>It was accepted already.</source>
+        <translation>已接受。</translation>
+    </message>
+    <message>
+        <source>It is not valid: do what the findings advise.</source>
+        <translation>无效：请按检查结果建议处理。</translation>
+    </message>
+    <message>
+        <source>It was asked to stop.</source>
+        <translation>已要求停止。</translation>
+    </message>
+    <message>
+        <source>Write the report</source>
+        <translation>生成报告</translation>
+    </message>
+    <message>
+        <source>The calibration is out of date.</source>
+        <translation>标定已过期。</translation>
+    </message>
+    <message>
+        <source>Save and put to use</source>
+        <translation>保存并启用</translation>
+    </message>
+    <message>
+        <source>Save in the profile</source>
+        <translation>存入档案</translation>
+    </message>
+    <message>
+        <source>Finish</source>
+        <translation>完成</translation>
+    </message>
+    <message>
+        <source>Writing</source>
+        <translation>正在写入</translation>
+    </message>
+    <message>
+        <source>The calibration is not saved yet</source>
+        <translation>标定尚未保存</translation>
+    </message>
+    <message>
+        <source>What was saved is out of date</source>
+        <translation>已保存的内容已过期</translation>
+    </message>
+    <message>
+        <source>Not saved yet; its verification failed</source>
+        <translation type="unfinished">尚未保存；验证未通过</translation>
+    </message>
+    <message>
+        <source>Not saved yet</source>
+        <translation>尚未保存</translation>
+    </message>
+    <message>
+        <source>Not saved yet; not verified</source>
+        <translation>尚未保存；未验证</translation>
+    </message>
+    <message>
+        <source>Saved; it is not valid</source>
+        <translation>已保存；无效</translation>
+    </message>
+    <message>
+        <source>Saved; its verification failed</source>
+        <translation type="unfinished">已保存；验证未通过</translation>
+    </message>
+    <message>
+        <source>Saved; not verified</source>
+        <translation>已保存；未验证</translation>
+    </message>
+    <message>
+        <source>Saved; to be used with care</source>
+        <translation>已保存；请谨慎使用</translation>
+    </message>
+    <message>
+        <source>Saved</source>
+        <translation>已保存</translation>
+    </message>
+    <message>
+        <source>Checking</source>
+        <translation>正在检查</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>检查</translation>
+    </message>
+    <message>
+        <source>Not done</source>
+        <translation>未完成</translation>
+    </message>
+    <message>
+        <source>Check again</source>
+        <translation>再次检查</translation>
+    </message>
+    <message>
+        <source>Ready</source>
+        <translation>就绪</translation>
+    </message>
+    <message>
+        <source>Recording: {sets} sets</source>
+        <translation>正在记录：{sets} 组</translation>
+    </message>
+    <message>
+        <source>Stop recording</source>
+        <translation>停止记录</translation>
+    </message>
+    <message>
+        <source>Nothing is measured now.</source>
+        <translation>当前没有测量。</translation>
+    </message>
+    <message>
+        <source>Record</source>
+        <translation>记录</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
+        <translation>{seconds:.0f} s，比平时长（{usual:.0f} s）</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s</source>
+        <translation>{seconds:.0f} s</translation>
+    </message>
+    <message>
+        <source>{gone}, nearly done</source>
+        <translation>{gone}，即将完成</translation>
+    </message>
+    <message>
+        <source>{gone}, about {left} s left</source>
+        <translation>{gone}，约剩 {left} 秒</translation>
+    </message>
+    <message>
+        <source>{gone}, about {left} min left</source>
+        <translation>{gone}，约剩 {left} 分钟</translation>
     </message>
 </context>
 <context>
@@ -4050,14 +4094,6 @@ mm</translation>
         <translation>查看每台相机：清晰、曝光良好、无遮挡。</translation>
     </message>
     <message>
-        <source>Put the ball into place, let it come to rest, then press the space bar.</source>
-        <translation>放好球，待其静止，然后按空格键。</translation>
-    </message>
-    <message>
-        <source>Lay the bar that gives the scale where three cameras see it; for every pose another way.</source>
-        <translation>将提供比例尺的基准尺放在三台相机可见之处；每个位姿换一种放法。</translation>
-    </message>
-    <message>
         <source>Compute the cameras from what was captured.</source>
         <translation>由拍摄内容计算各相机。</translation>
     </message>
@@ -4066,20 +4102,32 @@ mm</translation>
         <translation>标定是否良好？如何改进？</translation>
     </message>
     <message>
-        <source>Measure the check bar: does the rig measure what its certificate says?</source>
-        <translation>测量检验尺：系统测得值是否与证书一致？</translation>
-    </message>
-    <message>
         <source>Write the report and put the calibration to use.</source>
         <translation>生成报告并启用标定。</translation>
     </message>
     <message>
-        <source>Does the rig still measure as it was calibrated?</source>
-        <translation>系统测量是否仍与标定时一致？</translation>
+        <source>One of the ball&apos;s places: the more they differ, the better.</source>
+        <translation>球的一个位置：各位置差别越大越好。</translation>
+    </message>
+    <message>
+        <source>The bar that gives the scale, turned another way for every pose.</source>
+        <translation>给出尺度的杆，每个姿态方向不同。</translation>
+    </message>
+    <message>
+        <source>Does it measure right? Measure the check bar and compare with its certificate.</source>
+        <translation>测量是否正确？测量检验杆并与其证书比较。</translation>
+    </message>
+    <message>
+        <source>Has a camera moved since the calibration? One placement of the ball shows it.</source>
+        <translation>标定后是否有相机移动？摆放一次球即可知道。</translation>
     </message>
     <message>
         <source>Carry a bar through the volume, or choose points and read their distance.</source>
         <translation>拿着基准尺走遍测量空间，或选点读出距离。</translation>
+    </message>
+    <message>
+        <source>not captured</source>
+        <translation>未拍摄</translation>
     </message>
     <message>
         <source>not yet</source>
@@ -4317,10 +4365,6 @@ mm</translation>
         <translation>n</translation>
     </message>
     <message>
-        <source>mean E, mm</source>
-        <translation>平均 E，mm</translation>
-    </message>
-    <message>
         <source>sd, mm</source>
         <translation>标准差，mm</translation>
     </message>
@@ -4329,8 +4373,12 @@ mm</translation>
         <translation>最大，mm</translation>
     </message>
     <message>
-        <source>U, mm</source>
-        <translation>U，mm</translation>
+        <source>mean error, mm</source>
+        <translation>平均误差，mm</translation>
+    </message>
+    <message>
+        <source>±, mm</source>
+        <translation>±，mm</translation>
     </message>
     <message>
         <source>limit, mm</source>
@@ -4464,8 +4512,8 @@ mm</translation>
         <translation>未判定</translation>
     </message>
     <message>
-        <source>Grey: what the uncertainty of each error allows (k = {k:.1f}).</source>
-        <translation>灰色：各误差的不确定度所允许的范围（k = {k:.1f}）。</translation>
+        <source>Grey: what the uncertainty of each error allows.</source>
+        <translation>灰色：各误差的不确定度所允许的范围。</translation>
     </message>
     <message>
         <source>Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.</source>
@@ -4539,24 +4587,12 @@ mm</translation>
 <context>
     <name>VerifyPage</name>
     <message>
-        <source>Measuring</source>
-        <translation>正在测量</translation>
-    </message>
-    <message>
         <source>Locked: the responsible person sets this limit (Menu, Limits).</source>
         <translation>已锁定：此限值由负责人设定（菜单 → 限值）。</translation>
     </message>
     <message>
-        <source>The lengths are being measured.</source>
-        <translation>正在测量长度。</translation>
-    </message>
-    <message>
-        <source>Measure the bar</source>
-        <translation>测量基准尺</translation>
-    </message>
-    <message>
-        <source>Where</source>
-        <translation>位置</translation>
+        <source>In space</source>
+        <translation>三维</translation>
     </message>
     <message>
         <source>Images</source>
@@ -4619,24 +4655,15 @@ mm</translation>
         <translation>尚未拍摄。</translation>
     </message>
     <message>
-        <source>Work is running.</source>
-        <translation>正在运行。</translation>
-    </message>
-    <message>
         <source>No pose is captured yet.</source>
         <translation>尚未拍摄任何位姿。</translation>
     </message>
+</context>
+<context>
+    <name>Wall</name>
     <message>
-        <source>Hold still: images are being captured</source>
-        <translation>请保持静止：正在拍摄</translation>
-    </message>
-    <message>
-        <source>It is measured; retake a pose to measure again.</source>
-        <translation>已测量；重拍某位姿后可再次测量。</translation>
-    </message>
-    <message>
-        <source>The bar is being looked for.</source>
-        <translation>正在寻找基准尺。</translation>
+        <source>All cameras  (Esc)</source>
+        <translation>全部相机（Esc）</translation>
     </message>
 </context>
 <context>
@@ -4661,12 +4688,20 @@ mm</translation>
         <translation>正在运行；请等待或取消。</translation>
     </message>
     <message>
+        <source>Imported. Assumed: {what}.</source>
+        <translation>已导入。假定：{what}。</translation>
+    </message>
+    <message>
         <source>There is no command yet: calibrate first.</source>
         <translation>还没有命令：请先标定。</translation>
     </message>
     <message>
         <source>Copied.</source>
         <translation>已复制。</translation>
+    </message>
+    <message>
+        <source>Opening</source>
+        <translation>正在打开</translation>
     </message>
     <message>
         <source>not connected</source>

@@ -2,8 +2,10 @@
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PySide6.QtCore import QCoreApplication, Signal
 
 from spherecal_gui import limits_in_force as limits
@@ -24,6 +26,7 @@ if TYPE_CHECKING:  # ghosts and live images need scipy, for which the window doe
 translate = QCoreApplication.translate
 
 _PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
+_CARRIED = 0.3  # of its radius: a ball as far from where it lay has been lifted
 _KEPT = 8  # answers, for placements that are deleted and brought back
 
 
@@ -56,13 +59,14 @@ class AdviceController(ControllerPart):
         self.lying = None
         self.guidance, self._planned_for = None, None
         self._answers.clear()
+        self.guidance_changed.emit()
 
     def plan_next(self) -> None:
         """Have the engine work out the next placement, beside everything else; the last question asked counts."""
         project, session, connection = self.project, self._recording.session, self._cameras.connection
         if project is None or session is None or connection is None or project.purpose != "calibrate":
             return
-        if project.by_board:  # advice is for the ball
+        if project.by_board or project.source.startswith("replay"):  # a recorded ball goes nowhere
             return
         if not self._is_wanted:
             self.planner.cancel()
@@ -165,12 +169,23 @@ class AdviceController(ControllerPart):
         if self._asked != self._planned_for:
             self._plan_again()
             return
+        found = self._kept_under_way(found)
         self.guidance = found
         if found is not None:
             self._answers[self._kept_as(self._asked)] = found
             while len(self._answers) > _KEPT:
                 del self._answers[next(iter(self._answers))]
         self.guidance_changed.emit()
+
+    def _kept_under_way(self, found: GuidanceView | None) -> GuidanceView | None:
+        """The answer; where somebody already carries the ball to the first one, that place with the better figures."""
+        first, to_go = self.guidance, self.to_go
+        if found is None or first is None or first.ghost is None or self.lying is None or to_go is None:
+            return found
+        carried = float(np.linalg.norm(self.lying.centre - first.ghost.body.centre))
+        if carried < _CARRIED * first.ghost.body.radius_mm:
+            return found
+        return replace(first, now_mm=found.now_mm, next_mm=None, coarse=False)
 
     def _not_planned(self, error: BaseException) -> None:
         """Advice is a help, not a need: what went wrong is in the log."""

@@ -96,7 +96,7 @@ class BarController(ControllerPart):
         def looked(ends: FloatArray | None) -> None:
             if self.main.outcome is outcome and outcome.planes is not None and outcome.plan is not None:
                 self.lying_ends = ends
-                self.guide = bar_guide(outcome.planes, outcome.plan, planned, ends, still)
+                self.guide = bar_guide(outcome.planes, planned, ends, still)
                 self.seen.emit()
 
         return self.looker.start(

@@ -16,6 +16,7 @@ from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome, read_outcome
+from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
@@ -30,14 +31,15 @@ class ComputationController(ControllerPart):
     def __init__(self, main: ProjectController, cameras: CameraController, bars: BarController) -> None:
         super().__init__(main)
         self._cameras, self._bars = cameras, bars
-        self.course: CourseOfWork | None = None  # of the last calibration, for a window made again
+        self.course: CourseOfWork | None = None  # of the last calibration
+        self._task: BackgroundTask | None = None  # whose course it is
         self.seen_bars = jobs.ObservedBars()
         self._reference_of: tuple[Path | None, str | None] = (None, None)  # the project that it was looked up for
         cameras.connected.connect(self._read_result)
 
     def close(self) -> None:
         """Forget what was computed; all is on disk already."""
-        self.course = None
+        self.course = self._task = None
         self.seen_bars, self._reference_of = jobs.ObservedBars(), (None, None)
 
     def _read_result(self) -> None:
@@ -74,9 +76,22 @@ class ComputationController(ControllerPart):
             verdict = jobs.calibrate(*folders, repairs, context, reference, method)
             return verdict, read(context)
 
-        return self._cameras.start_alone("calibrate", work, self._calibrated)
+        from spherecal_gui.presenters.calibrate_presenter import CourseOfWork  # needs numpy
+
+        begun = self._cameras.start_alone("calibrate", work, self._calibrated)
+        if begun:
+            self.course, self._task = CourseOfWork(), self.runner.task
+            self.main.changed.emit()
+        return begun
+
+    def follow(self) -> None:
+        """Take over what the calibration has reported; after its end, too: its last news count."""
+        if self.course is not None and self._task is not None:
+            for one in self._task.take_news():
+                self.course.add(one)
 
     def _calibrated(self, found: tuple[changes.Verdict, Outcome]) -> None:
+        self.follow()
         verdict, self.main.outcome = found
         if self.project is not None:
             self.main.update(changes.with_calibration(self.project, verdict))

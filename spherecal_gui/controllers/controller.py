@@ -1,5 +1,6 @@
 """The wizard's controller: projects are opened and closed here, all else is done by its parts. Knows no widgets."""
 
+import time
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
@@ -22,6 +23,8 @@ from spherecal_gui.controllers.saving_controller import SavingController
 from spherecal_gui.controllers.set_controller import SetController
 from spherecal_gui.controllers.staging_controller import StagingController
 from spherecal_gui.controllers.tuning_controller import TuningController
+from spherecal_gui.presenters.stages import stage_name
+from spherecal_gui.presenters.step_states import left_text
 from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import (
     FILE,
@@ -66,7 +69,8 @@ class Controller(ProjectController):
     def running(self) -> Running:
         """What goes on now: the work, the cameras that are open, those that are lost or were moved."""
         cameras = self.cameras
-        return Running(self.runner.running, cameras.connection is not None, cameras.lost(), cameras.moved())
+        lost, moved = cameras.lost(), cameras.moved()
+        return Running(self.runner.running, cameras.connection is not None, lost, moved, self.gone)
 
     @property
     def state(self) -> WorkflowState | None:
@@ -77,6 +81,19 @@ class Controller(ProjectController):
         if known is None or known[0] is not self.project or known[1] != running:
             known = self._resolved = self.project, running, resolve(self.project, running)
         return known[2]
+
+    def progress_text(self) -> str:
+        """What runs, how far it is, how long it still takes: one text for header and page; empty where nothing runs."""
+        task = self.runner.task
+        if task is None:
+            return ""
+        course = self.computation.course if task.name == "calibrate" else None
+        share = course.fraction if course is not None else 0.0
+        left = left_text(time.perf_counter() - task.began_s, share, task.usual_s)
+        percent = f"{100 * share:.0f} %" if course is not None else ""
+        at = course.stage if course is not None else task.stage
+        stage = stage_name(at) if at else ""
+        return " · ".join(part for part in (percent, stage, left) if part)
 
     def go(self, step: str) -> None:
         """Go to a step, if it is not blocked."""

@@ -11,7 +11,7 @@ from PySide6.QtCore import QCoreApplication, QObject, Signal
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import project as changes
 from spherecal_gui.project import Project
-from spherecal_gui.project_folder import profile_of, save_project
+from spherecal_gui.project_folder import is_project, profile_of, save_project
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
@@ -42,6 +42,7 @@ class ProjectController(QObject):
         self.runner.ended.connect(self._work_ended)
         self.project: Project | None = None
         self.outcome: Outcome | None = None
+        self.gone = False  # the folder of the open project was deleted or moved while it was open
 
     @property
     def result(self) -> "Result | None":
@@ -53,9 +54,18 @@ class ProjectController(QObject):
         """The profile of the rig that the project calibrates, beside the projects."""
         return profile_of(self.project) if self.project is not None else None
 
+    def look_for_folder(self) -> None:
+        """Whether the folder of the open project is still there: nothing is written where it is not."""
+        gone = self.project is not None and not is_project(self.project.folder)
+        if gone != self.gone:
+            self.gone = gone
+            self.changed.emit()
+
     def update(self, project: Project) -> None:
         """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""
-        self.attempt(lambda: save_project(project))
+        self.look_for_folder()
+        if not self.gone:
+            self.attempt(lambda: save_project(project))
         self.project = project
         self.changed.emit()
 

@@ -10,7 +10,7 @@ from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.controllers.recording_controller import RecordingController
-from spherecal_gui.project_folder import taken_in
+from spherecal_gui.project_folder import require_project, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.task import BackgroundTask
 
@@ -34,15 +34,18 @@ class SetController(ControllerPart):
     def take(self, set_id: str, step: str) -> bool:
         """Take a set, or take it again; False where that is not possible now."""
         folder = self._recording.folder_of(set_id)
-        if self._cameras.connection is None or folder is None or self.project is None:
+        self.main.look_for_folder()
+        if self._cameras.connection is None or folder is None or self.project is None or self.main.gone:
             return False
         self.main.update(changes.without_failure(self.project, step))
+        project_folder = self.project.folder
         connection, real = self._cameras.connection, not self._cameras.staged_poses
         warm = self.project.bar_celsius if set_id in self.project.check_poses else None
 
         def work(context: Context) -> jobs.Taken:
             taken = jobs.take_set(connection, set_id, context, real)
             context.report("writing the images", 0.9, set_id)
+            require_project(project_folder)
             if warm is not None:
                 folder.plan_anew(set_id, warm)
             folder.add(folder.planned(set_id), taken.frames, taken.stillness)

@@ -1,11 +1,14 @@
 """Bars: the poses of the bar that gives the scale."""
 
+from collections.abc import Callable, Mapping
+
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.wizard_page import PageAction
-from spherecal_gui.presenters.bars_presenter import next_pose, pose_state
+from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
+from spherecal_gui.presenters.step_states import BarFacts, bar_says, seeing
+from spherecal_gui.standing import Deed, Said
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
@@ -108,12 +111,19 @@ class ScalePage(LivePage):
         if self.project is None or self.wall.isHidden():
             return
         self.follow()
+        self.show_standing()
+
+    def bar_facts(self) -> BarFacts:
+        """The pose to take next, and who sees the bar."""
         own = self.bar_targets()
         targets = {name: sight.dots.targets_among(own) for name, sight in self.sights().items()}
-        pose = self.current
-        state = pose_state(targets, pose is None, self.is_taking, self.pose_ids()[-1] if self.pose_ids() else "")
-        text = state.text if pose is None or self.is_taking else f"{pose} · {state.text}"
-        self.say(text, state.level)
+        connected, pose = self.controller.cameras.connection is not None, self.current
+        name = pose_name(pose, self.pose_ids()) if pose is not None else None
+        return BarFacts(name, seeing(targets), self.work, connected, recorded=self.recorded)
+
+    def said(self) -> Said:
+        """What to do with the bar."""
+        return bar_says(self.bar_facts())
 
     def _retake(self) -> None:
         if self._last is not None and self.step is not None:
@@ -121,20 +131,12 @@ class ScalePage(LivePage):
                 self.controller.staging.show_pose(self._last)
             self.controller.sets.take(self._last, self.step.id)
 
-    def action(self) -> PageAction | None:
-        """Take the next pose."""
-        running, pose = self.controller.runner.running, self.current
-        if pose is None:
-            return PageAction(self.tr("All poses captured"), False, self.tr("Every pose is there."), done=True)
-        text = self.tr("Capture {pose}  (space)").format(pose=pose)
-        if running:
-            return PageAction(text, False, self.tr("Work is running."))
-        if self.controller.cameras.connection is None:
-            return PageAction(text, False, self.tr("The cameras are not connected."))
-        return PageAction(text, accepts=True)
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
+        """Take the pose."""
+        return {"capture": self._take}
 
-    def act(self) -> None:
-        """Take it."""
-        pose = self.current
-        if pose is not None and self.step is not None:
-            self.controller.sets.take(pose, self.step.id)
+    def _take(self) -> None:
+        """Whatever lies there."""
+        if self.current is not None and self.step is not None:
+            self.controller.sets.take(self.current, self.step.id)

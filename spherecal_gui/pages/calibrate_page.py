@@ -1,20 +1,23 @@
 """Calibrate: what goes into it, stages, time left, convergence, log; it can be cancelled at any moment."""
 
 import time
+from collections.abc import Callable, Mapping
 from html import escape
+from typing import Literal
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import coverage as cov
-from spherecal_gui import languages, theme
+from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.wizard_page import Page, PageAction
-from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, input_rows, time_text
+from spherecal_gui.pages.wizard_page import Page
+from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, input_rows
 from spherecal_gui.presenters.stages import stage_name
+from spherecal_gui.presenters.step_states import CalibrateFacts, calibrate_says
 from spherecal_gui.project import usable
-from spherecal_gui.standing import Level
+from spherecal_gui.standing import Deed, Said
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
@@ -34,7 +37,7 @@ class CalibratePage(Page):
         super().__init__(controller, parent)
         self.course: CourseOfWork = controller.computation.course or CourseOfWork()
         self._was_running = False
-        self._drawn_s = 0.0
+        self._drawn_s, self._told = 0.0, 0
         column = QVBoxLayout(self)
         self.word = label("", "huge")
         column.addWidget(self.word)
@@ -47,7 +50,10 @@ class CalibratePage(Page):
         self.stop_here.clicked.connect(self._stop_here)
         line = QHBoxLayout()
         line.addWidget(self.left, 1)
+        self.again = button(self.tr("Calibrate again"), "calibrate-again")
+        self.again.clicked.connect(self.controller.computation.calibrate)
         line.addWidget(self.stop_here)
+        line.addWidget(self.again)
         column.addLayout(line)
         self._inputs = self._input_card()
         self._inputs.hide()
@@ -149,15 +155,14 @@ class CalibratePage(Page):
         """Started, ended, or something is out of date."""
         if self.project is None:
             return
-        if self.is_running and not self._was_running and not self._is_running_on:
-            self.course = self.controller.computation.course = CourseOfWork(task=self.controller.runner.task)
+        if self.controller.computation.course is not self.course:  # begun, another project, or a window made again
+            self.course = self.controller.computation.course or CourseOfWork()
+            self._told = 0
             self.lines.clear()
             self._draw()
-        elif self.controller.computation.course is not self.course:  # another project, or a window made again
-            self.course = self.controller.computation.course or CourseOfWork()
+        self._show_news(last=not self.is_running)
+        if self._was_running != self.is_running:
             self._draw()
-        if self._was_running and not self.is_running:
-            self._last_news()
         self._was_running = self.is_running
         self._show_word()
         self._show_inputs()
@@ -207,55 +212,13 @@ class CalibratePage(Page):
         if self._inputs.isVisible():
             self._show_coverage()
 
-    @property
-    def _is_running_on(self) -> bool:
-        """Whether the computation began in another window, which was exchanged for this one."""
-        task = self.controller.runner.task
-        return (
-            task is not None
-            and self.controller.computation.course is not None
-            and self.controller.computation.course.task is task
-        )
-
     def _show_word(self) -> None:
-        state = self.state
+        said = self.said()
         self._show_stop_here()
-        if self.is_running:
-            task = self.controller.runner.task
-            stopping, keeping = task is not None and task.stopping, task is not None and task.keeping
-            self.say(
-                self.tr("Stopping: what was captured is kept")
-                if stopping
-                else self.tr("Stopping as soon as there is a result")
-                if keeping
-                else self.tr("Computing"),
-                "caution" if stopping or keeping else "none",
-            )
-            return
-        self.left.setText("")
-        self.bar.setVisible(False)
-        if state is None:
-            return
-        project = self.open_project
-        if self._is_computed and project.calibrated is not None:
-            words: dict[str, tuple[str, Level]] = {
-                "valid": (self.tr("Done: the calibration is valid"), "good"),
-                "use with care": (self.tr("Done: the calibration is to be used with care"), "caution"),
-            }
-            self.say(*words.get(project.calibrated.verdict, (self.tr("Done: the calibration is not valid"), "bad")))
-        elif state.status is Status.READY:
-            taken = sum(name in project.taken for name in project.placements)
-            message = self.tr("Ready: {taken} of {planned} placements").format(
-                taken=taken, planned=len(project.placements)
-            )
-            self.say(message, "good" if taken == len(project.placements) else "caution")
-        elif state.status is Status.FAILED and state.reason is not None and state.reason.code == "error":
-            self.say(self.tr("It failed; what was captured is kept"), "bad")
-            self.left.setText(reason_text(state.reason))
-        elif state.status is Status.FAILED:
-            self.say(reason_text(state.reason), "bad")
-        else:
-            self.say(reason_text(state.reason), "caution")
+        self.show_standing()
+        self.left.setText(said.left)
+        self.bar.setVisible(self.is_running)
+        self.again.setVisible("calibrate-again" in said.also)
 
     @property
     def headline(self) -> QLabel:
@@ -295,32 +258,23 @@ class CalibratePage(Page):
 
     def tick(self) -> None:
         """Follow the computation."""
-        task = self.controller.runner.task
-        if task is None or task.name != "calibrate":
+        if not self.is_running:
             return
-        self._take(task)
-        elapsed = time.perf_counter() - task.began_s
-        self.bar.setVisible(True)
         self.bar.setValue(int(1000 * self.course.fraction))
-        stage = stage_name(self.course.stages[-1]) if self.course.stages else ""
-        left = time_text(self.course.seconds_left(elapsed))
-        self.left.setText(f"{100 * self.course.fraction:.0f} % · {stage} · {left} · {elapsed:.0f} s")
+        self.left.setText(self.said().left)
+        self.show_standing()
+        self._show_news()
 
-    def _take(self, task: object) -> None:
-        news = task.take_news()  # type: ignore[attr-defined]
-        for one in news:
-            self.course.add(one)
-            self.lines.appendPlainText(f"{stage_name(one.stage)}  {one.words(languages.now())}".strip())
+    def _show_news(self, last: bool = False) -> None:
+        """Draw what has come since the last look; that costs the window 20 ms each time."""
         now = time.monotonic()
-        if news and now - self._drawn_s > _DRAW_S:  # drawing costs the window 20 ms each time
-            self._drawn_s = now
-            self._draw()
-
-    def _last_news(self) -> None:
-        """The computation has ended: what it said after the last tick counts too, else a valid one ends in a cross."""
-        if self.course.task is not None:
-            self._take(self.course.task)
-        self._draw()
+        self._draw_stages()  # never later than the line above it
+        if len(self.course.said) == self._told or (now - self._drawn_s < _DRAW_S and not last):
+            return
+        for line in self.course.said[self._told :]:
+            self.lines.appendPlainText(line)
+        self._told, self._drawn_s = len(self.course.said), now
+        self.plot.show_runs(self.course.runs)
 
     @property
     def _was_cut_short(self) -> bool:
@@ -331,39 +285,49 @@ class CalibratePage(Page):
         far = theme.is_far()
         self.details.setVisible(not far)
         self._log.setVisible(self.details.isChecked() and not far)
-        stages = self.course.stages[-(_MOST_FROM_AFAR if far else _MOST_STAGES) :]
-        good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
-        done = [f'<span style="color: {good}">✓</span>&nbsp; {escape(stage_name(stage))}' for stage in stages]
-        if done and self.is_running:
-            done[-1] = f'<span style="color: {now}">▸</span>&nbsp; <b>{escape(stage_name(stages[-1]))}</b>'
-        elif done and self._was_cut_short:
-            done[-1] = f'<span style="color: {bad}">✕</span>&nbsp; {escape(stage_name(stages[-1]))}'
-        self._stages.setText(f'<p style="line-height: 150%">{"<br>".join(done)}</p>' if done else "")
+        self._draw_stages()
         self.plot.show_runs(self.course.runs)
 
-    def action(self) -> PageAction:
-        """Start, cancel, start again."""
-        state = self.state
-        if self.is_running:
-            task = self.controller.runner.task
-            if task is not None and task.stopping:
-                return PageAction(self.tr("Stopping"), False, self.tr("The last stage is coming to its end."))
-            return PageAction(self.tr("Cancel"))
-        if self.controller.runner.running or state is None or not state.open:
-            why = self.tr("Work is running.") if self.controller.runner.running else ""
-            return PageAction(self.tr("Calibrate"), False, why or (reason_text(state.reason) if state else ""))
-        if self._is_computed and state.status is Status.FAILED:
-            return PageAction(self.tr("See what to do"))
-        again = self._is_computed
-        return PageAction(self.tr("Calibrate again") if again else self.tr("Calibrate"), done=again, accepts=True)
+    def _draw_stages(self) -> None:
+        """All stages so far; the one that it is at is marked wherever it stands, for the adjustments come twice."""
+        stages = self.course.stages[-(_MOST_FROM_AFAR if theme.is_far() else _MOST_STAGES) :]
+        good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
+        lines = []
+        for stage in stages:
+            mark, tint, words = "✓", good, escape(stage_name(stage))
+            if stage == self.course.stage and self.is_running:
+                mark, tint, words = "▸", now, f"<b>{words}</b>"
+            elif stage == stages[-1] and self._was_cut_short and not self.is_running:
+                mark, tint = "✕", bad
+            lines.append(f'<span style="color: {tint}">{mark}</span>&nbsp; {words}')
+        text = f'<p style="line-height: 150%">{"<br>".join(lines)}</p>' if lines else ""
+        if text != self._stages.text():
+            self._stages.setText(text)
 
-    def act(self) -> None:
-        """Start or cancel."""
-        state = self.state
-        if self.is_running:
-            self.controller.cancel()
-            self.refresh()
-        elif self._is_computed and state is not None and state.status is Status.FAILED:
-            self.controller.go("results")
-        else:
-            self.controller.computation.calibrate()
+    def said(self) -> Said:
+        """Start, cancel, see what came of it."""
+        state, task = self.state, self.controller.runner.task
+        if state is None or self.project is None:
+            return Said("none", "")
+        project = self.project
+        run: Literal["", "running", "stopping", "keeping"] = ""
+        if self.is_running and task is not None:
+            run = "stopping" if task.stopping else "keeping" if task.keeping else "running"
+        return calibrate_says(
+            CalibrateFacts(
+                state.status,
+                reason_text(state.reason),
+                state.reason is not None and state.reason.code == "error",
+                project.calibrated.verdict if self._is_computed and project.calibrated is not None else "",
+                run,
+                self.controller.runner.running is not None,
+                sum(name in project.taken for name in project.placements),
+                len(project.placements),
+                self.controller.progress_text(),
+            )
+        )
+
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
+        """Start, or look at what came of it."""
+        return {"calibrate": self.controller.computation.calibrate, "results": lambda: self.controller.go("results")}

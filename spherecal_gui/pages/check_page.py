@@ -1,5 +1,6 @@
 """Check: one placement against the calibration in use; OK, watch, or recalibrate."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
@@ -7,7 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.check_presenter import (
     check_notes,
     check_rows,
@@ -15,9 +16,10 @@ from spherecal_gui.presenters.check_presenter import (
     repaired_text,
     repaired_verdict,
 )
+from spherecal_gui.presenters.step_states import CheckFacts, check_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import check_scene, rig_scene
-from spherecal_gui.standing import Level
+from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
@@ -81,7 +83,9 @@ class CheckPage(Page):
         self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
         self.calibrate.clicked.connect(self.controller.calibrate_like_this)
         row.addWidget(self.mended, 1)
-        for one in (self.repair, self.use, self.calibrate):
+        self.again = button(self.tr("Check again"), "check-again")
+        self.again.clicked.connect(self.controller.checks.check)
+        for one in (self.repair, self.use, self.calibrate, self.again):
             row.addWidget(one)
         return row
 
@@ -139,30 +143,18 @@ class CheckPage(Page):
             checked is not None and checked.verdict != "ok" and not self.controller.runner.running
         )
         self._show_mending(there)
-        if self.controller.runner.running == "check":
-            self.say(self.tr("Checking"), "none")
-        elif there and found is not None:
+        self.show_standing()
+        self.again.setVisible("check-again" in self.said().also)
+        if there and found is not None:
             after = self._after
             verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
-            self.say(verdict.word, verdict.level)
             self.sentence.setText(verdict.sentence)
             self._fill()
-        else:
-            self._show_without()
-        self.action_changed.emit()
-
-    def _show_without(self) -> None:
-        """Nothing was found now: ready, failed, out of date, or found on another day."""
-        state, checked = self.state, self.open_project.checked
-        if checked is not None and state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
-            levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
-            self.say(verdict_word(checked.verdict), levels.get(checked.verdict, "bad"))
+        elif checked is not None and state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
             self.sentence.setText(self.tr("Check again to see the numbers."))
-            return
-        text = reason_text(state.reason) if state is not None else ""
-        failed = state is not None and state.status is Status.FAILED
-        self.say(*((self.tr("Ready"), "good") if not text else (self.tr("Not done"), "bad" if failed else "caution")))
-        self.sentence.setText(text)
+        elif state is not None and self.controller.runner.running != "check":
+            self.sentence.setText(reason_text(state.reason))
+        self.action_changed.emit()
 
     def _fill(self) -> None:
         found = self.controller.checks.after or self.controller.checks.found
@@ -207,21 +199,24 @@ class CheckPage(Page):
         """Let go of the 3-D view."""
         self.panel.close_view()
 
-    def action(self) -> PageAction:
-        """Check."""
-        state, running = self.state, self.controller.runner.running
-        if running == "check":
-            return PageAction(self.tr("Cancel"))
-        if running:
-            return PageAction(self.tr("Check"), False, self.tr("Work is running."))
-        if state is None or not state.open:
-            return PageAction(self.tr("Check"), False, reason_text(state.reason) if state is not None else "")
-        again = self.open_project.checked is not None and state.status is not Status.STALE
-        return PageAction(self.tr("Check again") if again else self.tr("Check"))
+    def said(self) -> Said:
+        """Check; once the rig is known to be well, finish."""
+        project, state, running = self.project, self.state, self.controller.runner.running or ""
+        if project is None or state is None:
+            return Said("none", "")
+        found, checked = self.controller.checks.found, project.checked
+        shown: tuple[str, Level] | None = None
+        if state.status is not Status.STALE and found is not None:
+            after = self._after
+            verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
+            shown = verdict.word, verdict.level
+        elif checked is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
+            levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
+            shown = verdict_word(checked.verdict), levels.get(checked.verdict, "bad")
+        well = self._in_use or (checked is not None and checked.verdict == "ok")
+        return check_says(CheckFacts(state.status, shown, reason_text(state.reason), well, running))
 
-    def act(self) -> None:
-        """Check or cancel."""
-        if self.controller.runner.running == "check":
-            self.controller.cancel()
-        else:
-            self.controller.checks.check()
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
+        """Check."""
+        return {"check": self.controller.checks.check}

@@ -1,5 +1,8 @@
 """Connect: the cameras that were found, and what is on the bench."""
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
@@ -17,7 +20,7 @@ from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.pages.drivers_panel import DriversPanel
-from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.connect_presenter import (
     LENSES_MM,
     BenchRow,
@@ -31,6 +34,8 @@ from spherecal_gui.presenters.connect_presenter import (
     recording_text,
 )
 from spherecal_gui.presenters.drivers_presenter import driver_notes
+from spherecal_gui.presenters.step_states import ConnectFacts, connect_says
+from spherecal_gui.standing import Deed, Said
 from spherecal_gui.widgets.basic import (
     MARKS,
     Card,
@@ -67,6 +72,7 @@ class CameraRow(QWidget):
         self.in_rig.setAccessibleName(self.tr("{name} in this rig").format(name=line.name))
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
         self.picture = Thumbnail()
+        self.picture.clicked.connect(lambda: page.open_camera(self.line.serial))
         policy = self.picture.sizePolicy()
         policy.setRetainSizeWhenHidden(not theme.is_far())
         self.picture.setSizePolicy(policy)
@@ -277,8 +283,7 @@ class ConnectPage(Page):
         lines = self._lines()
         failure = self.project.failures.get("connect", "")
         wrong = recording_text(self.project.source) if failure else ""
-        text, level = connect_summary(lines, running == "connect", wrong or failure)
-        self.say(text, level)
+        self.show_standing()
         self.why.setText(failure if wrong else "")
         self.why.setVisible(bool(wrong))
         self.other.setVisible(bool(wrong))
@@ -286,11 +291,15 @@ class ConnectPage(Page):
         self._show_lines(lines)
         taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
         self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))
-        self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.cameras.driver_troubles))
+        notes = [] if running == "connect" else driver_notes(self.controller.cameras.driver_troubles)
+        if notes and self.summary.text().startswith(notes[0].title):  # the headline says it, with the first step
+            notes[0] = replace(notes[0], title="", steps=notes[0].steps[1:])
+        self.drivers.show_notes(notes)
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)
         self.describe.setEnabled(running is None)
+        self.describe.setVisible(self.project.source.startswith("genicam"))  # else it would describe the real bench
         self.choose.setEnabled(running is None and not self.project.taken)
         self.choose.setToolTip(
             self.tr("Placements are captured already: begin a new calibration for another bench.")
@@ -372,17 +381,19 @@ class ConnectPage(Page):
         if path:
             self.controller.cameras.choose_bench(path)
 
-    def action(self) -> PageAction:
-        """Confirm the bench: nobody calibrates with the wrong bar by default."""
+    def said(self) -> Said:
+        """Whether the cameras are there and the bench is confirmed."""
+        if self.project is None:
+            return Said("none", "")
         connection, running = self.controller.cameras.connection, self.controller.runner.running
-        done = self.project is not None and self.project.artefacts is not None and connection is not None
-        text = self.tr("Bench confirmed") if done else self.tr("Yes, this matches")
-        if running:
-            return PageAction(text, False, self.tr("The cameras are being looked for."))
-        if connection is None or not connection.names:
-            return PageAction(text, False, self.tr("There are no cameras yet."))
-        return PageAction(text, not done, self.tr("It was confirmed already.") if done else "", done=done, accepts=True)
+        failure = self.project.failures.get("connect", "")
+        notes = driver_notes(self.controller.cameras.driver_troubles) if running != "connect" else []
+        wrong = recording_text(self.project.source) if failure else ""
+        summary = connect_summary(self._lines(), running == "connect", wrong or failure, notes)
+        there, confirmed = connection is not None and bool(connection.names), self.project.artefacts is not None
+        return connect_says(ConnectFacts(summary, there, confirmed, running is not None))
 
-    def act(self) -> None:
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Confirm."""
-        self.controller.recording.confirm_bench()
+        return {"confirm": self.controller.recording.confirm_bench}

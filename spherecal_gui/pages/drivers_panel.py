@@ -45,9 +45,10 @@ class DriversPanel(QWidget):
         column = QVBoxLayout(box)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(2)
-        title = label(note.title, "big")
-        set_level(title, "bad")
-        column.addWidget(title)
+        if note.title:
+            title = label(note.title, "big")
+            set_level(title, "bad")
+            column.addWidget(title)
         for step in note.steps:
             line = label(f"• {step}")
             line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)  # commands are copied

@@ -5,9 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
+from PySide6.QtGui import QImage
 
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import Expected, TileState, figures_text, tile_state, usual_light
+from spherecal_gui.presenters.step_states import Work
+from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
@@ -15,6 +18,12 @@ if TYPE_CHECKING:  # detection is loaded by the thread that connects the cameras
     from spherecal_gui.tasks.live_detection import Sight
 
 translate = QCoreApplication.translate
+
+_AFTER_IMAGES = (
+    "testing stillness",
+    "finding targets",
+    "writing the images",
+)  # stages in which ball and bars may be moved
 
 
 class LivePage(Page):
@@ -24,6 +33,21 @@ class LivePage(Page):
     wants_dots = False
     some_are_enough = False
     wants_histograms = False
+
+    @property
+    def work(self) -> Work:
+        """What goes on: images are taken at this step, or already computed with, or there is other work."""
+        task = self.controller.runner.task
+        if task is None:
+            return ""
+        if self.controller.sets.taking is None:
+            return "other"
+        return "computing" if task.stage in _AFTER_IMAGES else "exposing"
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the images come from a recording, in which nothing can be moved."""
+        return self.project is not None and self.project.source.startswith("replay")
 
     def show_cameras(self) -> None:
         """One tile for every camera that is open."""
@@ -61,15 +85,22 @@ class LivePage(Page):
             exposure_us = self.controller.tuning.settings_of(serial).exposure_us
             state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))
             states.append(state)
+            if frame is not None and self.isVisible():
+                tile.show_image(frame.image, frame.bits, frame.arrived_s)
             if not tile.isVisible():
                 continue
-            if frame is not None:
-                tile.show_image(frame.image, frame.bits, frame.arrived_s)
             tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
             tile.show_histogram(sight.histogram if sight is not None and self.wants_histograms else None)
             tile.show_masks(live.masks.get(serial, ()))
         self.wall.follow_worst()
         return states
+
+    def tiles_now(self) -> tuple[dict[str, Level], dict[str, QImage]]:
+        """The cameras' states and images by name, for the scene."""
+        tiles = self.wall.tiles.values()
+        return {one.name: one.state.level for one in tiles}, {
+            one.name: one.image for one in tiles if one.image is not None
+        }
 
     def sights(self) -> "dict[str, Sight]":
         """The newest examined images by camera name."""

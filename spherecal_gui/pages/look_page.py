@@ -1,14 +1,16 @@
 """Look: the wall of all cameras."""
 
+from collections.abc import Callable, Mapping
+
 from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import MOST_GAIN_DB
 from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.wizard_page import PageAction
-from spherecal_gui.presenters.look_presenter import summary, warm_up_text
-from spherecal_gui.standing import Level
+from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_text
+from spherecal_gui.presenters.step_states import LookFacts, look_says
+from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.texts import moved_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
@@ -39,8 +41,7 @@ class LookPage(LivePage):
         self.wall.renamed.connect(self.controller.tuning.name_camera)
         column.addLayout(self._mask_row())
         column.addWidget(self.wall, 1)
-        self._seen_all, self._have_images = False, False
-        self._level: Level = "none"
+        self._states: list[TileState] = []
 
     def _top_row(self) -> QHBoxLayout:
         """How the cameras are, and what is set for all of them."""
@@ -155,22 +156,10 @@ class LookPage(LivePage):
 
     def tick(self) -> None:
         """Follow the cameras."""
-        states = self.follow()
-        live = self.controller.cameras.live
-        self.fixed.setVisible(live is not None and bool(live.watch.bumped))
-        if not states:
-            return
+        self._states = self.follow()
         self._show_warm_up()
-        have_images = all(tile.has_image for tile in self.wall.tiles.values())
-        text, level = summary(states, have_images)
-        if moved := self.controller.cameras.moved():
-            text, level = moved_text(moved), "bad"
-        self._level = level
-        self.say(text, level)
-        seen = not any(state.level == "none" for state in states)
-        if (seen, have_images) != (self._seen_all, self._have_images):
-            self._seen_all, self._have_images = seen, have_images
-            self.action_changed.emit()
+        self.show_standing()
+        self.fixed.setVisible("fixed-again" in self.said().also)
 
     def _show_warm_up(self) -> None:
         live, connection = self.controller.cameras.live, self.controller.cameras.connection
@@ -180,23 +169,18 @@ class LookPage(LivePage):
         self.warm_up.setText(text)
         self.warm_up.setVisible(bool(text))
 
-    def action(self) -> PageAction:
-        """Accept what is seen."""
-        state = self.state
-        done = state is not None and state.status is Status.DONE
-        level = self._level
-        text = self.tr("The images are good") if level in ("good", "none") else self.tr("Use the images as they are")
-        if done and level != "bad":
-            return PageAction(text, False, self.tr("They were accepted already."), done=True)
-        if done:
-            return PageAction(text, False, self.tr("See to the cameras that are named above."), done=True)
-        if not self._seen_all and self._have_images:
-            why = self.tr("Targets are being looked for. On a new computer the first time takes a minute or two.")
-            return PageAction(text, False, why)
-        if not self._seen_all:
-            return PageAction(text, False, self.tr("Not every camera has sent an image yet."))
-        return PageAction(text, accepts=True)
+    def said(self) -> Said:
+        """Whether the images are good."""
+        state, moved = self.state, self.controller.cameras.moved()
+        images = bool(self._states) and all(tile.has_image for tile in self.wall.tiles.values())
+        text: tuple[str, Level] = summary(self._states, images) if self._states else ("", "none")
+        searched = bool(self._states) and not any(one.level == "none" for one in self._states)
+        accepted = state is not None and state.status is Status.DONE
+        if moved:
+            text = moved_text(moved), "bad"
+        return look_says(LookFacts(text, images, searched, accepted, bool(moved)))
 
-    def act(self) -> None:
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Accept."""
-        self.controller.cameras.accept_look()
+        return {"accept": self.controller.cameras.accept_look}

@@ -1,19 +1,23 @@
 """Measure: the rig as a live ruler between chosen points; a bar's deviation while it is carried; a series recorded."""
 
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QLabel, QListWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.measure_presenter import (
+    large_text,
+    mark_ends,
     pace_text,
     point_names,
     rate_of,
@@ -22,10 +26,14 @@ from spherecal_gui.presenters.measure_presenter import (
     trust_of,
     value_rows,
 )
+from spherecal_gui.presenters.step_states import MeasureFacts, measure_says
+from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
+from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, label, set_level
 from spherecal_gui.widgets.charts import Chart
+from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import MeasuredSet
@@ -66,14 +74,20 @@ class MeasurePage(Page):
         self._names: tuple[str, ...] = ()
         self._chosen: list[str] = []
         self._said = ""
+        self._trust: tuple[str, Level] = ("", "none")
         column = QVBoxLayout(self)
         self.trust, self.pace = label("", "big"), label("", "soft")
         column.addWidget(self.trust)
         column.addWidget(self.pace)
         row = QHBoxLayout()
         column.addLayout(row, 1)
-        row.addWidget(self._points(), 1)
-        row.addLayout(self._values(), 3)
+        left = QVBoxLayout()
+        self.space = make_scene_view()
+        self._rig: object = None  # the result whose rig the scene shows
+        left.addWidget(self.space, 3)
+        left.addWidget(self._points(), 2)
+        row.addLayout(left, 4)
+        row.addLayout(self._values(), 5)
         self.recording = label("", "soft")
         column.addWidget(self.recording)
 
@@ -91,10 +105,10 @@ class MeasurePage(Page):
 
     def _values(self) -> QVBoxLayout:
         column = QVBoxLayout()
-        self.large = label("", "huge", wrap=False)
+        self.large = label("", "huge")
         column.addWidget(self.large)
-        headings = [self.tr("Value"), self.tr("measured"), self.tr("± (k = 2)"), self.tr("off its nominal value")]
-        self.table = Table(headings, sortable=False)
+        headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
+        self.table = Table(headings, sortable=False, spare=(2,))
         column.addWidget(self.table, 1)
         self.chart = DeviationChart()
         column.addWidget(self.chart, 1)
@@ -116,6 +130,7 @@ class MeasurePage(Page):
     def close_page(self) -> None:
         """The program ends."""
         self._end()
+        self.space.close_view()
 
     def _begin(self) -> None:
         connection, result = self.controller.cameras.connection, self.controller.result
@@ -159,8 +174,8 @@ class MeasurePage(Page):
             text = " ".join(error_text(run.problem))
             if text != self._said:
                 self._said = text
-                self.trust.setText(text)
-                set_level(self.trust, "bad")
+                self._trust = text, "bad"
+                self.show_standing()
             return
         measured = run.latest
         if measured is None or measured is self._shown:
@@ -171,10 +186,11 @@ class MeasurePage(Page):
     def _show(self, run: LiveMeasurement, measured: MeasuredSet) -> None:
         history = list(run.history)
         trust = trust_of(measured, run.moved)
-        self.trust.setText(trust.text)
-        set_level(self.trust, trust.level)
+        self._trust = trust.text, trust.level
+        self.show_standing()
         self.pace.setText(pace_text(measured, rate_of([at for at, _ in history])))
         self._show_points(point_names(measured))
+        self._show_space(measured, run.moved)
         rows = value_rows(measured)
         cells: list[list[tuple[str, Cell, str]]] = [
             [
@@ -186,11 +202,26 @@ class MeasurePage(Page):
             for one in rows
         ]
         self.table.fill(cells)
-        self.large.setText("" if not rows else rows[0].deviation or rows[0].value)
+        self.large.setText(large_text(rows[0]) if rows else "")
         set_level(self.large, rows[0].level if rows else "none")
         self._show_course(history, measured.values[0].name if measured.values else "")
-        count = run.recorded
-        self.recording.setText("" if count is None else self.tr("Recording: {sets} sets").format(sets=count))
+        self.recording.setText(self.said().left)
+
+    def _show_space(self, measured: MeasuredSet, moved: Sequence[str]) -> None:
+        """The rig with the points that are measured, and the bars and distances between them."""
+        result = self.controller.result
+        if result is not None and result is not self._rig:
+            self._rig = result
+            self.space.show_scene(rig_scene(result.rig))
+        data, connection = self.space.data, self.controller.cameras.connection
+        if data is None or connection is None:
+            return
+        names = point_names(measured)
+        places = dict(zip(names, in_scene(data, measured.points_mm), strict=True)) if names else {}
+        lines = [mark_ends(bar) for bar in connection.plan.bars] + list(itertools.pairwise(self._chosen))
+        bars = tuple((np.stack([places[a], places[b]]), True) for a, b in lines if a in places and b in places)
+        levels: dict[str, Level] = {name: "bad" if name in moved else "good" for name in connection.names.values()}
+        self.space.show_live(LiveParts(bars=bars, levels=levels, points=tuple(places.items())))
 
     def _show_points(self, names: tuple[str, ...]) -> None:
         """All points seen now, and those that are chosen."""
@@ -225,29 +256,35 @@ class MeasurePage(Page):
 
     # --- the series --------------------------------------------------------------------------------------------------
 
-    def action(self) -> PageAction | None:
+    def said(self) -> Said:
         """Record a series, or end it."""
         run = self._run
-        if run is not None and run.recorded is not None:
-            return PageAction(self.tr("Stop recording"))
-        ready = run is not None and run.problem is None
-        return PageAction(self.tr("Record"), ready, "" if ready else self.tr("Nothing is measured now."))
+        measuring = run is not None and run.problem is None
+        return measure_says(MeasureFacts(self._trust, measuring, run.recorded if run is not None else None))
 
-    def act(self) -> None:
+    @property
+    def headline(self) -> QLabel:
+        """The label with the state of the page."""
+        return self.trust
+
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Begin or end a series; it lies in the project's folder."""
-        run = self._run
-        if run is None:
-            return
-        if run.recorded is None:
+        return {"record": self._record, "stop recording": self._end_recording}
+
+    def _record(self) -> None:
+        if self._run is not None:
             self._folder = Path(self.open_project.folder) / f"series-{datetime.now():%Y%m%d-%H%M%S}"
-            run.record(self._folder)
+            self._run.record(self._folder)
+        self.action_changed.emit()
+
+    def _end_recording(self) -> None:
+        try:
+            count = self._run.end_recording() if self._run is not None else 0
+        except SpherecalError as error:
+            self.controller.tell("bad", *error_text(error))
         else:
-            try:
-                count = run.end_recording()
-            except SpherecalError as error:
-                self.controller.tell("bad", *error_text(error))
-            else:
-                text = self.tr("{sets} sets recorded in {folder}.").format(sets=count, folder=self._folder)
-                self.controller.tell("good", text)
-                self.recording.setText(text)
+            text = self.tr("{sets} sets recorded in {folder}.").format(sets=count, folder=self._folder)
+            self.controller.tell("good", text)
+            self.recording.setText(text)
         self.action_changed.emit()

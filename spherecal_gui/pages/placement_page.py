@@ -1,40 +1,32 @@
 """A placement: counters against need, image coverage, pairs; taken by space bar or by itself when still."""
 
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.wizard_page import PageAction
-from spherecal_gui.presenters.guidance_presenter import advice_text, is_enough, next_text, now_text, to_go_text
+from spherecal_gui.presenters.guidance_presenter import is_enough, next_text, now_text
 from spherecal_gui.presenters.look_presenter import TileState
-from spherecal_gui.presenters.placement_presenter import (
-    AutoTrigger,
-    Scene,
-    advice,
-    is_stuck,
-    island_text,
-    need_lists,
-    need_text,
-)
+from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists, need_text
+from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
-from spherecal_gui.standing import Part, worst
+from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
+from spherecal_gui.standing import Deed, Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
-from spherecal_gui.widgets.basic import button, enable, label, option, set_level
+from spherecal_gui.widgets.basic import button, label, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
-from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.widgets.need_label import NeedLabel
-from spherecal_gui.widgets.scene_view import SceneView, make_scene_view
+from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.tile import Wall
-from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.wizard.keys import SEEN_S
 from spherecal_gui.workflow import Step
 
@@ -53,10 +45,10 @@ class PlacementPage(LivePage):
         super().__init__(controller, parent)
         self._trigger = AutoTrigger()
         self._turned = False
+        self._facts = PlacementFacts()
         self._tiles: list[TileState] = []
         self._drawn: object = None
         self._lacking = True  # a camera needs more dots, over all placements and what it sees now
-        self._stuck = False  # it lies where it should, and a camera sees too little
         self._carried_s = 0.0
         self._by_itself = False  # what is shown was captured by itself
         self._good_since: float | None = None
@@ -65,6 +57,7 @@ class PlacementPage(LivePage):
         head = QHBoxLayout()
         self.ready = label("", "huge", wrap=False)
         self.advice = label("", "huge")
+        self.advice.setAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
@@ -93,26 +86,28 @@ class PlacementPage(LivePage):
         self.automatic = option(self.tr("Capture by itself when still"))
         self.automatic.setObjectName("automatic")
         self.automatic.setToolTip(self.tr("Goes on to the next placement by itself too, where nothing is wrong."))
-        self.again = button(self.tr("Retake"), "retake")
-        self.again.clicked.connect(self._take)
-        self.delete = button(self.tr("Delete"), "delete-set")
-        self.delete.clicked.connect(self._delete)
-        self.undo = button(self.tr("Undo"), "undo")
-        self.undo.clicked.connect(self.controller.sets.undo)
-        self.more = button(self.tr("One more placement"), "more")
-        self.more.clicked.connect(self.controller.sets.add_placement)
-        self.turned = button(self.tr("It was turned"), "was-turned")
-        self.turned.setToolTip(self.tr("The ball is in the same place, but shows another side."))
-        self.turned.clicked.connect(self._was_turned)
-        self.turned.hide()
-        self.keep = button(self.tr("Keep it as it is"), "keep-set")
-        self.keep.clicked.connect(lambda: self.controller.sets.keep(self.set_id))
-        self.fixed = button(self.tr("Fixed again"), "fixed-again")
-        self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
-        self.fixed.clicked.connect(self.controller.cameras.accept_moved)
         row.addWidget(self.automatic)
         row.addStretch(1)
-        for one in (self.put_there, self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
+        sets, cameras = self.controller.sets, self.controller.cameras
+        self.small: dict[str, QPushButton] = {}
+        for key, text, act, tip in (
+            ("put-there", self.tr("Put it there"), self.controller.staging.put_there,
+             self.tr("Training: moves the simulated ball to where it should go.")),
+            ("fixed-again", self.tr("Fixed again"), cameras.accept_moved,
+             self.tr("The cameras that were moved are fixed: they count as they stand now.")),
+            ("was-turned", self.tr("It was turned"), self._was_turned,
+             self.tr("The ball is in the same place, but shows another side.")),
+            ("keep-set", self.tr("Keep it as it is"), lambda: sets.keep(self.set_id), ""),
+            ("retake", self.tr("Retake"), self._take, ""),
+            ("delete-set", self.tr("Delete"), lambda: sets.delete(self.set_id), ""),
+            ("skip", self.tr("Skip this placement"), lambda: sets.drop_placement(self.set_id), ""),
+            ("undo", self.tr("Undo"), sets.undo, ""),
+            ("more", self.tr("One more placement"), sets.add_placement, ""),
+        ):  # fmt: skip
+            one = self.small[key] = button(text, key)
+            one.setToolTip(tip)
+            one.clicked.connect(lambda _=False, act=act: act())
+            one.hide()
             row.addWidget(one)
         return row
 
@@ -143,30 +138,15 @@ class PlacementPage(LivePage):
             label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
         )
         self.tabs.addTab(self._paired, self.tr("Pairs"))
-        self.guidance, self._next_title = QWidget(), self.tr("Where next")
+        self.guidance, self._next_title = QWidget(), self.tr("In space")
         column = QVBoxLayout(self.guidance)
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
-        self.top_view = TopView()
-        self.to_go = label("", "title")
-        self.put_there = button(self.tr("Put it there"), "put-there")
-        self.put_there.setToolTip(self.tr("Training: moves the simulated ball to where it should go."))
-        self.put_there.clicked.connect(self.controller.staging.put_there)
-        self.put_there.hide()  # until it is known where to
+        self.space = make_scene_view()
+        self.guide_key = label(self.tr("Expected error on 500 mm (95 %)."), "soft")
         column.addWidget(self.guide_text)
-        column.addWidget(self.to_go)
-        column.addWidget(self.top_view, 1)
-        self.in_space = button(self.tr("In space"), "in-space")
-        give_icon(self.in_space, "cube")
-        self.in_space.setCheckable(True)
-        self.in_space.toggled.connect(self._show_in_space)
-        self.space: SceneView | None = None
-        self._space_at = column.count()
-        column.addWidget(self.in_space, 0, Qt.AlignmentFlag.AlignLeft)
-        column.addWidget(self.now)
-        column.addWidget(self.then)
-        message = self.tr("Expected error on 500 mm (95 %); the picture is seen from above.")
-        self.guide_key = label(message, "soft")
-        column.addWidget(self.guide_key)
+        column.addWidget(self.space, 1)
+        for one in (self.now, self.then, self.guide_key):
+            column.addWidget(one)
         return self.tabs
 
     # --- what is shown -----------------------------------------------------------------------------------------------
@@ -187,11 +167,6 @@ class PlacementPage(LivePage):
         return self.advice
 
     @property
-    def _is_flawed(self) -> bool:
-        """Whether something is wrong with it as it was taken, and nobody has decided to keep it."""
-        return any(not flaw.kept for flaw in self.open_project.flaws_of(self.set_id))
-
-    @property
     def is_taking(self) -> bool:
         """Whether it is being taken."""
         return self.step is not None and self.controller.runner.running == self.step.id
@@ -199,7 +174,7 @@ class PlacementPage(LivePage):
     def enter(self, step: Step) -> None:
         """Another placement: draw everything again."""
         self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
-        self._by_itself, self._good_since, self._stuck = False, None, False
+        self._by_itself, self._good_since = False, None
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
@@ -214,6 +189,8 @@ class PlacementPage(LivePage):
         self._show_keys()
 
     def _show_keys(self) -> None:
+        """Room for two lines of instruction, so that the images keep their place when it changes."""
+        self.advice.setMinimumHeight(2 * self.advice.fontMetrics().lineSpacing())
         self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())
         self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
@@ -222,27 +199,8 @@ class PlacementPage(LivePage):
         if self.project is None:
             return
         self.show_cameras()
-        idle = self.controller.runner.running is None
-        busy = self.tr("Work is running.")
-        there = self.tr("This placement is not captured yet.")
-        enable(
-            self.again,
-            idle and self.is_taken and self.controller.cameras.connection is not None,
-            busy if not idle else there,
-        )
-        spare = not self.is_taken and len(self.project.placements) > FEW_PLACEMENTS
-        self.delete.setText(self.tr("Skip this placement") if spare else self.tr("Delete"))
-        enable(self.delete, idle and (self.is_taken or spare), busy if not idle else there)
-        self.delete.setVisible(self.is_taken or spare)
         undo = self.controller.sets.can_undo
-        enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
-        self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
-        enable(self.more, idle and self.controller.cameras.connection is not None, busy)
-        flawed = self.is_taken and self._is_flawed
-        self.keep.setVisible(flawed and idle)
-        self.again.setVisible(self.is_taken and not flawed)  # then it is the large button
-        self.undo.setVisible(undo is not None)
-        self.fixed.setVisible(bool(self.controller.cameras.moved()))
+        self.small["undo"].setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
         self._show_guidance()
         self._drawn = None
         self.tick()
@@ -252,8 +210,7 @@ class PlacementPage(LivePage):
         """Draw in the new colours."""
         self._drawn = None
         self._show_keys()
-        if self.space is not None:
-            self.space.dress()
+        self.space.dress()
         self.refresh()
 
     def scene(self) -> Scene:
@@ -282,30 +239,73 @@ class PlacementPage(LivePage):
             return
         self._tiles = self.follow()
         self._look_at_ball()
-        self._show_planning()
         scene = self.scene()
         self._draw(scene)
-        to_go = self.controller.advice.to_go
-        in_place = self.is_taken or (to_go is not None and to_go.near)
-        scene = replace(scene, made_up=bool(scene.short) and in_place and not self._lacking)
-        self.some_are_enough = scene.made_up
-        as_before, away = self._stands_as_before(scene), self._is_away
-        message = advice(scene, self.is_taken, self.is_taking, as_before, away)
-        self._stuck = is_stuck(scene, as_before, away)
-        self.guide_text.setVisible(not self._stuck)  # the ball is there: one advice at a time
-        self.say(message.text, message.level)
-        self._show_counter(scene)
-        waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
-        waiting = waiting and self.standing().level != "bad" and not as_before and not self._stuck
-        waiting = waiting and (to_go is None or to_go.near)  # where it should go is known: there, and nowhere else
-        self.turned.setVisible(as_before)
-        taken = waiting and self._trigger.feed(scene, time.monotonic())
+        facts = self._facts = self._facts_of(scene)
+        self.some_are_enough = facts.scene.made_up
+        self.show_standing()
+        said = self.standing().said
+        for key, one in self.small.items():
+            one.setVisible(key in said.also)
+        self.ready.setText(said.count)
+        level = self.standing().level
+        whole = facts.scene.made_up or len(facts.scene.ready) == len(facts.scene.counts) > 0
+        set_level(self.ready, level if level in ("bad", "caution") else "good" if whole else "caution")
+        self.guide_text.setText(self._reason())
+        self.guide_text.setVisible(bool(self.guide_text.text()))
+        self._show_space()
+        waiting = self.automatic.isChecked() and not (facts.taken or facts.work or facts.as_before or facts.stuck)
+        waiting = waiting and not facts.away and level != "bad"  # where it should go is known: there, and nowhere else
+        taken = waiting and self._trigger.feed(facts.scene, time.monotonic())
         self._show_hold(waiting)
         if taken:
             self._by_itself = True
             self._take()
         self._carry()
         self._go_on_by_itself()
+
+    def _facts_of(self, scene: Scene) -> PlacementFacts:
+        """What is known of this placement now."""
+        project, advice, sets = self.open_project, self.controller.advice, self.controller.sets
+        to_go = advice.to_go if advice.guidance is not None and not self.recorded else None
+        in_place = self.is_taken or (to_go is not None and to_go.near)
+        made_up = (bool(scene.short) and in_place and not self._lacking) or self.recorded
+        mine = self.controller.recording.dots.get(self.set_id) if self.is_taken else None
+        if mine is not None:
+            counts = {name: len(mine[name]) if name in mine else 0 for name in scene.counts}
+            scene = replace(scene, counts=counts, still=True)
+        return PlacementFacts(
+            replace(scene, made_up=made_up),
+            self.is_taken,
+            self.is_taken and any(not flaw.kept for flaw in project.flaws_of(self.set_id)),
+            self.work,
+            self.controller.cameras.connection is not None,
+            self._stands_as_before(scene),
+            to_go,
+            self._is_enough(),
+            self.recorded,
+            len(project.placements) > FEW_PLACEMENTS,
+            bool(self.controller.cameras.moved()),
+            sets.can_undo is not None,
+            self.controller.staging.can_put_there,
+        )
+
+    def said(self) -> Said:
+        """What to do with this placement."""
+        if self.project is None or self.step is None:
+            return Said("none", "")
+        return placement_says(replace(self._facts, taken=self.is_taken, work=self.work))
+
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
+        """Take it, or go on."""
+        return {"capture": self._take, "next": self._next}
+
+    def _next(self) -> None:
+        state = self.controller.state
+        after = state.after(state.current) if state is not None else None
+        if after is not None:
+            self.controller.go(after.step.id)
 
     def _carry(self) -> None:
         """In training the ball goes to its ghost by itself where it is captured by itself: nobody carries it there."""
@@ -346,21 +346,9 @@ class PlacementPage(LivePage):
         # a camera without targets needs another place of the ball, as the page's own sentence says
         return (*super()._troubles(), Part(level, f"{tile.name}: {tile.word}" if tile.dots else ""))
 
-    def _show_counter(self, scene: Scene) -> None:
-        """The cameras that see enough: in what was taken, else now."""
-        mine = self.controller.recording.dots.get(self.set_id) if self.is_taken else None
-        if mine is not None:
-            seen = {name: len(mine[name]) if name in mine else 0 for name in scene.counts}
-            scene = replace(scene, counts=seen, still=True, lost=())
-        self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
-        self.ready.setToolTip(self.tr("Cameras that see enough"))
-        whole = bool(scene.counts) and (len(scene.ready) == len(scene.counts) or scene.made_up)
-        standing = self.standing().level
-        set_level(self.ready, standing if standing in ("bad", "caution") else "good" if whole else "caution")
-
     def _stands_as_before(self, scene: Scene) -> bool:
         """Whether the ball is where it was at the placement taken last, and nobody says that it was turned."""
-        if self.is_taken or self._turned or scene.lost:
+        if self.is_taken or self._turned or scene.lost or self.recorded:
             return False
         last = max(
             (name for name in self.open_project.placements if name in self.open_project.taken),
@@ -420,7 +408,11 @@ class PlacementPage(LivePage):
         project = self.open_project
         to_come = any(name not in project.taken for name in project.placements if name != self.set_id)
         more, spread = need_lists(found, to_come)
-        self._show_on_tiles(cameras, before, now, found if not to_come or mine is not None else [])
+        fixed = self.recorded or project.purpose == "check"  # nothing of it can be changed, or one placement is all
+        told = not fixed and (not to_come or mine is not None)
+        self._show_on_tiles(cameras, before, now, found if told else [])
+        if fixed:
+            more = spread = None
         self.more_dots.show_need(more)
         self.spread_dots.show_need(spread, "none" if to_come else "caution")
         common = cov.common_dots(everything, cameras)
@@ -460,26 +452,20 @@ class PlacementPage(LivePage):
         """The ghost and the ball in every image, and how far it is to go."""
         guidance, to_go = self.controller.advice.guidance, self.controller.advice.to_go
         ghost = guidance.ghost if guidance is not None and not self.is_taken and not self._is_enough() else None
-        wanted = ghost is not None
         found = drawn(ghost, self.controller.advice.lying) if ghost is not None else {}
         for tile in self.wall.tiles.values():
             tile.show_ghost(found.get(tile.name), to_go is not None and to_go.near)
-        text, level = to_go_text(to_go) if wanted and to_go is not None else ("", "none")
-        size = "big" if theme.is_far() else "title"  # large text needs its room
-        if self.to_go.objectName() != size:
-            self.to_go.setObjectName(size)
-            self.to_go.style().polish(self.to_go)
-        self.to_go.setText(text)
-        set_level(self.to_go, level)
-        self.to_go.setVisible(bool(text))
-        near = to_go is not None and to_go.near
-        self.put_there.setVisible(wanted and self.controller.staging.can_put_there and to_go is not None and not near)
+        self._show_space()
 
-    @property
-    def _is_away(self) -> bool:
-        """Whether the ball is known not to be where it should go."""
-        to_go = self.controller.advice.to_go
-        return to_go is not None and not to_go.near and not self._is_enough()
+    def _show_space(self) -> None:
+        """The ball as it lies now, the cameras' images and how they are, in the scene."""
+        data, guidance, lying = self.space.data, self.controller.advice.guidance, self.controller.advice.lying
+        if data is None or not self.space.isVisible():
+            return
+        to_go, ghost = self.controller.advice.to_go, guidance.ghost if guidance is not None else None
+        ball = live_ball(data, ghost, lying) if ghost is not None and not self.is_taken else None
+        levels, images = self.tiles_now()
+        self.space.show_live(LiveParts(ball, to_go is not None and to_go.near, (), levels, images))
 
     def _is_enough(self) -> bool:
         """Whether one more placement would not be worth it."""
@@ -490,60 +476,39 @@ class PlacementPage(LivePage):
     def _all_taken(self) -> bool:
         return all(name in self.open_project.taken for name in self.open_project.placements)
 
-    def _show_planning(self) -> None:
-        """For how long the advice has been worked out."""
-        seconds = self.controller.advice.planning_s
-        if self.controller.advice.guidance is None and seconds is not None:
-            text = self.tr("Working out where the ball should go next: {seconds:.0f} s").format(seconds=seconds)
-            self.guide_text.setText(text)
-
-    def _show_in_space(self) -> None:
-        """The advice in space in place of from above."""
-        shown, wanted = self.controller.advice.guidance, self.in_space.isChecked()
-        if wanted and self.space is None:
-            self.space = make_scene_view()
-            layout = self.guidance.layout()
-            assert isinstance(layout, QVBoxLayout)
-            layout.insertWidget(self._space_at, self.space, 1)
-        self.top_view.setVisible(not wanted)
-        if self.space is not None:
-            self.space.setVisible(wanted)
-            scene = shown.scene if shown is not None else None
-            if wanted and scene is not self.space.data:
-                self.space.show_scene(scene)
-
     def close_page(self) -> None:
         """Let go of the 3-D view."""
-        if self.space is not None:
-            self.space.close_view()
+        self.space.close_view()
         super().close_page()
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
         shown, planning = self.controller.advice.guidance, self.controller.advice.planning
         at = self.tabs.indexOf(self.guidance)
-        if shown is None and not planning:
+        if self.space.data is None and shown is None:  # as the cameras stood when they were calibrated last
+            known = rig_in_use(self.controller.profile_folder, self.scene().counts)
+            self.space.show_scene(rig_scene(known) if known is not None else None)
+        if shown is None and not planning and self.space.data is None:
             if at >= 0:
                 self.tabs.removeTab(at)
             return
         if at < 0:
             self.tabs.insertTab(0, self.guidance, self._next_title)
             self.tabs.setCurrentIndex(0)
-        self.top_view.show_guidance(None if self._is_enough() else shown)
-        self._show_in_space()
-        self.in_space.setVisible(not theme.is_far() or self.in_space.isChecked())
-        if shown is None:
-            self._show_planning()
-            self.now.clear()
-            self.then.clear()
-            self._show_ghosts()
-            return
-        self.guide_text.setText(advice_text(shown, self._all_taken))
-        self._show_ghosts()
-        text, level = now_text(shown)
+        if shown is not None and shown.scene is not self.space.data:  # the last one stays until there is a newer one
+            self.space.show_scene(shown.scene)
+        text, level = now_text(shown) if shown is not None else ("", "none")
         self.now.setText(text)
         set_level(self.now, level)
-        self.then.setText(next_text(shown, self._all_taken))
+        self.then.setText(next_text(shown, self._all_taken) if shown is not None else "")
+        self._show_ghosts()
+
+    def _reason(self) -> str:
+        """Why the ball goes nowhere now: the place is being worked out, or no other one is worth a walk."""
+        seconds = self.controller.advice.planning_s
+        if self.controller.advice.guidance is None and seconds is not None:
+            return self.tr("Working out where the ball should go next: {seconds:.0f} s").format(seconds=seconds)
+        return self.tr("Enough: one more placement would not be worth it.") if self._is_enough() else ""
 
     def _show_camera(self, name: str) -> None:
         """One camera's picture, large; without a name those of all."""
@@ -558,34 +523,3 @@ class PlacementPage(LivePage):
         if self.step is not None:
             self.controller.sets.take(self.set_id, self.step.id)
             self.refresh()
-
-    def _delete(self) -> None:
-        if self.is_taken:
-            self.controller.sets.delete(self.set_id)
-        else:
-            self.controller.sets.drop_placement(self.set_id)
-
-    def action(self) -> PageAction:
-        """Take it."""
-        running = self.controller.runner.running
-        lost = self.controller.cameras.lost()
-        text = self.tr("Captured") if self.is_taken else self.tr("Capture  (space)")
-        if self._stuck and not self.is_taken:
-            text = self.tr("Capture anyway  (space)")
-        if lost and not self.is_taken:
-            text = self.tr("Capture without {cameras}").format(cameras=", ".join(lost))
-        if self.is_taking:
-            return PageAction(self.tr("Capturing"), False, self.tr("Images are being captured."))
-        if running:
-            return PageAction(text, False, self.tr("Work is running."))
-        if self.is_taken and self._is_flawed:
-            return PageAction(self.tr("Retake  (space)"), self.controller.cameras.connection is not None)
-        if self.is_taken:
-            return PageAction(text, False, self.tr("It is captured; Retake replaces it."), done=True)
-        if self.controller.cameras.connection is None:
-            return PageAction(text, False, self.tr("The cameras are not connected."))
-        return PageAction(text, accepts=True)
-
-    def act(self) -> None:
-        """Take it."""
-        self._take()

@@ -1,12 +1,14 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
+from collections.abc import Callable, Mapping
+
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.results_presenter import (
     CameraResiduals,
     CameraRow,
@@ -18,8 +20,10 @@ from spherecal_gui.presenters.results_presenter import (
     residuals_of,
     verdict,
 )
+from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
+from spherecal_gui.standing import Deed, Said
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.findings_list import FindingsList
@@ -124,15 +128,11 @@ class ResultsPage(Page):
     def refresh(self) -> None:
         """There may be another result."""
         result = self.controller.result
+        self.show_standing()
         if self.project is None or result is None:
-            self.say(self.tr("Reading the result") if self.controller.runner.running else "", "none")
             self.action_changed.emit()
             return
-        message = verdict(result)
-        state = self.state
-        stale = state is not None and state.status is Status.STALE
-        self.say(*((self.tr("OUT OF DATE"), "caution") if stale else (message.word, message.level)))
-        self.sentence.setText(message.sentence)
+        self.sentence.setText(verdict(result).sentence)
         self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
         outcome = self.controller.outcome
         since, level = compared_text(outcome.compared if outcome is not None else None)
@@ -275,28 +275,22 @@ class ResultsPage(Page):
         elif kind.startswith("--"):
             self.controller.computation.repair(kind, target)
 
-    def action(self) -> PageAction:
+    def said(self) -> Said:
         """Accept the result, valid or not; the technician decides."""
-        state, text = self.state, self.tr("Accept the result")
-        if self.controller.result is None:
-            return PageAction(text, False, self.tr("The result is being read."))
-        if state is not None and state.status is Status.STALE:
-            again, idle = self.tr("Calibrate again"), self.controller.runner.running is None
-            return PageAction(again, idle, "" if idle else self.tr("Work is running."))
-        calibrated = self.open_project.calibrated
-        if self.open_project.accepted == calibrated:
-            return PageAction(text, False, self.tr("It was accepted already."), done=True)
-        if state is not None and calibrated is not None and not usable(calibrated.verdict):
-            return PageAction(text, False, self.tr("It is not valid: do what the findings advise."))
-        return PageAction(text, accepts=True)
+        result, state, project = self.controller.result, self.state, self.project
+        running = self.controller.runner.running or ""
+        if result is None or project is None or state is None:
+            return results_says(ResultFacts(running=running))
+        message, calibrated = verdict(result), project.calibrated
+        may_use = calibrated is None or usable(calibrated.verdict)
+        accepted = project.accepted == calibrated
+        stale = state.status is Status.STALE
+        return results_says(ResultFacts((message.word, message.level, may_use), stale, accepted, running))
 
-    def act(self) -> None:
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Accept, or calibrate again where something was changed."""
-        state = self.state
-        if state is not None and state.status is Status.STALE:
-            self._calibrate_again()
-        else:
-            self.controller.computation.accept_results()
+        return {"accept": self.controller.computation.accept_results, "calibrate": self._calibrate_again}
 
     def _calibrate_again(self) -> None:
         self.controller.go("calibrate")

@@ -1,5 +1,6 @@
 """Save and report: where the result is, the report, the rig's profile, exports, the command lines."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -11,6 +12,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QPlainTextEdit,
+    QProgressBar,
     QVBoxLayout,
     QWidget,
 )
@@ -20,13 +22,14 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.frame_dialog import FrameDialog
-from spherecal_gui.pages.wizard_page import Page, PageAction
+from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.frame_presenter import FrameChoice, frame_words
 from spherecal_gui.presenters.start_presenter import next_check_text, number_in_use
+from spherecal_gui.presenters.step_states import SaveFacts, save_says
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.rig_scenes import outcome_scene
-from spherecal_gui.standing import Level
+from spherecal_gui.standing import Deed, Said
 from spherecal_gui.widgets.basic import Card, button, details_button, enable, label, open_file, option, set_level
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.workflow import Status, Step
@@ -40,8 +43,12 @@ class SavePage(Page):
         column = QVBoxLayout(self)
         self.word = label("", "huge")
         column.addWidget(self.word)
-        self.end = label("", "")
-        column.addWidget(self.end)
+        self.progress = QProgressBar()
+        self.progress.setRange(0, 0)
+        self.progress.setTextVisible(False)
+        self.progress_words, self.end = label("", "big"), label("", "")
+        for part in (self.progress, self.progress_words, self.end):
+            column.addWidget(part)
         self._opens = False  # the report, once it is written
         self._opened: bool | None = None
         column.addWidget(self._profile())
@@ -100,12 +107,6 @@ class SavePage(Page):
             whole = rig.read_bytes()
             self._compared = (key, any(one.read_bytes() == whole for one in entries))
         return self._compared[1]
-
-    @property
-    def _saves_first(self) -> bool:
-        """Whether the large button saves: what is not in the profile, or not as it is now."""
-        stale = self.state is not None and self.state.status is Status.STALE
-        return (stale or not self.is_kept) and not self._why_not_saved()
 
     def _why_not_saved(self) -> str:
         """What is in the way of saving in the profile; empty where nothing is."""
@@ -260,19 +261,8 @@ class SavePage(Page):
         )
         self._for_the_desk.setVisible(not theme.is_far())
         self._show_rig()
-        state = self.state
-        done = state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED)
-        stale = state is not None and state.status is Status.STALE
-        if self.controller.runner.running == "save":
-            self.say(self.tr("Writing"), "none")
-        elif done and not self.is_kept:
-            self.say(self.tr("The calibration is not saved yet"), "caution")
-        elif done:
-            self.say(*self._saved_words())
-        elif stale:
-            self.say(self.tr("What was saved is out of date"), "caution")
-        else:
-            self.say(*self._unsaved_words())
+        self.show_standing()
+        self.tick()
         if self._opens and self.controller.runner.running is None:
             self._opens = False
             if self.report_path.is_file() and "save" not in self.project.failures:
@@ -304,27 +294,6 @@ class SavePage(Page):
     def close_page(self) -> None:
         """Let go of the 3-D view."""
         self.scene.close_view()
-
-    def _saved_words(self) -> tuple[str, Level]:
-        """Saved, and how good that is: never greener than what was saved."""
-        if self._calibration == "not valid":
-            return self.tr("Saved; it is not valid"), "bad"
-        if self._failed:
-            return self.tr("Saved; its verification failed"), "bad"
-        if self._doubtful:
-            return self.tr("Saved; not verified"), "caution"
-        if self._calibration != "valid":
-            return self.tr("Saved; to be used with care"), "caution"
-        return self.tr("Saved"), "good"
-
-    def _unsaved_words(self) -> tuple[str, Level]:
-        if self._failed:
-            return self.tr("Not saved yet; its verification failed"), "bad"
-        return (
-            (self.tr("Not saved yet; not verified"), "caution")
-            if self._doubtful
-            else (self.tr("Not saved yet"), "none")
-        )
 
     @property
     def headline(self) -> QLabel:
@@ -389,27 +358,41 @@ class SavePage(Page):
         QGuiApplication.clipboard().setText("\n".join(self.controller.saving.commands()))
         self.controller.tell("info", self.tr("Copied."))
 
-    def action(self) -> PageAction:
+    def said(self) -> Said:
         """Save what is not in the profile yet; then the report."""
-        text = self.tr("Write the report")
-        if self.controller.runner.running:
-            return PageAction(text, False, self.tr("Work is running."))
-        if self._is_stale:
-            return PageAction(text, False, self.tr("The calibration is out of date."))
-        if self._saves_first:
-            text = self.tr("Save and put to use") if self.apply.isChecked() else self.profile.text()
-            return PageAction(text, accepts=self.apply.isChecked())
-        state = self.state
-        done = state is not None and state.status in (Status.DONE, Status.CARE) and self.report_path.is_file()
-        return PageAction(self.tr("Finish"), accepts=True) if done else PageAction(text)
+        state, task = self.state, self.controller.runner.task
+        if self.project is None or state is None:
+            return Said("none", "")
+        return save_says(
+            SaveFacts(
+                state.status,
+                self._calibration,
+                not self._doubtful,
+                self._failed,
+                self.is_kept,
+                self._is_stale,
+                self.apply.isChecked(),
+                self._why_not_saved(),
+                self.report_path.is_file(),
+                self.controller.runner.running or "",
+                task is not None and task.stopping,
+                self.controller.progress_text(),
+            )
+        )
 
-    def act(self) -> None:
-        """Save, write the report, or end."""
-        if self._saves_first:
-            self._save_profile()
-        elif self.report_path.is_file() and self.state is not None and self.state.status in (Status.DONE, Status.CARE):
-            self.finished.emit()
-        else:
-            self._opens = True
-            self.controller.saving.set_note(self.note.text().strip())
-            self.controller.saving.write_report(self.report_path)
+    def tick(self) -> None:
+        """How far the writing is."""
+        writing = self.controller.runner.running == "save"
+        self.progress.setVisible(writing)
+        self.progress_words.setVisible(writing)
+        self.progress_words.setText(self.said().left if writing else "")
+
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
+        """Save, or write the report."""
+        return {"save": self._save_profile, "report": self._write_report}
+
+    def _write_report(self) -> None:
+        self._opens = True
+        self.controller.saving.set_note(self.note.text().strip())
+        self.controller.saving.write_report(self.report_path)

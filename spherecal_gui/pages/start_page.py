@@ -121,7 +121,7 @@ class StartPage(QWidget):
         self.check = button(self.tr("Check the rig"), "check", "card")
         give_icon(self.check, "zoom-check")
         self.check.clicked.connect(self._check_newest)
-        text = self.tr("Is the calibration in use still good? One minute, one placement.")
+        text = self.tr("Has a camera moved since? One minute, one placement of the ball.")
         return self._card(self.tr("Check"), text, "check", self.check)
 
     def _choose_board(self) -> None:
@@ -146,7 +146,7 @@ class StartPage(QWidget):
         self.verify = button(self.tr("Verify the rig"), "verify", "card")
         give_icon(self.verify, "ruler-2")
         self.verify.clicked.connect(self._verify_newest)
-        text = self.tr("Measure the check bar with the calibration in use, and print the result.")
+        text = self.tr("Does the rig measure right? The check bar is measured, and the result printed.")
         return self._card(self.tr("Verify"), text, "verify", self.verify)
 
     def _recent(self) -> Card:
@@ -267,7 +267,7 @@ class StartPage(QWidget):
         """Have somebody choose a recorded session, and show it as live cameras."""
         folder = QFileDialog.getExistingDirectory(self, self.tr("A recorded session with images"), str(self.projects))
         if folder:
-            self.wanted.emit(f"replay:{folder}")
+            self.opened.emit(folder)
 
     def train(self, fault: str) -> None:
         """The walk on a simulated rig in which this goes wrong; SURPRISE for one of all faults."""

@@ -1,8 +1,11 @@
 """Verify: the check bars in poses that the engine plans, then the errors of their lengths, limits and budget."""
 
 import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import date
 
+import numpy as np
 from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QGridLayout,
@@ -17,16 +20,17 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.bars_page import ScalePage
-from spherecal_gui.pages.wizard_page import PageAction
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.presenters.connect_presenter import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement_presenter import HOLD_S
+from spherecal_gui.presenters.step_states import VerifyFacts, verify_says
 from spherecal_gui.project import Artefacts
-from spherecal_gui.rig_scenes import verified_scene
+from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
+from spherecal_gui.standing import Deed, Said
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
+from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step
 
@@ -55,8 +59,9 @@ class VerifyPage(ScalePage):
         self.poses.addWidget(self.pose_box)
         self.poses.addStretch(1)
         self.tabs = QTabWidget()
-        self.view = BarView()
-        self.tabs.addTab(self.view, self.tr("Where"))
+        self.view = make_scene_view()
+        self._rig: object = None  # the result whose rig the scene shows
+        self.tabs.addTab(self.view, self.tr("In space"))
         self.tabs.addTab(self.wall, self.tr("Images"))
         self.column.insertWidget(2, self.tabs, 1)
         self.outcome = VerificationView()
@@ -139,11 +144,6 @@ class VerifyPage(ScalePage):
         return self.outcome.word if self.shows_outcome else self.message
 
     @property
-    def is_taking_pose(self) -> bool:
-        """Whether images of a pose are being taken, and nothing is computed."""
-        return self.is_taking and self.controller.sets.taking is not None
-
-    @property
     def shows_outcome(self) -> bool:
         """Whether what was measured is shown, and not where the bar goes."""
         result = self.controller.result
@@ -164,7 +164,7 @@ class VerifyPage(ScalePage):
             for row, pose in enumerate(poses):
                 there = pose in self.open_project.taken
                 mark = MARKS["good"] if there else "\u25b8" if pose == self.current else MARKS["none"]
-                one = button(f"{mark} {pose}", f"pose-{pose}", "pose")
+                one = button(f"{mark} {self.pose_ids().index(pose) + 1}", f"pose-{pose}", "pose")
                 one.setProperty("pose", pose)
                 one.setProperty("level", "good" if there else "none")
                 one.setCheckable(True)
@@ -184,10 +184,6 @@ class VerifyPage(ScalePage):
         self._again = True
         self._stage()
         self.refresh()
-
-    def _take(self) -> None:
-        """Whatever lies there."""
-        super().act()
 
     def _celsius_given(self) -> None:
         value = self.celsius.value()
@@ -226,12 +222,9 @@ class VerifyPage(ScalePage):
         self.automatic.setVisible(not shown and self.guided)
         self.as_it_lies.setVisible(not shown and self.guided)
         self.more.setVisible(shown and any(pose not in self.project.taken for pose in self.pose_ids()))
-        taken = sum(pose in self.project.taken for pose in self.pose_ids())
-        idle = self.controller.runner.running is None
-        busy = self.tr("Work is running.")
-        enable(self.enough, idle and taken > 0, busy if not idle else self.tr("No pose is captured yet."))
-        ready = idle and self.controller.cameras.connection is not None and self.current is not None
-        enable(self.as_it_lies, ready, busy)
+        idle, also = self.controller.runner.running is None, self.said().also
+        enable(self.enough, "measure-now" in also, self.tr("No pose is captured yet."))
+        self.as_it_lies.setEnabled("take-anyway" in also)
         self._show_limit(idle)
         self.celsius.setEnabled(idle)
         for part in (self.celsius, self.celsius_label):
@@ -241,13 +234,12 @@ class VerifyPage(ScalePage):
         bars = self.controller.result.bars if self.controller.result is not None else None
         if shown and bars is not None:
             state = self.state
-            measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
             stale = state is not None and state.status is Status.STALE
             self.outcome.show_bars(bars, stale)
             if self.controller.outcome is not self._drawn:
                 self._drawn = self.controller.outcome
                 self.outcome.show_rig(verified_scene(self._drawn) if self._drawn is not None else None)
-            self.say(*((self.tr("Measuring"), "none") if measuring else self.outcome.words))
+        self.show_standing()
         self._show_lengths()
         self._show_guide()
 
@@ -291,8 +283,8 @@ class VerifyPage(ScalePage):
         if self.project is None or self.shows_outcome:
             return
         if self.guided:
+            self.follow()
             if self.wall.isVisible():
-                self.follow()
                 self._show_ghosts()
             self._show_guide()
             self._look()
@@ -332,69 +324,73 @@ class VerifyPage(ScalePage):
     def _show_guide(self) -> None:
         """The picture and the one sentence."""
         if not self.guided or self.current is None:
-            self.view.show_guide(None)
             at = self.tabs.indexOf(self.view)
             if at >= 0:
                 self.tabs.removeTab(at)
             return
         if self.tabs.indexOf(self.view) < 0:
-            self.tabs.insertTab(0, self.view, self.tr("Where"))
+            self.tabs.insertTab(0, self.view, self.tr("In space"))
             self.tabs.setCurrentIndex(0)
-        guide, planned = self.guide, self.controller.bars.planned_pose(self.current)
-        self.view.show_guide(guide)
-        text, level = (guide.text, guide.level) if guide is not None else ("", "none")
-        if self.is_taking:
-            text, level = self.tr("Hold still: images are being captured"), "caution"
-        elif guide is None and planned is not None:
-            text = lay_text(planned)
-        if not self.shows_outcome:
-            self.say(f"{self.current} · {text}", level)
+        self._show_space(self.current)
+        self.show_standing()
+
+    def _show_space(self, pose: str) -> None:
+        """The rig with its live images, the bar where it should lie and where it lies, in the measuring volume."""
+        outcome, planned = self.controller.outcome, self.controller.bars.planned_pose(pose)
+        if outcome is None or planned is None or outcome.plan is None:
+            return
+        if outcome is not self._rig:
+            self._rig = outcome
+            self.view.show_scene(rig_scene(outcome.result.rig))
+        data, box = self.view.data, outcome.plan.box
+        if data is None or not self.view.isVisible():
+            return
+        signs = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+        corners = box.middle + (signs * box.half) @ box.axes
+        bars = [(in_scene(data, np.stack([planned.start_mm, planned.end_mm])), False)]
+        lying = self.controller.bars.lying_ends
+        if lying is not None and np.isfinite(lying).all():
+            bars.append((in_scene(data, lying), True))
+        near = self.guide is not None and self.guide.accepted
+        levels, images = self.tiles_now()
+        self.view.show_live(LiveParts(None, near, tuple(bars), levels, images, box=in_scene(data, corners)))
 
     def dress(self) -> None:
         """Draw in the new colours."""
         self.refresh()
-        self.view.update()
+        self.view.dress()
         self.outcome.panel.dress()
 
     def close_page(self) -> None:
         """Let go of the 3-D view."""
+        self.view.close_view()
         self.outcome.panel.close_view()
 
-    # --- the large button --------------------------------------------------------------------------------------------
+    # --- its state ---------------------------------------------------------------------------------------------------
 
-    def action(self) -> PageAction | None:
-        """Take poses, then measure."""
-        running, state = self.controller.runner.running, self.state
-        measured = state is not None and (
-            state.status is Status.DONE or (self.open_project.verified is not None and state.status is Status.FAILED)
+    def said(self) -> Said:
+        """Where the bar goes, or what was measured."""
+        if self.project is None or self.step is None:
+            return Said("none", "")
+        state, bars, pose = self.state, self.bar_facts(), self.current
+        measuring = self.controller.runner.running == "verify" and self.controller.sets.taking is None
+        current = state is not None and (
+            state.status in (Status.DONE, Status.CARE)
+            or (self.project.verified is not None and state.status is Status.FAILED)
         )
-        if self.current is not None and not (self.shows_outcome and (measured or running is not None)):
-            if self.shows_outcome:  # out of date: the limit or a pose is another
-                return PageAction(self.tr("Measure the bar"), running is None, self.tr("Work is running."))
-            return self._take_action()
-        if running == "verify":
-            return PageAction(self.tr("Measuring"), False, self.tr("The lengths are being measured."))
-        text = self.tr("Measure the bar")
-        if running:
-            return PageAction(text, False, self.tr("Work is running."))
-        if measured:
-            return PageAction(text, False, self.tr("It is measured; retake a pose to measure again."), done=True)
-        return PageAction(text)
+        planned = self.controller.bars.planned_pose(pose) if pose is not None else None
+        if self.guide is not None:
+            bars = replace(bars, guide=(self.guide.text, self.guide.level, self.guide.accepted))
+        elif planned is not None:
+            bars = replace(bars, guide=(lay_text(planned), "none", False))
+        outcome = self.outcome.words if self.shows_outcome else None
+        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken))
 
-    def _take_action(self) -> PageAction | None:
-        """Take the pose, where it lies as asked."""
-        plain = super().action()
-        if plain is None or not plain.enabled or not self.guided:
-            return plain
-        guide = self.guide
-        if guide is None or not guide.accepted:
-            why = guide.text if guide is not None else self.tr("The bar is being looked for.")
-            return PageAction(plain.text, False, why)
-        return plain
+    @property
+    def _any_taken(self) -> bool:
+        return any(pose in self.open_project.taken for pose in self.pose_ids())
 
-    def act(self) -> None:
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Take the next pose, or measure."""
-        if self.current is not None and not self.shows_outcome:
-            self._take()
-        else:
-            self._measure()
+        return {"capture": self._take, "measure": self._measure}

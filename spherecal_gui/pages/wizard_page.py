@@ -1,31 +1,16 @@
 """What all pages have in common."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.project import Project
-from spherecal_gui.standing import NEEDS_CAMERAS, Button, Level, Part, Standing, level_of, stand
+from spherecal_gui.standing import NEEDS_CAMERAS, Button, Deed, Part, Said, Standing, level_of, stand
 from spherecal_gui.texts import moved_text, reason_text
 from spherecal_gui.widgets.basic import set_level
 from spherecal_gui.workflow import Reason, Status, Step, StepState
-
-
-@dataclass(frozen=True)
-class PageAction:
-    """The one large button of a page: what it says, whether it can be pressed, and why not (with the step to mend it).
-
-    `done`: the page's work is done, and the space bar goes on to the next step instead. `accepts`: it accepts what is
-    shown, which the space bar does not do where that is red.
-    """
-
-    text: str
-    enabled: bool = True
-    why: str = ""
-    done: bool = False
-    accepts: bool = False
 
 
 def lost_reason(cameras: tuple[str, ...]) -> Reason:
@@ -49,7 +34,6 @@ class Page(QWidget):
         self.controller = controller
         self.step: Step | None = None
         self.alarmed = False  # a red message is on the screen
-        self._own = Part("none")
         self._standing: Standing | None = None
 
     def enter(self, step: Step) -> None:
@@ -73,12 +57,21 @@ class Page(QWidget):
     def close_page(self) -> None:
         """The program ends."""
 
-    def action(self) -> PageAction | None:
-        """What the large button does now; None for no such button."""
-        return None
+    def action(self) -> Button | None:
+        """The large button; None for none."""
+        return self.standing().said.button
+
+    @property
+    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
+        """How the page does what its large button can do."""
+        return {}
 
     def act(self) -> None:
         """The large button was pressed."""
+        action = self.action()
+        if action is not None and action.enabled:
+            own: dict[Deed, Callable[[], object]] = {"finish": self.finished.emit, **self.deeds}
+            (self.controller.cancel if action.does == "cancel" else own[action.does])()
 
     # --- its state ---------------------------------------------------------------------------------------------------
 
@@ -87,10 +80,9 @@ class Page(QWidget):
         """The label with the state of the page."""
         return None
 
-    def say(self, text: str, level: Level) -> None:
-        """The page's own part of its headline; what is worse elsewhere is said instead."""
-        self._own = Part(level, text)
-        self.show_standing()
+    def said(self) -> Said:
+        """What the page's step says of itself (presenters/step_states.py)."""
+        return Said("none", "")
 
     def show_standing(self) -> None:
         """Draw the headline; the window draws rail, chip and buttons from the same standing."""
@@ -105,15 +97,14 @@ class Page(QWidget):
 
     def standing(self) -> Standing:
         """The worst of the page's headline, its step's status and what is wrong elsewhere."""
-        state, whole = self.state, self.controller.state
+        said, state, whole = self.said(), self.state, self.controller.state
         if state is None or whole is None:
-            return Standing(self._own.level, self._own.text)
-        action = self.action()
-        button = None if action is None else Button(action.enabled, action.done, action.accepts)
+            return Standing(said.level, said.text, said=said)
+        if self.controller.gone:
+            said = Said("none", "", stay=reason_text(state.reason))  # nothing can be done here
         after = whole.after(state.step.id)
-        return stand(
-            self._own, self._step_part(state), self._troubles(), button, after is not None and after.open, self.alarmed
-        )
+        may_go_on = after is not None and after.open
+        return stand(said, self._step_part(state), self._troubles(), may_go_on, self.alarmed)
 
     @staticmethod
     def _step_part(state: StepState) -> Part:

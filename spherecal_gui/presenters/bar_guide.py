@@ -1,4 +1,4 @@
-"""Where to lay the check bar and whether it lies there: in words and seen from above and from the front."""
+"""Where to lay the check bar and whether it lies there, in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from spherecal_gui.coverage import Level
 from spherecal_gui.rig_scenes import RigPlanes
 
 if TYPE_CHECKING:
-    from spherecal.verify.pose_plan import PlannedPose, PoseAnswer, PosePlan
+    from spherecal.verify.pose_plan import PlannedPose, PoseAnswer
 
 translate = QCoreApplication.translate
 
@@ -20,30 +20,17 @@ translate = QCoreApplication.translate
 _UPRIGHT = 0.7
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class BarGuide:
-    """One pose to lay: places in mm in the two planes `above` and `front`, (n, 2) each.
-
-    `wanted` and `lying` (None: not found) are the bar's two ends, `cameras` the cameras, `box` the volume's corners
-    (8). `text` is the one sentence, `accepted` whether the bar lies as asked.
-    """
+    """One pose to lay: `text` is the one sentence, `accepted` whether the bar lies as asked."""
 
     pose: str
-    bar: str
-    near: tuple[str, str]
-    names: tuple[str, ...]
-    cameras: tuple[FloatArray, FloatArray]
-    box: tuple[FloatArray, FloatArray]
-    wanted: tuple[FloatArray, FloatArray]
-    lying: tuple[FloatArray, FloatArray] | None
     accepted: bool
     text: str
     level: Level
 
 
-def bar_guide(
-    planes: RigPlanes, plan: "PosePlan", pose: "PlannedPose", ends_mm: FloatArray | None, still: bool | None
-) -> BarGuide:
+def bar_guide(planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, still: bool | None) -> BarGuide:
     """What to do about a pose, the bar's ends being where they were seen.
 
     `ends_mm`: first and last mark (2, 3), mm in the rig's world; None where they were not found; `still` None: none
@@ -53,21 +40,7 @@ def bar_guide(
 
     answer = judge_pose(pose, ends_mm)
     text, level = _text(planes, pose, ends_mm, answer, still)
-    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    box = plan.box.middle + (corners * plan.box.half) @ plan.box.axes
-    return BarGuide(
-        pose.id,
-        pose.bar,
-        pose.near,
-        planes.names,
-        planes.flat(planes.centres),
-        planes.flat(box),
-        planes.flat(np.stack([pose.start_mm, pose.end_mm])),
-        None if ends_mm is None else planes.flat(ends_mm),
-        answer.accepted,
-        text,
-        level,
-    )
+    return BarGuide(pose.id, answer.accepted, text, level)
 
 
 def _text(

@@ -15,31 +15,10 @@ if TYPE_CHECKING:  # imports scipy
 
 translate = QCoreApplication.translate
 
-# A mark is found in space by two cameras; a third one shows when one of them is wrong.
-LEAST_CAMERAS, GOOD_CAMERAS = 2, 3
 
-
-@dataclass(frozen=True)
-class PoseState:
-    """How well the bar can be seen now: cameras that see at least two of its targets."""
-
-    seeing: int
-    text: str
-    level: Level
-
-
-def pose_state(targets: Mapping[str, int], taken: bool, taking: bool, name: str) -> PoseState:
-    """What to do with a pose."""
-    seeing = sum(count >= 2 for count in targets.values())
-    if taking:
-        return PoseState(seeing, translate("Bars", "Hold still: images are being captured"), "caution")
-    if taken:
-        return PoseState(seeing, translate("Bars", "{name} is captured").format(name=name), "good")
-    if seeing < LEAST_CAMERAS:
-        return PoseState(seeing, translate("Bars", "Lay the bar where two cameras or more see it"), "bad")
-    if seeing < GOOD_CAMERAS:
-        return PoseState(seeing, translate("Bars", "Only two cameras see the bar; three are better"), "caution")
-    return PoseState(seeing, translate("Bars", "Ready: press space"), "good")
+def pose_name(pose: str, poses: Sequence[str]) -> str:
+    """What a pose is called: its number, whatever the plan calls it."""
+    return translate("Bars", "Pose {number} of {count}").format(number=list(poses).index(pose) + 1, count=len(poses))
 
 
 def next_pose(poses: Sequence[str], taken: Mapping[str, str]) -> str | None:
@@ -143,9 +122,7 @@ def decision_word(decision: str) -> str:
 def rule_text(bars: "BarReport") -> str:
     """How the plot is to be read, and by what rule it was decided."""
     acceptance = _acceptance(bars)
-    grey = translate("Verify", "Grey: what the uncertainty of each error allows (k = {k:.1f}).").format(
-        k=bars.coverage_factor or 2.0
-    )
+    grey = translate("Verify", "Grey: what the uncertainty of each error allows.")
     if acceptance is None:
         return grey
     limit = translate("Verify", "Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.")

@@ -3,13 +3,10 @@
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Progress
 from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
-
-translate = QCoreApplication.translate
+from spherecal_gui.presenters.stages import stage_name
 
 # Share of the whole time at which each part begins and ends, measured on the demo from images (17 s on two busy cores):
 # the targets are sought, the method runs, missed targets are sought again, the method runs again.
@@ -24,7 +21,6 @@ _RUN = {
 _AFTER_RIGID = {"bundle adjustment": (0.5, 0.85), "uncertainty": (0.85, 0.9), "diagnosis": (0.9, 1.0)}
 
 _LOOKING_AGAIN = Phrase("looking-again")
-_SURE_AFTER_S = 2.0
 
 
 def _between(ends: tuple[float, float], fraction: float) -> float:
@@ -57,17 +53,18 @@ class CourseOfWork:
     stages: list[str] = field(default_factory=list)
     runs: list[list[float]] = field(default_factory=list)
     fraction: float = 0.0
-    message: str = ""
-    task: object = None  # whose course it is
+    stage: str = ""  # of the newest event
+    said: list[str] = field(default_factory=list)  # every event in words, for the log
     _last: tuple[str, int] = ("", 0)
     _part: str = "detect"
     _rigid: bool = False
 
     def add(self, news: Progress) -> None:
         """Take one event into account; the whole never runs backwards."""
+        self.stage = news.stage
         if news.stage not in self.stages:
             self.stages.append(news.stage)
-        self.message = news.words(languages.now())
+        self.said.append(f"{stage_name(news.stage)}  {news.words(languages.now())}".strip())
         self.fraction = max(self.fraction, self._reached(news))
         if news.iteration is not None and news.cost is not None:
             if not self.runs or news.stage != self._last[0] or news.iteration <= self._last[1]:
@@ -89,18 +86,3 @@ class CourseOfWork:
         if share is None or self._part not in ("first", "second"):
             return 0.0
         return _between(_PARTS[self._part], _between(share, news.fraction))
-
-    def seconds_left(self, elapsed_s: float) -> float | None:
-        """How long it will still take at the pace so far; None while nothing can be said."""
-        if elapsed_s < _SURE_AFTER_S or self.fraction < 0.05:
-            return None
-        return elapsed_s * (1 - self.fraction) / self.fraction
-
-
-def time_text(seconds: float | None) -> str:
-    """A time for people: rounded, never falsely exact."""
-    if seconds is None:
-        return translate("Calibrate", "estimating the time")
-    if seconds < 60:
-        return translate("Calibrate", "about {seconds} s left").format(seconds=max(5, 5 * round(seconds / 5)))
-    return translate("Calibrate", "about {minutes} min left").format(minutes=round(seconds / 60))

@@ -1,6 +1,6 @@
 """The cameras found, those that are missing, and the bench, in words."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -20,6 +20,7 @@ from spherecal_gui.texts import camera_details, camera_trouble, error_text
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
     from spherecal_cameras.camera_network import WireCamera
     from spherecal_cameras.protocol import CameraInfo
+    from spherecal_gui.presenters.drivers_presenter import DriverNote
     from spherecal_gui.tasks.live_detection import Connection
 
 translate = QCoreApplication.translate
@@ -77,11 +78,17 @@ class BenchRow:
 
 @dataclass(frozen=True)
 class DrawnBench:
-    """The ball's diameter and how many targets it has; each bar's name and its marks, mm from the first."""
+    """The ball's diameter and how many targets it has; each bar's name and its marks, mm from the first.
+
+    `sticker`: one target's dots by name with their places (x, y) mm, where the distance of the dots `between` gives the
+    scale.
+    """
 
     diameter_mm: float | None = None
     targets: int = 0
     bars: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    sticker: tuple[tuple[str, float, float], ...] = ()
+    between: tuple[str, str] = ("", "")
 
 
 def camera_lines(
@@ -188,14 +195,18 @@ def _health(status: CameraStatus | None) -> tuple[str, Level]:
     return translate("Connect", "ready"), "good"
 
 
-def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> tuple[str, Level]:
-    """How many of how many, or what is in the way."""
+def connect_summary(
+    lines: Sequence[CameraLine], searching: bool, failure: str, drivers: "Sequence[DriverNote]" = ()
+) -> tuple[str, Level]:
+    """How many of how many, or what is in the way: what is wrong with a driver before the search that it made vain."""
     if searching:
         return translate("Connect", "Looking for cameras"), "none"
     answering = sum(bool(line.about) or line.listed for line in lines)
     if failure and answering and all(line.level == "bad" for line in lines):  # each row says what it lacks
         text = translate("Connect", "Cameras that answer, but cannot be used yet: {count}")
         return text.format(count=answering), "bad"
+    if drivers and (failure or not lines):
+        return f"{drivers[0].title} {drivers[0].steps[0]}".strip(), "bad"
     if failure:
         return failure, "bad"
     if not lines:
@@ -257,7 +268,12 @@ def drawn_bench(connection: "Connection | None") -> DrawnBench:
     on_bars = {mark.target for bar in plan.bars for mark in bar.marks.values()}
     bars = tuple((bar.id, places) for bar in plan.bars if len(places := mark_places(bar)) > 1)
     diameter = plan.fields.get("sphere", {}).get("nominal_diameter_mm")
-    return DrawnBench(diameter, len(set(targets.layouts) - on_bars), bars)
+    count, scale = len(set(targets.layouts) - on_bars), plan.fields.get("scale") or {}
+    if scale.get("kind") != "target_spacing":
+        return DrawnBench(diameter, count, bars)
+    layout = next(iter(targets.layouts.values()))
+    sticker = tuple((name, float(place[0]), float(place[1])) for name, place in layout.items())
+    return DrawnBench(diameter, count, bars, sticker, (str(scale["from"]), str(scale["to"])))
 
 
 def mark_places(bar: Bar) -> tuple[float, ...]:

@@ -20,7 +20,7 @@ ENVIRONMENT = "GENICAM_GENTL64_PATH"
 class DriverNote:
     """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click.
 
-    `details`: the engine's own words, which are English. `builtin`: the built-in driver can be used instead.
+    `details`: what is for the person at the desk. `builtin`: the built-in driver can be used instead.
     """
 
     title: str
@@ -53,13 +53,14 @@ def _no_driver(makers: Sequence[str], windows: bool) -> DriverNote:
     if windows:
         own = translate("Drivers", "Install the 64-bit driver package of the cameras' maker, then restart SphereCal.")
     packages = [f"{name}: {maker.driver}" for name in makers if (maker := maker_of(name)) is not None]
-    steps = [own, *packages, other.format(name=ENVIRONMENT)]
+    steps = [own, *packages]
     builtin = state()
     if builtin.install:
         text = translate("Drivers", "Or the built-in driver, for GigE and USB3 Vision cameras of any maker: {line}")
         steps.append(text.format(line=builtin.install))
     can_be_used = builtin.kind in ("installed", "can-be-built")
-    return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps), builtin=can_be_used)
+    title, details = translate("Drivers", "No camera driver is installed."), other.format(name=ENVIRONMENT)
+    return DriverNote(title, tuple(steps), details=details, builtin=can_be_used)
 
 
 def _not_allowed(one: DriverTrouble) -> DriverNote:

@@ -33,8 +33,8 @@ _FEW = 2  # cameras of which it cannot be said which one is dim
 class TileState:
     """A tile's words: `dots` is the counter, `word` the one thing to know or do, `figures` its own figures.
 
-    `summed` is its trouble in a headline, with its name; `details` are the engine's own words on it. `since` says since
-    when there are no images: what the tile shows is then the last one.
+    `summed` is its trouble in a headline, with its name; `details` are the engine's own words on it. `lost`: what the
+    tile shows is its last image; `since` says since when, where that is known.
     """
 
     name: str
@@ -45,6 +45,7 @@ class TileState:
     summed: str = ""
     details: str = ""
     since: str = ""
+    lost: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,8 @@ def tile_state(
     was not.
     """
     if status is not None and not status.state.usable:
-        return TileState(name, "bad", camera_trouble(status), details=camera_details(status), since=since_text(newest))
+        word, details, since = camera_trouble(status), camera_details(status), since_text(newest)
+        return TileState(name, "bad", word, details=details, since=since, lost=True)
     if sight is None:
         looking, waiting = translate("Look", "looking for targets"), translate("Look", "waiting for the first image")
         return TileState(name, "none", looking if newest is not None else waiting)
@@ -141,11 +143,7 @@ def _focus(sight: "Sight") -> tuple[Level, str, str]:
 
 
 def _all_well(sight: "Sight") -> str:
-    parts = []
-    if sight.blur_px is not None:
-        parts.append(translate("Look", "Focus {blur:.1f} px").format(blur=sight.blur_px))
-    parts.append(translate("Look", "brightness {share} %").format(share=round(100 * sight.brightness)))
-    return " · ".join(parts)
+    return translate("Look", "sharp") if sight.blur_px is not None else ""
 
 
 def bump_text(cameras: dict[str, float]) -> tuple[str, str]:
@@ -191,4 +189,4 @@ def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Le
     if unsure:
         message = translate("Look", "Could be better: {names}.").format(names=", ".join(unsure))
         return alone.get(unsure[0]) or message, "caution"
-    return translate("Look", "All {count} cameras are sharp and well lit.").format(count=len(states)), "good"
+    return translate("Look", "All {count} cameras: sharp, dots found.").format(count=len(states)), "good"

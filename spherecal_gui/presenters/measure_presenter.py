@@ -10,6 +10,7 @@ from spherecal_gui.coverage import Level
 from spherecal_measuring.measuring_task import Ruler, parse_point
 
 if TYPE_CHECKING:  # imports scipy
+    from spherecal.data.session import Bar
     from spherecal_measuring.measured_sets import MeasuredSet
 
 translate = QCoreApplication.translate
@@ -46,6 +47,20 @@ def value_rows(measured: "MeasuredSet") -> list[ValueRow]:
             level = "good" if abs(v.deviation) <= 2 * v.u_deviation else "caution"
         rows.append(ValueRow(v.name, f"{v.value:.{digits}f}{unit}", f"{2 * v.u:.{digits}f}{unit}", off, level))
     return rows
+
+
+def large_text(row: ValueRow) -> str:
+    """The first value, large: what it is of, and how far off its nominal value it is, where it has one."""
+    if not row.deviation:
+        return f"{row.name}: {row.value}"
+    return translate("Measure", "{name}: off by {deviation}").format(name=row.name, deviation=row.deviation)
+
+
+def mark_ends(bar: "Bar") -> tuple[str, str]:
+    """The names of the points of a bar's outermost marks."""
+    longest = max(bar.lengths, key=lambda one: one.length_mm)
+    first, last = (bar.marks[name] for name in (longest.from_mark, longest.to_mark))
+    return str(first.target), str(last.target)
 
 
 def point_names(measured: "MeasuredSet") -> tuple[str, ...]:

@@ -1,12 +1,7 @@
-"""How long work has run and how long it will still take, by what it took the last times on this computer."""
+"""How long work took the last times on this computer."""
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QCoreApplication
-
-translate = QCoreApplication.translate
-
-SHOWN_AFTER_S = 1.0
 _KEPT = 5  # runs that are remembered of each kind of work
 
 
@@ -37,19 +32,3 @@ def as_text(durations: Sequence[float]) -> str:
 def expected_s(durations: Sequence[float]) -> float | None:
     """How long such work usually takes: the middle of the last times."""
     return sorted(durations)[len(durations) // 2] if durations else None
-
-
-def pace_text(elapsed_s: float, expected: float | None) -> str:
-    """Elapsed and expected time; empty within the first second.
-
-    `expected` None: not known.
-    """
-    if elapsed_s < SHOWN_AFTER_S:
-        return ""
-    if expected is None or expected < SHOWN_AFTER_S:
-        return translate("Pace", "{seconds:.0f} s").format(seconds=elapsed_s)
-    if elapsed_s > 1.5 * expected:
-        text = translate("Pace", "{seconds:.0f} s, longer than usual ({usual:.0f} s)")
-    else:
-        text = translate("Pace", "{seconds:.0f} s of about {usual:.0f} s")
-    return text.format(seconds=elapsed_s, usual=expected)

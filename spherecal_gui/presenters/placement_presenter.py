@@ -54,46 +54,7 @@ class Scene:
         return {name: count for name, count in self.counts.items() if count < least and name not in self.lost}
 
 
-@dataclass(frozen=True)
-class PlacementAdvice:
-    """The one sentence for the person at the rig, with its colour."""
-
-    text: str
-    level: Level
-
-
-def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False, away: bool = False) -> PlacementAdvice:
-    """What to do now; one sentence at a time, the most urgent."""
-    if taking:
-        return PlacementAdvice(translate("Placement", "Hold still: images are being captured"), "caution")
-    if taken:
-        return PlacementAdvice(translate("Placement", "Captured. Press space to go on"), "good")
-    if scene.board and not scene.lost:
-        return _board_advice(scene, as_before)
-    poor = list(scene.short)
-    if scene.lost:
-        text, level = translate("Placement", "{names} sends no images").format(names=", ".join(scene.lost)), "bad"
-    elif not any(scene.counts.values()):
-        text, level = translate("Placement", "Put the ball where the cameras see it"), "bad"
-    elif is_stuck(scene, as_before, away):
-        text, level = short_text(scene.short), "caution"
-    elif poor and not scene.made_up:
-        text = translate("Placement", "Turn or move the ball: {names} sees too little")
-        text, level = text.format(names=", ".join(poor[:_NAMED])), "caution"
-    elif as_before:
-        text, level = translate("Placement", "Move the ball, or confirm that it was turned"), "caution"
-    elif scene.still is None:
-        text, level = translate("Placement", "Checking that the ball is still"), "none"
-    elif not scene.still:
-        text, level = translate("Placement", "Let the ball come to rest"), "caution"
-    elif away:
-        text, level = translate("Placement", "Move the ball to its ghost"), "none"
-    else:
-        text, level = _ready_text(poor), "good"
-    return PlacementAdvice(text, level)
-
-
-def _ready_text(poor: Sequence[str]) -> str:
+def ready_text(poor: Sequence[str]) -> str:
     """That it can be captured; `poor`: cameras that see little here, which others make up for."""
     if not poor:
         return translate("Placement", "Ready: press space")
@@ -112,19 +73,6 @@ def short_text(short: Mapping[str, int]) -> str:
     worst = sorted(short.items(), key=lambda one: one[1])[:_NAMED]
     message = translate("Placement", "Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball")
     return message.format(needed=needed_dots(), cameras=", ".join(f"{name} ({count})" for name, count in worst))
-
-
-def _board_advice(scene: Scene, as_before: bool) -> PlacementAdvice:
-    """What to do now with a board."""
-    if not any(scene.counts.values()):
-        return PlacementAdvice(translate("Placement", "Show the board to the cameras"), "bad")
-    if as_before:
-        return PlacementAdvice(translate("Placement", "Move the board: elsewhere, and tilted otherwise"), "caution")
-    if scene.still is None:
-        return PlacementAdvice(translate("Placement", "Checking that the board is still"), "none")
-    if not scene.still:
-        return PlacementAdvice(translate("Placement", "Hold the board still"), "caution")
-    return PlacementAdvice(translate("Placement", "Ready: press space"), "good")
 
 
 class AutoTrigger:

@@ -99,10 +99,8 @@ def verdict(result: "Result") -> VerdictText:
     )
     lengths = result.rig.length_map
     if quality.valid and lengths is not None and lengths.typical_mm is not None:
-        text = translate("Results", "Expected error on {length:.0f} mm (k = {k:.0f}): {mm:.3f} mm.")
-        if lengths.coverage_factor == 2.0:
-            text = translate("Results", "Expected error on {length:.0f} mm (95 %): {mm:.3f} mm.")
-        text = text.format(length=lengths.length_mm, mm=lengths.typical_mm, k=lengths.coverage_factor)
+        text = translate("Results", "A length of {length:.0f} mm is measured to {mm:.3f} mm (95 %).")
+        text = text.format(length=lengths.length_mm, mm=lengths.typical_mm)
         sentence = f"{sentence} {text}"
     if not quality.valid:
         return VerdictText(translate("Results", "NOT VALID"), "bad", sentence)

@@ -95,13 +95,13 @@ def _bar(item: SceneItem) -> list[str]:
     if bar.error_mm is not None:
         lines.append(translate("Scene", "Length error {error:+.3f} mm").format(error=bar.error_mm))
     if bar.expanded_mm is not None:
-        lines.append(translate("Scene", "Uncertainty {u:.3f} mm (k = 2)").format(u=bar.expanded_mm))
+        lines.append(translate("Scene", "Uncertainty {u:.3f} mm (95 %)").format(u=bar.expanded_mm))
     return lines
 
 
 def _map(item: SceneItem) -> list[str]:
-    text = translate("Scene", "Uncertainty {u:.3f} mm (k = {k:.0f})")
-    return [text.format(u=item.data.map_mm[item.index], k=item.data.map_k)]
+    text = translate("Scene", "Uncertainty {u:.3f} mm (95 %)")
+    return [text.format(u=item.data.map_mm[item.index])]
 
 
 def _dot(item: SceneItem) -> list[str]:

@@ -2,20 +2,12 @@
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.base.context import Progress
-from spherecal_gui import languages
-
 translate = QCoreApplication.translate
 
 
 def stage_name(stage: str) -> str:
     """The stage in words; itself where it is new."""
     return (_of_the_engine() | _of_the_window()).get(stage, stage)
-
-
-def doing_text(news: Progress) -> str:
-    """The stage and what it is busy with."""
-    return f"{stage_name(news.stage)} {news.words(languages.now())}".strip()
 
 
 def _of_the_engine() -> dict[str, str]:
@@ -25,7 +17,7 @@ def _of_the_engine() -> dict[str, str]:
         "triples": translate("Stages", "Linking three cameras at a time"),
         "start values": translate("Stages", "Start values"),
         "growing the network": translate("Stages", "Growing the network"),
-        "robust adjustment": translate("Stages", "First adjustment, blunders damped"),
+        "robust adjustment": translate("Stages", "First adjustment"),
         "resection": translate("Stages", "Checking each camera's pose"),
         "bundle adjustment": translate("Stages", "Adjusting everything together"),
         "known ball": translate("Stages", "Comparing with the stored ball"),

@@ -29,6 +29,7 @@ _TRIM = 3.0  # times the median misfit: what lies beyond is left out of the ball
 # Of the radius, and degrees. At this distance along each axis, or turned by so much more or less, a length of 500 mm
 # is measured to between 0.99 and 1.06 of what it is at the proposed place (demo rig, after one and two placements).
 NEAR, NEAR_DEG = 0.2, 12.0
+_UPRIGHT = 0.7  # an axis this steep is upright: the ball is turned on its stand, else it is tipped
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +86,20 @@ class Lying:
 
 @dataclass(frozen=True)
 class ToGo:
-    """How far the ball still is from where it should go; `turn_deg` None where its turn is not known."""
+    """How far the ball still is from where it should go; `turn_deg` None where its turn is not known.
+
+    The way from where it lies now: `level_mm` towards camera `towards`, `up_mm` higher. It is turned on its stand,
+    `to_the_left` or not, or its top is tipped towards camera `tips_towards`.
+    """
 
     away_mm: float
     turn_deg: float | None
     near: bool
+    level_mm: float = 0.0
+    up_mm: float = 0.0
+    towards: str = ""
+    to_the_left: bool = False
+    tips_towards: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +205,26 @@ def _middle(points: FloatArray, radius_mm: float) -> FloatArray | None:
 
 def to_go(ghost: Ghost, lying: Lying) -> ToGo:
     """How far the ball still is from where it should go."""
-    away = float(np.linalg.norm(lying.centre - ghost.centre))
-    turn = None
-    if lying.turn is not None:
-        turn = float(np.degrees(np.linalg.norm(log_rotation(ghost.turn @ lying.turn.T))))
+    up, lenses, way = ghost.body.up, ghost.lenses, ghost.centre - lying.centre
+    away = float(np.linalg.norm(way))
+    level = way - (way @ up) * up
+    axis = None if lying.turn is None else log_rotation(ghost.turn @ lying.turn.T)
+    turn = None if axis is None else float(np.degrees(np.linalg.norm(axis)))
     near = away <= NEAR * ghost.body.radius_mm and (turn is None or turn <= NEAR_DEG)
-    return ToGo(away, turn, near)
+    left, tips = False, ""
+    if axis is not None and turn is not None and turn > 0:
+        steep = float(axis @ up) / np.radians(turn)
+        left = steep > 0
+        tips = "" if abs(steep) >= _UPRIGHT else _towards(lenses, ghost.centre, np.cross(axis, up))
+    towards = _towards(lenses, lying.centre, level)
+    return ToGo(away, turn, near, float(np.linalg.norm(level)), float(way @ up), towards, left, tips)
+
+
+def _towards(lenses: Lenses, start: FloatArray, way: FloatArray) -> str:
+    """The camera that lies best in a direction (3,) from a place (3,) mm."""
+    to = -np.einsum("cji,cj->ci", lenses.rotation, lenses.translation) - start
+    along = to @ way / np.maximum(np.linalg.norm(to, axis=1), 1e-9)
+    return lenses.names[int(np.argmax(along))]
 
 
 def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:

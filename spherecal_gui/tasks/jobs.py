@@ -1,6 +1,8 @@
 """The work behind the buttons: plain functions that block, for `task.Task`; each ends at the engine's own entry."""
 
 import re
+import tempfile
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -434,10 +436,28 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
     context.report("drawing the report", 0.0)
     result = project.result_folder
     write = partial(write_report, language=language, notice=notice, note=project.note, render=scene_picture)
-    try:
-        write(result, output, project.folder)
-    except InputError:  # retaken since: the numbers still hold, the pictures would not
-        write(result, output)
+    failed: list[BaseException] = []
+
+    def draw(file: Path) -> None:
+        try:
+            try:
+                write(result, file, project.folder)
+            except InputError:  # retaken since: the numbers still hold, the pictures would not
+                write(result, file)
+        except BaseException as error:
+            failed.append(error)
+
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        file = Path(folder) / output.name
+        # in a thread of its own: neither typst nor the renderer can be asked to stop, and nobody waits for what is left
+        drawing = threading.Thread(target=draw, args=(file,), name="report", daemon=True)
+        drawing.start()
+        while drawing.is_alive():
+            context.check()
+            drawing.join(0.1)
+        if failed:
+            raise failed[0]
+        write_file_whole(output, file.read_bytes())
     return output
 
 

@@ -19,7 +19,7 @@ from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import SetDots
-from spherecal_gui.placement_view import GuidanceView, guidance_of
+from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.project_folder import Document
 from spherecal_gui.rig_scenes import next_scene
 
@@ -79,6 +79,7 @@ def _shown(
     session: "Session", calibration: "Calibration", found: "Advised | None", coarse: bool = False
 ) -> GuidanceView | None:
     """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
+    from spherecal_documents.report.rig_view import choose_axes
     from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
 
     best = found.best if found is not None else None
@@ -87,15 +88,17 @@ def _shown(
     order = {placement.id: i for i, placement in enumerate(session.placements)}
     spheres = [sphere for sphere in calibration.spheres if sphere.placement in order]
     spheres.sort(key=lambda sphere: order[sphere.placement])
-    guidance = guidance_of(found, calibration.rig, spheres)
-    if guidance is None:
+    if not spheres:
         return None
-    guidance = replace(guidance, scene=next_scene(calibration.rig, spheres, best.centre_mm))
-    body = body_of(calibration, guidance.taken_names[-1], guidance.up)
+    cameras = calibration.rig.cameras
+    places = [np.array([one.centre_mm for one in group]) for group in (cameras, spheres)]
+    up = choose_axes(cameras, *places)[0][2]
+    body = body_of(calibration, spheres[-1].placement, up)
     ghost = None
     if body is not None:
         ghost = Ghost(Lenses.of(calibration.rig), body, best.centre_mm, turn_of(best.axis, best.turn_deg))
-    return replace(guidance, ghost=ghost, coarse=coarse)
+    scene = next_scene(calibration.rig, spheres, best.centre_mm)
+    return GuidanceView(found.now_mm, best.expanded_mm, ghost, scene, coarse)
 
 
 def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots]) -> "Session":

@@ -33,7 +33,9 @@ class BackgroundTask(QThread):
         self._stop, self._enough = threading.Event(), threading.Event()
         self._lock = threading.Lock()
         self._news: list[Progress] = []
+        self.latest: Progress | None = None  # what was reported last, whoever has taken the news
         self.began_s = time.perf_counter()
+        self.usual_s: float | None = None  # what such work usually takes here, where that is known
         self.setObjectName(f"task {name}")
 
     def run(self) -> None:
@@ -72,8 +74,14 @@ class BackgroundTask(QThread):
             news, self._news = self._news, []
         return news
 
+    @property
+    def stage(self) -> str:
+        """What it is busy with; empty before it has said so."""
+        return self.latest.stage if self.latest is not None else ""
+
     def _note(self, progress: Progress) -> None:
         with self._lock:
+            self.latest = progress
             if self._news and self._news[-1].stage == progress.stage and progress.iteration is None:
                 self._news[-1] = progress
             else:

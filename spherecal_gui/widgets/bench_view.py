@@ -13,6 +13,7 @@ from spherecal_gui.presenters.connect_presenter import DrawnBench
 _LEAST_PX = 90.0
 _MARGIN_PX = 12.0
 _MARK_PX = 5.0
+_STICKER_PX = 84.0
 _TURN = math.pi * (3.0 - math.sqrt(5.0))  # the golden angle spreads points evenly over a ball
 
 
@@ -59,6 +60,27 @@ class BenchView(QWidget):
         for name, marks in shown.bars:
             at += QPointF(0, line)
             self._draw_bar(painter, name, marks, scale, at)
+        if shown.sticker:
+            self._draw_sticker(painter, QRectF(self.width() - _STICKER_PX - 4, 4, _STICKER_PX, _STICKER_PX))
+
+    def _draw_sticker(self, painter: QPainter, box: QRectF) -> None:
+        """One sticker larger than life, with the two dots whose distance gives the scale."""
+        c, shown = theme.now(), self._shown
+        reach = max(max(abs(x), abs(y)) for _, x, y in shown.sticker) * 1.35 or 1.0
+        places = {name: box.center() + QPointF(x, y) * (box.width() / 2 / reach) for name, x, y in shown.sticker}
+        painter.setPen(QPen(QColor(c.border), 1))
+        painter.setBrush(QColor("#1c1c1c"))
+        painter.drawRect(box)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor("#f4f4f2"))
+        for place in places.values():
+            painter.drawEllipse(place, 4, 4)
+        ends = [places[name] for name in shown.between if name in places]
+        painter.setPen(QPen(QColor("#ff9b2e"), 2))
+        if len(ends) == len(shown.between):
+            painter.drawLine(*ends)
+        for name, end in zip(shown.between, ends, strict=False):
+            painter.drawText(end + QPointF(5, -4), name)
 
     def _draw_ball(self, painter: QPainter, centre: QPointF, radius: float) -> None:
         c = theme.now()

@@ -255,7 +255,7 @@ class ConvergenceChart(Chart):
         self.dress()
         self._earlier.setPen(pg.mkPen(colours.idle, width=2))
         self._latest.setPen(pg.mkPen(colours.accent, width=3))
-        self.names(self.tr("iteration"), self.tr("cost, as a share of the first"))
+        self.names(self.tr("iteration"), self.tr("misfit, 1 at the start"))
 
 
 def _decades(low: float, high: float) -> list[tuple[float | None, list[float]]]:

@@ -46,7 +46,7 @@ class RailItem(QAbstractButton):
         """Show a step's state."""
         self._state, self._current = state, current
         self.setObjectName(f"rail-{state.step.id}")
-        title, word, why = step_title(state.step), status_word(state.status), reason_text(state.reason)
+        title, word, why = step_title(state.step), status_word(state.status, state.step.kind), reason_text(state.reason)
         self.setAccessibleName(f"{title}, {word}")
         self.setAccessibleDescription(why)
         self.setToolTip(plain(f"{title}: {word}. {why}".strip()))
@@ -93,7 +93,7 @@ class RailItem(QAbstractButton):
         painter.drawText(
             QRectF(room.left(), room.top() + half, room.width(), half),
             Qt.AlignmentFlag.AlignVCenter,
-            status_word(state.status),
+            status_word(state.status, state.step.kind),
         )
 
     def _draw_mark(self, painter: QPainter, box: QRectF) -> None:

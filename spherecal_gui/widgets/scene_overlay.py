@@ -143,11 +143,11 @@ class Overlay:
         """What the colours mean, and what the bar's ends stand for."""
         translate = QCoreApplication.translate
         if "map" in layers and len(data.map_mm):
-            text = translate("Scene", "Uncertainty of {length:.0f} mm, mm (k = {k:.0f})")
+            text = translate("Scene", "Uncertainty of {length:.0f} mm, mm (95 %)")
             low, high = data.map_range
             ends = languages.by_locale(f"{low:.3f}"), languages.by_locale(f"{high:.3f}")
-            return text.format(length=data.map_length_mm, k=data.map_k), *ends
-        if "dots" in layers and data.most_px > 0:
+            return text.format(length=data.map_length_mm), *ends
+        if "dots" in layers and len(data.points) and data.most_px > 0:
             return translate("Scene", "Residuals of the dots, px"), "0", languages.by_locale(f"{data.most_px:.3f}")
         return None
 

@@ -24,6 +24,8 @@ from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene_hover import SceneItem, items_of
+from spherecal_gui.rig_scenes import LiveParts
+from spherecal_gui.widgets.scene_live import paint_live
 from spherecal_gui.widgets.scene_overlay import Overlay
 
 _NEAR_PX, _HOVER_PX = 28.0, 14.0
@@ -50,6 +52,7 @@ class SceneView(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.data: SceneData | None = None
         self.marked: str | None = None
+        self.live = LiveParts()
         self.layers: frozenset[str] = SHOWN_AT_FIRST
         self._view = View(np.zeros(3), 0.0, 0.0)
         self._side = "oblique"
@@ -70,7 +73,7 @@ class SceneView(QWidget):
     def show_scene(self, data: SceneData | None) -> None:
         """Show a rig."""
         fresh = self.data is None or data is None or data.scene is not self.data.scene
-        self.data = data
+        self.data, self.live = data, LiveParts()
         names = ", ".join(camera.id for camera in data.scene.cameras) if data else ""
         self.setAccessibleName(self.tr("The rig with its cameras {names}").format(names=names))
         self._hovered = None
@@ -78,6 +81,11 @@ class SceneView(QWidget):
         if fresh:
             self.look_from("oblique")
         self.scene_changed()
+
+    def show_live(self, parts: LiveParts) -> None:
+        """Show what changes while the scene is looked at: painted over it, so that no scene is rendered again."""
+        self.live = parts
+        self.update()
 
     def mark(self, camera: str | None) -> None:
         """Make one camera stand out."""
@@ -302,6 +310,7 @@ class SceneView(QWidget):
             return
         eye = self.shown_eye
         self.paint_rig(painter, self.data, eye)
+        paint_live(painter, self.data, eye, self.live)
         self._overlay.paint(painter, self.data, eye, self.layers, self.marked, self._hovered)
         if self._ringed:
             painter.setPen(QColor(theme.now().accent))

@@ -1,8 +1,8 @@
 """A camera's newest image with the dots found in it, as large as its row leaves room."""
 
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, QSize
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import QPointF, QRectF, QSize, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from spherecal_gui import theme
@@ -14,7 +14,9 @@ _PAST_ALPHA, _DOT_PX = 170, 1.6
 
 
 class Thumbnail(QWidget):
-    """An image without words; an empty frame until there is one."""
+    """An image without words; an empty frame until there is one. `clicked` when somebody clicks on it."""
+
+    clicked = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -24,6 +26,11 @@ class Thumbnail(QWidget):
         self.past = False
         self.setMinimumSize(*_LEAST_PX)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """Tell that it was clicked."""
+        if self.rect().contains(event.position().toPoint()):
+            self.clicked.emit()
 
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
         """Show an image, unless it is shown already.

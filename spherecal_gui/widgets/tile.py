@@ -5,12 +5,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QFontMetrics, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import (
+    QBrush,
+    QColor,
+    QFontMetrics,
+    QImage,
+    QKeyEvent,
+    QKeySequence,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QResizeEvent,
+    QShortcut,
+)
 from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look_presenter import TileState
-from spherecal_gui.widgets.basic import MARKS, plain
+from spherecal_gui.widgets.basic import MARKS, button, plain
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import Drawn
@@ -68,6 +81,7 @@ class CameraTile(QWidget):
         self._need = ""
         self._masks: tuple[tuple[float, float, float, float], ...] = ()
         self._drag: tuple[QPointF, QPointF] | None = None
+        self._doubled = False
         self._can_rename = False  # somebody takes a new name
         self.why_not_renamed = ""  # why the name cannot be changed here
         self._editor: QLineEdit | None = None
@@ -83,6 +97,11 @@ class CameraTile(QWidget):
     def let_rename(self, on: bool) -> None:
         """Whether a click on the name edits it."""
         self._can_rename = on
+
+    @property
+    def image(self) -> QImage | None:
+        """The image that is shown; None before the first one."""
+        return self._image
 
     @property
     def has_image(self) -> bool:
@@ -215,7 +234,7 @@ class CameraTile(QWidget):
 
     def _draw_ghost(self, painter: QPainter) -> None:
         """The ball where it should go, dashed, and where it is, each with the direction of its top."""
-        if self._ghost is None or self._image is None or self._state.since:
+        if self._ghost is None or self._image is None or self._state.lost:
             return
         at, scale = self._field()
         painter.save()
@@ -257,7 +276,7 @@ class CameraTile(QWidget):
             return
         at, scale = self._field()
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        if self._state.since:
+        if self._state.lost:
             self._draw_last(painter, at, self._image)
             return
         painter.drawImage(at, self._image)
@@ -282,17 +301,18 @@ class CameraTile(QWidget):
             painter.fillRect(QRectF(box.left() + number * wide, box.bottom() - height, wide, height), tint)
 
     def _draw_last(self, painter: QPainter, at: QRectF, image: QImage) -> None:
-        """The last image of a camera that sends none, faint, and since when; its dots are of the past."""
+        """The last image of a camera that sends none, faint; over it what to do, in full; its dots are of the past."""
         painter.setOpacity(0.3)
         painter.drawImage(at, image)
         painter.setOpacity(1.0)
         painter.setFont(theme.font(theme.CAPTION, bold=True))
-        words = painter.fontMetrics().size(0, self._state.since).toSizeF()
-        box = QRectF(0, 0, min(words.width() + 16, at.width()), words.height() + 8)
-        box.moveCenter(at.center())
+        words = "\n".join(part for part in (self._state.since, self._state.word) if part)
+        flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+        room = at.adjusted(8, 4, -8, -4)
+        box = painter.fontMetrics().boundingRect(room.toRect(), flags, words).toRectF().adjusted(-8, -4, 8, 4)
         painter.fillRect(box, QColor(theme.now().surface))
         painter.setPen(QColor(theme.now().text))
-        painter.drawText(box, Qt.AlignmentFlag.AlignCenter, self._state.since)
+        painter.drawText(box, flags, words)
 
     def _draw_masks(self, painter: QPainter) -> None:
         """Hatched, so that the image stays to be seen."""
@@ -327,7 +347,7 @@ class CameraTile(QWidget):
         """It is drawn: tell its place in the image; a mere click draws none."""
         drag, self._drag = self._drag, None
         if drag is None:
-            super().mouseReleaseEvent(event)
+            self._clicked(event)
             return
         self.update()
         at, scale = self._field()
@@ -356,6 +376,8 @@ class CameraTile(QWidget):
         painter.setFont(theme.font(theme.CAPTION, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))
         said = self._need if self._need and state.level in ("good", "none") else state.word
+        if state.lost and self._image is not None:  # it stands over the image, in full
+            said = ""
         if not self._has_two_lines and state.figures and state.level == "good":
             said = f"{said} · {state.figures}"
         text = _fitting(said, painter.fontMetrics(), bottom.width())
@@ -410,10 +432,17 @@ class CameraTile(QWidget):
             return True
         return super().eventFilter(watched, event)
 
-    def mouseDoubleClickEvent(self, _: QMouseEvent) -> None:
-        """Enlarge, unless a mask is being drawn or the name is edited."""
-        if not self.masking and self._editor is None:
+    def _clicked(self, event: QMouseEvent) -> None:
+        """Enlarge, unless a mask is being drawn or the name is edited; of a double click only the first one counts."""
+        doubled, self._doubled = self._doubled, False
+        inside = self.rect().contains(event.position().toPoint())
+        naming = self._can_rename and self._name_box().contains(event.position())
+        if event.button() == Qt.MouseButton.LeftButton and inside and not (self.masking or naming or doubled):
             self.opened.emit(self.serial)
+
+    def mouseDoubleClickEvent(self, _: QMouseEvent) -> None:
+        """Its first click has enlarged already."""
+        self._doubled = True
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Return enlarges, as a double click does."""
@@ -426,7 +455,7 @@ class CameraTile(QWidget):
 
 
 class Wall(QWidget):
-    """The tiles of all cameras in a grid; one of them alone after a double click."""
+    """The tiles of all cameras in a grid; one of them alone after a click, with the way back on it and on Esc."""
 
     masked = Signal(str, object)
     renamed = Signal(str, str)
@@ -444,6 +473,23 @@ class Wall(QWidget):
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setSpacing(8)
+        self.all_again = button(self.tr("All cameras  (Esc)"), "all-cameras")
+        self.all_again.setParent(self)
+        self.all_again.clicked.connect(lambda: self.show_alone(None))
+        self.all_again.hide()
+        self._escape = QShortcut(QKeySequence(Qt.Key.Key_Escape), self)
+        self._escape.setEnabled(False)
+        self._escape.activated.connect(lambda: self.show_alone(None))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """The way back stays in its corner."""
+        super().resizeEvent(event)
+        self._place_way_back()
+
+    def _place_way_back(self) -> None:
+        self.all_again.adjustSize()
+        self.all_again.move(self.width() - self.all_again.width() - 12, int(theme.pt(40)))
+        self.all_again.raise_()
 
     def set_cameras(self, names: dict[str, str]) -> None:
         """Show these cameras, by serial with their names, in this order."""
@@ -454,7 +500,7 @@ class Wall(QWidget):
             tile.deleteLater()
         self.tiles, self._order, self._rank = {}, [], ()
         for serial, name in names.items():
-            tile = CameraTile(serial, name)
+            tile = CameraTile(serial, name, self)
             tile.opened.connect(self.zoom)
             tile.masked.connect(self.masked)
             tile.renamed.connect(self.renamed)
@@ -523,6 +569,9 @@ class Wall(QWidget):
                 self._grid.addWidget(tile, index // columns, index % columns)
             elif self._alone == serial:
                 self._grid.addWidget(tile, 0, 0)
+        self.all_again.setVisible(self._alone is not None)
+        self._escape.setEnabled(self._alone is not None)
+        self._place_way_back()
 
     @staticmethod
     def _columns(count: int) -> int:

@@ -56,10 +56,10 @@ class VerificationView(QSplitter):
             [
                 self.tr("Length"),
                 self.tr("n"),
-                self.tr("mean E, mm"),
+                self.tr("mean error, mm"),
                 self.tr("sd, mm"),
                 self.tr("largest, mm"),
-                self.tr("U, mm"),
+                self.tr("±, mm"),
                 self.tr("limit, mm"),
                 self.tr("decision"),
             ]

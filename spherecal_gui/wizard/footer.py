@@ -1,20 +1,24 @@
 """The window's foot: back, why not, the one large button, next."""
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QWidget
 
 from spherecal_gui import theme
-from spherecal_gui.pages.wizard_page import PageAction
-from spherecal_gui.standing import Standing
+from spherecal_gui.standing import Button, Standing
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import button, enable, label, once
 from spherecal_gui.workflow import WorkflowState
+
+QUIET_S = 0.35  # a finger on its way cannot be called back: so long a press is not heard after a change of meaning
+AFTER_CANCEL_S = 1.0  # ... and what would begin anew where "Cancel" was cannot be pressed for a second
 
 
 class Footer(QFrame):
     """The large buttons; `asked_for` a step when somebody wants to see why."""
 
     asked_for = Signal(str)
+    acted = Signal()  # the large button was pressed by somebody who saw what it does
+    settled = Signal()  # what it does has been seen for a moment
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -27,7 +31,19 @@ class Footer(QFrame):
         self.show_me = button(self.tr("Show me"), "show-me", "link")
         self.show_me.clicked.connect(self._show_me)
         self.action = once(button("", "action", "primary"))
+        self.action.clicked.connect(self._pressed)
+        self.action.pressed.connect(self._finger_down)
+        self._meaning = ("", "")  # the step, and what the large button does
+        self._meant: tuple[str, str] | None = None  # when it was pressed
+        self._cancelled = False
+        self._quiet = QTimer(self)
+        self._quiet.setSingleShot(True)
+        self._quiet.timeout.connect(self.settled)
         self.next = once(button(self.tr("Next"), "next", "primary"))
+        for one in (self.action, self.next):  # the others keep their places when one goes
+            policy = one.sizePolicy()
+            policy.setRetainSizeWhenHidden(True)
+            one.setSizePolicy(policy)
         row.addWidget(self.back)
         row.addSpacing(12)
         row.addWidget(self.why, 1)
@@ -50,27 +66,23 @@ class Footer(QFrame):
         ]
         return shown[0] if shown else ""
 
-    def show_action(self, action: PageAction | None, state: WorkflowState, running: bool, standing: Standing) -> None:
-        """Show what can be done, what comes next, and why not.
-
-        `action` None where it has none.
-        """
+    def show_standing(self, standing: Standing, state: WorkflowState, running: bool) -> None:
+        """Show what can be done, what comes next, and why not."""
         had_focus = QApplication.focusWidget() in (self.action, self.next, self.back, self.window(), None)
-        self.action.setVisible(action is not None and not (action.done and not action.enabled))
-        if action is not None:
-            self.action.setText(action.text)
-            self.action.setAccessibleName(action.text)
-            enable(self.action, action.enabled, action.why)
-        after = state.after(state.current)
-        can_go = after is not None and after.open
-        reason = None if can_go or after is None else after.reason
-        enable(self.next, can_go, reason_text(reason))
+        button, after = standing.said.button, state.after(state.current)
+        self.action.setVisible(button is not None and not (button.done and not button.enabled))
+        self._mean(button, state.current)
+        stay = standing.said.stay
+        can_go = after is not None and after.open and not stay
+        reason = None if can_go or after is None or stay else after.reason
+        enable(self.next, can_go, stay or reason_text(reason))
         self.next.setVisible(after is not None)
         self._set_kind(self.next, "primary" if standing.default == "next" else "plain")
         self._set_kind(self.action, "primary" if standing.default == "action" else "plain")
         enable(self.back, state.before(state.current) is not None, self.tr("This is the first step."))
-        blocked = action.why if action is not None and not action.enabled and not action.done else ""
-        self.why.setText(blocked or ("" if running else reason_text(reason)))
+        blocked = button.why if button is not None and not button.enabled and not button.done else ""
+        why = blocked or stay or ("" if running else reason_text(reason))
+        self.why.setText("" if why == standing.text else why)  # the headline says it
         goal = reason.go_to if reason is not None and not blocked else None
         goal = goal if goal not in (None, state.current) and not running else None
         self.show_me.setVisible(goal is not None)
@@ -78,6 +90,33 @@ class Footer(QFrame):
         self._running = running
         if had_focus:
             self.take_focus()
+
+    def _mean(self, button: Button | None, step: str) -> None:
+        """Have the large button say and do this; what has just changed its meaning cannot be pressed for a moment."""
+        meaning = (step, button.does if button is not None else "")
+        if meaning != self._meaning:
+            quiet_s = AFTER_CANCEL_S if self._meaning[1] == "cancel" else QUIET_S
+            self._meaning, self._cancelled = meaning, self._meaning[1] == "cancel"
+            self._quiet.start(round(1000 * quiet_s))
+        if button is None:
+            return
+        self.action.setText(button.text)
+        self.action.setAccessibleName(button.text)
+        enable(self.action, button.enabled and not (self._cancelled and self.is_quiet), button.why)
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether the large button changed its meaning a moment ago: a finger may be on its way to the old one."""
+        return self._quiet.isActive()
+
+    def _pressed(self) -> None:
+        """It counts where it means what it meant when the finger went down."""
+        if not self.is_quiet and self._meant in (None, self._meaning):
+            self.acted.emit()
+        self._meant = None
+
+    def _finger_down(self) -> None:
+        self._meant = self._meaning
 
     def take_focus(self) -> None:
         """Give the focus to the button to press; while work runs to the window, else space would press "Cancel"."""

@@ -144,8 +144,8 @@ class WindowFrame(QMainWindow):
         """How far the kernels are compiled in the background; nothing at 100."""
         words = self.tr("Preparing computations: {percent} %").format(percent=percent)
         details = self.tr("Once after the installation, while the computer has time. Everything works already.")
-        self.header.compiling.show_state(words, "none", details)
-        self.header.compiling.setVisible(percent < 100)
+        self.header.compiling.show_state(words if percent < 100 else "", "none", details)
+        self.header.compiling.setVisible(percent < 100 and self.stack.currentWidget() is self.start)
 
     def _log(self) -> None:
         self.lines = QPlainTextEdit()

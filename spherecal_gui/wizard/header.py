@@ -68,14 +68,10 @@ class Header(QFrame):
 
     def _fill(self, language: str) -> None:
         """The menu."""
-        self.dark = self._option(self.tr("Dark"), "moon", self.tr("Light letters on a dark ground."))
-        self.far = self._option(
-            self.tr("Large text"), "text-size", self.tr("Larger letters, to read from three metres.")
-        )
-        self.mute = self._option(self.tr("Mute"), "volume-off", self.tr("No sounds for accepted, rejected and done."))
-        self.show_log = self._option(
-            self.tr("Log"), "list-details", self.tr("What the program has done, line by line.")
-        )
+        self.dark = self._option(self.tr("Dark"), self.tr("Light letters on a dark ground."))
+        self.far = self._option(self.tr("Large text"), self.tr("Larger letters, to read from three metres."))
+        self.mute = self._option(self.tr("Mute"), self.tr("No sounds for accepted, rejected and done."))
+        self.show_log = self._option(self.tr("Log"), self.tr("What the program has done, line by line."))
         self.menu.addMenu(self._languages(language))
         self.menu.addSeparator()
         self.copy = self._action(self.tr("Copy as command"), "terminal-2", self.copy_command.emit)
@@ -94,13 +90,12 @@ class Header(QFrame):
         self._icons[action] = icon
         return action
 
-    def _option(self, text: str, icon: str, tip: str) -> QAction:
+    def _option(self, text: str, tip: str) -> QAction:
         """A line of the menu that is on or off."""
         action = QAction(text, self.menu, checkable=True)
         action.setToolTip(tip)
         action.toggled.connect(self.toggled)
-        self.menu.addAction(action)
-        self._icons[action] = icon
+        self.menu.addAction(action)  # without an icon, which would stand where its check mark is
         return action
 
     def _languages(self, language: str) -> QMenu:

@@ -1,6 +1,5 @@
 """The window: header, rail, page, the large buttons, status bar, log."""
 
-import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -14,10 +13,9 @@ from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import bump_text
-from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
-from spherecal_gui.presenters.stages import doing_text
+from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
-from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
+from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import BackgroundTask
@@ -31,6 +29,7 @@ from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.workflow import Status, Step
 
 _TICK_MS = 100
+_LOOK_EVERY = 10  # ticks between two looks for the project's folder
 _PATIENCE_MS = 5000
 _SAID_BY_PAGES = ("taken without", "taken moving", "not valid", "recalibrate")  # reasons that a headline has
 
@@ -51,12 +50,11 @@ class WizardWindow(WindowFrame):
         self._closed = False
         self._lost: tuple[str, ...] = ()
         self._alarmed = False
+        self._ticks = 0
         self.guard = Guard()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
         self._timed: BackgroundTask | None = None  # the work whose time is shown
-        self._doing_words = ""
-        self._usual_s: float | None = None
         self.bench = ""  # what is at the real rig, where the command line names it
         self._connect()
         self._timer = QTimer(self)
@@ -93,11 +91,9 @@ class WizardWindow(WindowFrame):
         self.start.verification_wanted.connect(self.new_verification)
         self.start.said.connect(self._say)
         self.footer.asked_for.connect(self.controller.go)
-        for one, act in (
-            (self.footer.back, self.go_back),
-            (self.footer.action, self._act),
-            (self.footer.next, self.go_next),
-        ):
+        self.footer.acted.connect(self._act)
+        self.footer.settled.connect(self._show_buttons)
+        for one, act in ((self.footer.back, self.go_back), (self.footer.next, self.go_next)):
             one.clicked.connect(act)
         for key, act in (
             (Qt.Key.Key_PageDown, self.press),
@@ -142,8 +138,32 @@ class WizardWindow(WindowFrame):
         self._try(lambda: self.controller.new_verification(load_project(Path(like))))
 
     def open_project(self, folder: str) -> None:
-        """Go on with a project."""
+        """Go on with a project; a session is shown as live cameras, a folder of images is imported first."""
+        there = Path(folder)
+        if not is_project(there) and (there / "session.json").is_file():
+            self.new_project(f"replay:{folder}")
+            return
+        if not is_project(there) and there.is_dir():
+            self._import(there)
+            return
         self._try(lambda: self.controller.open_project(Path(folder)))
+
+    def _import(self, images: Path) -> None:
+        """Show how a folder of images is read, and make a session of it once somebody agrees."""
+        from spherecal_gui.pages.import_dialog import ImportDialog  # needs scipy and OpenCV
+
+        try:
+            self.import_dialog = ImportDialog(images, self.projects, self)
+        except SpherecalError as error:
+            self._say("bad", *error_text(error))
+            return
+        self.import_dialog.imported.connect(self._imported)
+        self.import_dialog.show()
+
+    def _imported(self, folder: str, assumed: str) -> None:
+        self.new_project(f"replay:{folder}")
+        if assumed:
+            self._say("info", self.tr("Imported. Assumed: {what}.").format(what=assumed), "")
 
     def copy_command(self) -> None:
         """The command lines that give the same files."""
@@ -163,22 +183,30 @@ class WizardWindow(WindowFrame):
         self.bench_dialog.limits_wanted.connect(self._show_limits)
 
     def _try(self, act: Callable[[], None]) -> None:
+        """Do it; the first time it loads what takes seconds, so the window says at once that it was heard."""
+        self._tell_doing(self.tr("Opening"))
+        self.start.setEnabled(False)
+        self.repaint()
+        QGuiApplication.setOverrideCursor(Qt.CursorShape.WaitCursor)
         try:
             act()
         except SpherecalError as error:
             self._say("bad", *error_text(error))
+        finally:
+            QGuiApplication.restoreOverrideCursor()
+            self.start.setEnabled(True)
+            self._tell_doing(self.controller.progress_text())
 
     def refresh(self) -> None:
         """Show the state as it is."""
         state = self.controller.state
         self.keys.on_start_page = state is None
+        self.header.compiling.setVisible(state is None and bool(self.header.compiling.text))
         for part in (self.rail, self.footer, self._heading, self.header.home):
             part.setVisible(state is not None)
         self._show_status()
         if state is None:
-            if self.page is not None:
-                self.page.leave()
-            self.page, self._shown_step = None, None
+            self._drop_pages()
             self.guard.enter(None)
             self.header.name.setText("SphereCal")
             self.start.refresh()
@@ -189,6 +217,17 @@ class WizardWindow(WindowFrame):
         self.header.name.setText(self.controller.project.folder.name)
         self._show_step(state.now.step)
         self._show_buttons()
+
+    def _drop_pages(self) -> None:
+        """Pages belong to one project: the next one's know nothing of enlarged cameras, scenes and messages of this."""
+        if self.page is not None:
+            self.page.leave()
+        for page in self.pages.values():
+            page.close_page()
+            self.stack.removeWidget(page)
+            page.deleteLater()
+        self.pages.clear()
+        self.page, self._shown_step = None, None
 
     def _show_step(self, step: Step) -> None:
         if step == self._shown_step:
@@ -225,7 +264,7 @@ class WizardWindow(WindowFrame):
         self.page.alarmed = self.banner.alarms
         standing = self.page.standing()
         self.rail.show_state(state, standing)
-        self.footer.show_action(self.page.action(), state, self.controller.runner.running is not None, standing)
+        self.footer.show_standing(standing, state, self.controller.runner.running is not None)
 
     def _show_status(self) -> None:
         project, connection = self.controller.project, self.controller.cameras.connection
@@ -273,6 +312,9 @@ class WizardWindow(WindowFrame):
             self.banner.hide()
 
     def _tick(self) -> None:
+        self._ticks += 1
+        if self._ticks % _LOOK_EVERY == 0:
+            self.controller.look_for_folder()
         if self.page is not None:
             self.page.tick()
         if self.controller.cameras.lost() != self._lost:
@@ -299,20 +341,14 @@ class WizardWindow(WindowFrame):
                 self.sounds.play("bad")
 
     def _show_doing(self, task: BackgroundTask | None) -> None:
-        """What runs, for how long already, and how long such work usually takes."""
+        """What runs, in the same words as on its page."""
         if task is not self._timed:
-            self._timed, self._doing_words = task, ""
-            kept = self.settings.text(f"pace-{kind_of(task.name)}") if task is not None else ""
-            self._usual_s = expected_s(read_durations(kept))
-        if task is None:
-            self._tell_doing("")
-            return
-        if task.name != "calibrate":  # its page takes the news
-            news = task.take_news()
-            if news:
-                self._doing_words = doing_text(news[-1])
-        pace = pace_text(time.perf_counter() - task.began_s, self._usual_s)
-        self._tell_doing(" · ".join(part for part in (self._doing_words, pace) if part))
+            self._timed = task
+            if task is not None:
+                task.usual_s = expected_s(read_durations(self.settings.text(f"pace-{kind_of(task.name)}")))
+        self.controller.computation.follow()
+        shown = self.page is not None and self.page.said().left  # the page says it, large
+        self._tell_doing("" if shown else self.controller.progress_text())
 
     def _tell_doing(self, text: str) -> None:
         """What runs, in the header; without it the project's name has the room."""
@@ -337,15 +373,13 @@ class WizardWindow(WindowFrame):
 
     def _act(self) -> None:
         if self.page is not None:
-            action = self.page.action()
-            if action is not None and action.enabled:
-                self.page.act()
+            self.page.act()
 
     def go_next(self) -> None:
         """The next step, if it is open."""
         state = self.controller.state
         after = state.after(state.current) if state is not None else None
-        if after is not None and after.open:
+        if after is not None and after.open and self.page is not None and not self.page.said().stay:
             self.banner.hide()
             self.controller.go(after.step.id)
 
@@ -465,10 +499,7 @@ class WizardWindow(WindowFrame):
             self._say("info", self.tr("The computation is still stopping; close the window again in a moment."), "")
             event.ignore()
             return
-        if self.page is not None:
-            self.page.leave()
-        for page in self.pages.values():
-            page.close_page()
+        self._drop_pages()
         self.controller.close_project()
         self.sounds.close()
         self._closed = True

@@ -13,6 +13,8 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
+from PySide6.QtWidgets import QPushButton
+
 from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
@@ -23,6 +25,7 @@ from spherecal_gui.standing import (
     Button,
     Level,
     Part,
+    Said,
     camera_level,
     level_of,
     stand,
@@ -39,7 +42,13 @@ from tests.gui_walking import at_rest, pump, settle
 pytestmark = pytest.mark.usefixtures("images_at_rest")
 
 LEVELS: tuple[Level, ...] = ("none", "good", "caution", "bad")
-BUTTONS = (None, *(Button(*three) for three in itertools.product((False, True), repeat=3)))
+BUTTONS = (
+    None,
+    *(
+        Button("", "", enabled, "", done, accepts)
+        for enabled, done, accepts in itertools.product((False, True), repeat=3)
+    ),
+)
 
 
 # --- the resolved state ----------------------------------------------------------------------------------------------
@@ -49,7 +58,7 @@ BUTTONS = (None, *(Button(*three) for three in itertools.product((False, True), 
 def test_all_combinations_take_the_worst_and_red_never_goes_on(status):
     step = Part(level_of(status), "step")
     for own, trouble, button, may, alarmed in itertools.product(LEVELS, LEVELS, BUTTONS, (False, True), (False, True)):
-        found = stand(Part(own, "own"), step, (Part(trouble, "trouble"),), button, may, alarmed)
+        found = stand(Said(own, "own", button), step, (Part(trouble, "trouble"),), may, alarmed)
         wanted = worst((own, step.level, trouble))
         assert found.level == ("none" if alarmed and wanted == "good" else wanted)
         assert {"own": own, "step": step.level, "trouble": trouble}[found.text] == wanted
@@ -241,7 +250,7 @@ def test_fixed_again_asks_for_everything_that_was_taken_before(opened):
     watcher, controller = Watcher(opened), opened.controller
     controller.cameras.connection.source.inject(SimulatedFault("bump", "C03"))
     watcher.until(controller.cameras.moved)
-    opened.page.fixed.click()
+    next(one for one in opened.page.findChildren(QPushButton) if one.property("key") == "fixed-again").click()
     state = controller.state
     assert state.of("placement:P1").status is state.of("placement:P4").status is Status.FAILED
     assert state.of("calibrate").status is Status.STALE

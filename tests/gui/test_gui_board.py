@@ -21,7 +21,8 @@ from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.results_page import ResultsPage
 from spherecal_gui.presenters.connect_presenter import bench_rows
-from spherecal_gui.presenters.placement_presenter import Scene, advice
+from spherecal_gui.presenters.placement_presenter import Scene
+from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project_folder import load_project, write_bench
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
@@ -121,7 +122,7 @@ def test_a_board_begins_a_project_with_live_cameras(qtbot, tmp_path: Path) -> No
 
 def test_the_one_sentence_at_a_placement() -> None:
     def said(counts: dict[str, int], still: bool | None = True, as_before: bool = False) -> str:
-        return advice(Scene(counts, still, board=True), False, False, as_before).text
+        return placement_says(PlacementFacts(Scene(counts, still, board=True), as_before=as_before)).text
 
     assert said({"C1": 0, "C2": 0}) == "Show the board to the cameras"
     assert said({"C1": 6, "C2": 0}, None) == "Checking that the board is still"

@@ -115,7 +115,7 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     controller.go("look")
     page = window.page
     assert isinstance(page, LookPage)
-    pump(lambda: "sharp and well lit" in page.summary.text())
+    pump(lambda: "sharp, dots found" in page.summary.text())
     assert page.fixed.isHidden()
     pump(lambda: at_rest(controller))
     source = controller.cameras.connection.source
@@ -127,6 +127,6 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     assert window.footer.default == "", "red never goes on by itself"
     assert "moved by" in page.wall.tiles["SIM-C03"].state.word
     page.fixed.click()
-    pump(lambda: "sharp and well lit" in page.summary.text())
+    pump(lambda: "sharp, dots found" in page.summary.text())
     assert page.fixed.isHidden()
     window.close()

@@ -90,7 +90,7 @@ def page(qtbot, tmp_path, monkeypatch):
 
 
 def shown(page):
-    return " ".join(one.text() for one in page.drivers.findChildren(QLabel))
+    return " ".join(one.text() for one in (page.summary, *page.drivers.findChildren(QLabel)))
 
 
 def test_without_a_driver_the_page_says_so(page):

@@ -14,7 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.presenters.placement_presenter import advice
+from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
@@ -156,7 +156,7 @@ def test_targets_that_are_not_on_the_ball_are_not_found(qapp, tmp_path):
         pump(lambda: len(page.sights()) == 6, 120)
         scene = page.scene()
         assert not any(scene.counts.values())
-        assert advice(scene, False, False).text == "Put the ball where the cameras see it"
+        assert placement_says(PlacementFacts(scene)).text == "Put the ball where the cameras see it"
         page.deleteLater()
     finally:
         made.close_project()

@@ -217,7 +217,7 @@ def test_the_camera_process_killed_is_said_and_all_cameras_come_back(real):
         pump(lambda: "6 of 6 cameras ready" in told_on(window))
     elif step == "look":
         feed.show("P3")
-        pump(lambda: "sharp and well lit" in told_on(window))
+        pump(lambda: "sharp, dots found" in told_on(window))
         assert window.page.action().done
     else:
         pose = controller.project.check_poses[1]
@@ -274,7 +274,7 @@ def test_a_bar_that_is_not_there_is_said_before_and_after_measuring(opened):
     pose = controller.project.check_poses[0]
     controller.cameras.connection.source.show("P1")  # the ball still lies there
     controller.cameras.live.forget()
-    pump(lambda: page.guide is not None and page.guide.lying is None)
+    pump(lambda: page.guide is not None and controller.bars.lying_ends is None)
     assert "Lay bar" in page.message.text()
     assert not page.action().enabled
     assert controller.sets.take(pose, "verify")  # as it lies: nobody is forced

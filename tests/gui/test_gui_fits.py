@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -16,13 +15,12 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages import placement_page as placement
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.verify_page import VerifyPage
-from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.presenters.guidance_presenter import move_text
-from spherecal_gui.presenters.placement_presenter import PlacementAdvice, short_text
+from spherecal_gui.presenters.placement_presenter import Scene, short_text
+from spherecal_gui.presenters.step_states import move_text
 from spherecal_gui.project_folder import TRAINING_PROFILE, load_project, save_project
+from spherecal_gui.tasks.ghost import ToGo
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_fit import covered, cut_short, scrolled, settled
 from tests.gui_walking import pump, settle
@@ -97,21 +95,18 @@ def test_every_page_is_complete(qapp, qtbot, home: Path, connected: Controller, 
 def faults_of_advice(window: WizardWindow, connected: Controller, large: bool) -> list[str]:
     """What does not fit on a placement not captured yet: with its advice, the longest one, where few dots are seen."""
     wrong = [f"placement:P4, {one}" for one in faults_at(window, large)]
-    given = connected.advice.guidance
-    assert given is not None
-    connected.advice.guidance = longest_advice(given)
-    connected.advice.guidance_changed.emit()
-    wrong += [f"placement:P4, longest advice, {one}" for one in faults_at(window, large)]
     shown = window.page
-    assert isinstance(shown, PlacementPage) and shown.guide_text.text() == move_text(connected.advice.guidance)
-    with pytest.MonkeyPatch.context() as patch:  # four cameras see too little, though the ball lies as it should
-        patch.setattr(placement, "advice", lambda *_: PlacementAdvice(short_text(FEW_DOTS), "caution"))
-        patch.setattr(placement, "is_stuck", lambda *_: True)
-        shown.tick()
-        wrong += [f"placement:P4, few dots, {one}" for one in faults_at(window, large)]
-        assert shown.advice.text() == short_text(FEW_DOTS)
-    connected.advice.guidance = given
-    connected.advice.guidance_changed.emit()
+    assert isinstance(shown, PlacementPage)
+    facts = PlacementPage._facts_of
+    few = Scene(FEW_DOTS, True)
+    for name, change in (("longest advice", {"to_go": longest_advice()}), ("few dots", {"to_go": None, "scene": few})):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(
+                PlacementPage, "_facts_of", lambda self, scene, change=change: replace(facts(self, scene), **change)
+            )
+            shown.tick()
+            wrong += [f"placement:P4, {name}, {one}" for one in faults_at(window, large)]
+            assert shown.advice.text() in (move_text(longest_advice()), short_text(FEW_DOTS))
     return wrong
 
 
@@ -166,12 +161,13 @@ def test_the_check_and_the_start_page_are_complete(
         theme.apply(qapp, dark=False)
 
 
-def longest_advice(shown: GuidanceView) -> GuidanceView:
-    """The same with a move and a turn that take most words in the language of now."""
-    moved = replace(shown, away_mm=1280.0, turn_deg=45.0, next_mm=0.5 * (shown.now_mm or 1))
-    tipped = {"tip": np.array([1.0, 0.0]), "tip_towards": shown.names[0]}
-    turns = ({"tip": None}, {"tip": None, "turn_deg": -45.0}, tipped)
-    ways = [replace(moved, up_mm=up, **turn) for up in (-160.0, 160.0) for turn in turns]
+def longest_advice() -> ToGo:
+    """A move and a turn that take most words in the language of now."""
+    ways = [
+        ToGo(1300.0, 45.0, False, 1280.0, up, "C06", left, tips)
+        for up in (-160.0, 160.0)
+        for left, tips in ((False, ""), (True, ""), (False, "C01"))
+    ]
     return max(ways, key=lambda one: len(move_text(one)))
 
 

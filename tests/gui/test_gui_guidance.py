@@ -16,7 +16,7 @@ from spherecal.base.errors import Cancelled
 from spherecal.files.session_json import session_json
 from spherecal_gui import coverage as cov
 from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.presenters.guidance_presenter import move_text, next_text, now_text
+from spherecal_gui.presenters.guidance_presenter import next_text, now_text
 from spherecal_gui.tasks.placement_advice import plan_next, printed_scale, session_of_dots
 from tests.networks import one_thread, simulated
 
@@ -48,11 +48,9 @@ def test_every_placement_is_said_to_help_and_stopping_gets_better(demo):
     told: list[Any] = [plan_next(document, targets, first(dots, count), Context()) for count in (1, 2, 3)]
     assert all(one is not None for one in told)
     assert told[0].now_mm > told[1].now_mm > told[2].now_mm > told[2].next_mm > 0.01
-    assert told[1].taken_names == ("P1", "P2"), "every place of the ball, the last one where it stands now"
-    assert told[2].taken_names == ("P1", "P2", "P3")
-    assert told[1].taken.shape == (2, 2) and told[1].cameras.shape == (6, 2)
-    assert told[1].towards in told[1].names
-    assert 100 < told[1].radius_mm < 400, "a bar gives the scale later; until then the printed targets do"
+    names = [one.name for one in told[2].scene.scene.placements]
+    assert names == ["P1", "P2", "P3"], "every place of the ball"
+    assert 100 < told[1].ghost.body.radius_mm < 400, "a bar gives the scale later; until then the printed targets do"
     assert now_text(told[0]) == ("If you stop now: not determined yet", "bad")
     assert now_text(told[1])[0] == f"If you stop now: {told[1].now_mm:.3f} mm"
 
@@ -81,43 +79,7 @@ def test_the_printed_scale_is_a_distance_that_all_targets_share(demo):
         assert np.linalg.norm(layout[scale["from"]] - layout[scale["to"]]) == pytest.approx(scale["distance_mm"])
 
 
-BASE = GuidanceView(
-    0.2,
-    0.1,
-    ("C01", "C02"),
-    np.array([[0.0, 900.0], [900.0, 0.0]]),
-    ("P1",),
-    np.zeros((1, 2)),
-    np.array([200.0, 0.0]),
-    100.0,
-    "C02",
-    204.0,
-    0.0,
-)
-
-
-STAY = "Leave the ball where it is"
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({}, "Move the ball 200 mm towards C02."),
-        ({"up_mm": 57.0}, "Move the ball 200 mm towards C02 and 60 mm up."),
-        ({"up_mm": -57.0}, "Move the ball 200 mm towards C02 and 60 mm down."),
-        ({"away_mm": 9.0, "turn_deg": 45.0}, "Leave the ball where it is, turn it 45° to the left, as on a turntable."),
-        (
-            {"away_mm": 9.0, "turn_deg": -45.0},
-            "Leave the ball where it is, turn it 45° to the right, as on a turntable.",
-        ),
-        (
-            {"turn_deg": 45.0, "tip": np.array([0.0, 1.0]), "tip_towards": "C01"},
-            "Move the ball 200 mm towards C02, tip its top 45° towards C01.",
-        ),
-    ],
-)
-def test_the_advice_in_words(change, words):
-    assert move_text(replace(BASE, **change)) == words
+BASE = GuidanceView(0.2, 0.1)
 
 
 def test_the_forecast_turns_green_when_more_would_not_help():
@@ -125,19 +87,3 @@ def test_the_forecast_turns_green_when_more_would_not_help():
     assert now_text(replace(BASE, next_mm=0.19))[1] == "good"
     assert next_text(BASE) == "With this placement: 0.100 mm"
     assert next_text(replace(BASE, next_mm=None)) == ""
-
-
-def test_tipping_and_turning_are_told_apart():
-    from types import SimpleNamespace
-
-    from spherecal_gui.placement_view import _turn
-
-    def turned(axis) -> Any:
-        return SimpleNamespace(axis=axis, turn_deg=45.0)
-
-    axes = np.eye(3)
-    assert _turn(turned(None), axes)[0] == 0.0
-    assert _turn(turned(np.array([0.0, 0.0, -1.0])), axes)[:2] == (-45.0, None)
-    turn, tip, _ = _turn(turned(np.array([1.0, 0.0, 0.0])), axes)
-    assert turn == 45.0 and tip is not None
-    np.testing.assert_allclose(tip, [0.0, -1.0], atol=1e-12)  # right hand about +x: the top goes towards -y

@@ -112,6 +112,8 @@ def test_instead_of_a_damaged_recording_another_can_be_chosen(qtbot, window, tmp
     assert page.other.text() == "Choose another" and page.other.isVisible() and not page.again.isVisible()
     asked = []
     chosen = tmp_path / "other"
+    chosen.mkdir()
+    (chosen / "session.json").write_text("{}")
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: asked.append(1) or str(chosen))
     page.other.click()
     qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=20_000)

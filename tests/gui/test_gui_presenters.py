@@ -25,15 +25,16 @@ from spherecal_gui.presenters.bars_presenter import (
     errors_of,
     length_cells,
     next_pose,
-    pose_state,
     rule_text,
 )
-from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, time_text
+from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
 from spherecal_gui.presenters.connect_presenter import camera_lines, connect_summary
 from spherecal_gui.presenters.look_presenter import summary, tile_state
-from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, advice, island_text, need_lists
+from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists
 from spherecal_gui.presenters.results_presenter import CameraRow, bar_verdict
 from spherecal_gui.presenters.stages import stage_name
+from spherecal_gui.presenters.step_states import BarFacts, PlacementFacts, bar_says, placement_says, seeing
+from spherecal_gui.tasks.ghost import ToGo
 from tests.conftest import ROOT
 
 SIZE = (1000, 500)
@@ -116,15 +117,24 @@ def test_counters_turn_from_red_over_amber_to_green(count, level):
 # --- placement -------------------------------------------------------------------------------------------------------
 
 
+def advice(scene, **facts):
+    return placement_says(PlacementFacts(scene, **facts))
+
+
+AWAY = ToGo(560.0, None, near=False, level_mm=560.0, towards="C06")
+
+
 def test_advice_names_the_most_urgent():
     enough = {"A": 200, "B": 200}
-    assert advice(Scene({}, None), False, True).text.startswith("Hold still")
-    assert "Put the ball" in advice(Scene({"A": 0, "B": 0}, None), False, False).text
-    assert "B sees too little" in advice(Scene({"A": 200, "B": 30}, False), False, False).text
-    assert "B sends no images" in advice(Scene({"A": 200, "B": 0}, True, ("B",)), False, False).text
-    assert "come to rest" in advice(Scene(enough, False), False, False).text
-    assert advice(Scene(enough, True), False, False).level == "good"
-    assert advice(Scene(enough, True), True, False).text.startswith("Captured")
+    assert advice(Scene({}, None), work="exposing").text.startswith("Hold still")
+    assert "Hold still" not in advice(Scene({}, None), work="computing").text
+    assert "Put the ball" in advice(Scene({"A": 0, "B": 0}, None)).text
+    assert "B sees too little" in advice(Scene({"A": 200, "B": 30}, False)).text
+    assert "No images from B: check cable" in advice(Scene({"A": 200, "B": 0}, True, ("B",))).text
+    assert "come to rest" in advice(Scene(enough, False)).text
+    assert advice(Scene(enough, True)).level == "good"
+    assert advice(Scene(enough, True), taken=True).text.startswith("Captured")
+    assert advice(Scene(enough, True), to_go=AWAY).text == "Move the ball 560 mm towards C06"
 
 
 def test_a_lost_camera_does_not_hold_up_the_others():
@@ -135,21 +145,21 @@ def test_a_lost_camera_does_not_hold_up_the_others():
 
 def test_where_the_ball_lies_in_place_and_a_camera_stays_short_the_page_says_so_with_what_to_do():
     short = Scene({"A": 200, "B": 88, "C": 91}, True)
-    assert advice(short, False, False).text == "Fewer than 100 dots: B (88), C (91). Capture anyway, or move the ball"
-    assert advice(short, False, False).level == "caution"
-    assert "Turn or move the ball" in advice(replace(short, still=None), False, False).text
-    assert "Turn or move the ball" in advice(short, False, False, away=True).text
-    assert "Turn or move the ball" in advice(short, False, False, as_before=True).text
+    assert advice(short).text == "Fewer than 100 dots: B (88), C (91). Capture anyway, or move the ball"
+    assert advice(short).level == "caution"
+    assert "Turn or move the ball" in advice(replace(short, still=None)).text
+    assert "Move the ball 560 mm" in advice(short, to_go=AWAY).text
+    assert "Turn or move the ball" in advice(short, as_before=True).text
     assert not short.enough
 
 
 def test_what_a_camera_lacks_here_the_other_placements_may_make_up_for():
     made_up = Scene({"A": 200, "B": 88}, True, made_up=True)
     assert made_up.enough
-    told = advice(made_up, False, False)
+    told = advice(made_up)
     assert told.level == "good"
     assert "B sees little here, but enough elsewhere" in told.text
-    assert advice(replace(made_up, still=False), False, False).text == "Let the ball come to rest"
+    assert advice(replace(made_up, still=False)).text == "Let the ball come to rest"
     assert AutoTrigger(hold_s=0.0).feed(made_up, 0.0)
 
 
@@ -184,7 +194,7 @@ def sight(count: int = 40, blur: float | None = 0.7, saturated: float = 0.0, bri
 @pytest.mark.parametrize(
     ("seen", "level", "word"),
     [
-        (sight(), "good", "Focus 0.7 px"),
+        (sight(), "good", "sharp"),
         (sight(blur=1.8), "caution", "Out of focus (1.8 px)"),
         (sight(blur=3.0), "bad", "focus ring"),
         (sight(saturated=0.2), "caution", "20 % clipped"),
@@ -213,7 +223,7 @@ def test_a_lost_camera_says_so_before_anything_else():
 
 def test_the_wall_in_one_sentence():
     good, bad = tile_state("C01", status(), sight()), tile_state("C02", status(CameraState.LOST), None)
-    assert summary([good]) == ("All 1 cameras are sharp and well lit.", "good")
+    assert summary([good]) == ("All 1 cameras: sharp, dots found.", "good")
     assert summary([good, bad]) == ("Check C02.", "bad")
     assert summary([good, tile_state("C05", status(), sight(blur=3.0))]) == ("C05 is out of focus.", "bad")
     assert summary([good, tile_state("C05", status(), sight(saturated=0.2))]) == ("C05 is too bright.", "caution")
@@ -297,15 +307,6 @@ def test_the_second_run_ends_near_the_whole():
         course.add(Progress(stage, fraction, detail))
     assert course.fraction == pytest.approx(0.97)
     assert course.runs == [[2.5], [2.5]]
-    assert course.seconds_left(30.0) == pytest.approx(30 * 0.03 / 0.97)
-    assert course.seconds_left(0.5) is None
-
-
-def test_times_are_for_people():
-    assert time_text(None) == "estimating the time"
-    assert time_text(1.0) == "about 5 s left"
-    assert time_text(33.0) == "about 35 s left"
-    assert time_text(130.0) == "about 2 min left"
 
 
 # --- bars ------------------------------------------------------------------------------------------------------------
@@ -320,7 +321,7 @@ def test_bar_poses_are_asked_for_one_after_the_other():
     ("targets", "level"), [({"A": 4}, "bad"), ({"A": 4, "B": 2}, "caution"), ({"A": 4, "B": 2, "C": 3}, "good")]
 )
 def test_a_bar_needs_cameras(targets, level):
-    assert pose_state(targets, False, False, "A-01").level == level
+    assert bar_says(BarFacts("A-01", seeing(targets))).level == level
 
 
 def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()) -> Any:
@@ -428,11 +429,11 @@ CAMERAS = np.array([[-1000.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [0.0, 1000.0,
 
 def guided(ends: np.ndarray | None, still: bool | None = True):
     """What is said of a bar that should lie along x from -250 to 250 mm."""
-    from spherecal.verify.pose_plan import MeasuringVolume, PlannedPose, PosePlan
+    from spherecal.verify.pose_plan import PlannedPose
     from spherecal_gui.presenters.bar_guide import bar_guide
     from spherecal_gui.rig_scenes import RigPlanes
 
-    planes = RigPlanes(np.eye(3), np.zeros(3), ("C01", "C02", "C03"), CAMERAS)
+    planes = RigPlanes(np.eye(3), ("C01", "C02", "C03"), CAMERAS)
     pose = PlannedPose(
         "L1-1",
         0,
@@ -444,8 +445,7 @@ def guided(ends: np.ndarray | None, still: bool | None = True):
         ("C01", "C02"),
         True,
     )
-    plan = PosePlan(MeasuringVolume(np.zeros(3), np.eye(3), np.full(3, 400.0)), (pose,), (3,), ())
-    return bar_guide(planes, plan, pose, ends, still)
+    return bar_guide(planes, pose, ends, still)
 
 
 def ends_at(x: float, y: float, z: float, turn_deg: float = 0.0) -> np.ndarray:
@@ -470,7 +470,6 @@ def test_the_bar_is_guided_in_words(ends, still, text, accepted):
     guide = guided(ends, still)
     assert (guide.text, guide.accepted) == (text, accepted)
     assert (guide.level == "good") == text.startswith("Ready")
-    assert guide.box[0].shape == (8, 2) and guide.cameras[1].shape == (3, 2)
 
 
 def test_poses_stand_in_columns_by_line():

@@ -20,10 +20,9 @@ from spherecal_gui.pages.calibrate_page import CalibratePage
 from spherecal_gui.pages.connect_page import ConnectPage
 from spherecal_gui.pages.save_page import SavePage
 from spherecal_gui.pages.verify_page import VerifyPage
-from spherecal_gui.pages.wizard_page import PageAction
 from spherecal_gui.presenters.connect_presenter import BenchRow, CameraLine
 from spherecal_gui.project import Project
-from spherecal_gui.standing import Standing
+from spherecal_gui.standing import Button, Said, Standing
 from spherecal_gui.wizard.footer import Footer
 from spherecal_gui.workflow import Running, Step, resolve
 
@@ -131,8 +130,9 @@ def test_the_space_bar_never_presses_cancel(qtbot, home):
     QVBoxLayout(window).addWidget(footer)
     window.show()
     state = resolve(Project(home, "simulated:demo"), Running())
-    footer.show_action(PageAction("Calibrate"), state, False, Standing("good", "", "action"))
+    begin, end = Said("good", "", Button("Calibrate", "calibrate")), Said("none", "", Button("Cancel", "cancel"))
+    footer.show_standing(Standing("good", "", "action", begin), state, False)
     assert window.focusWidget() is footer.action
-    footer.show_action(PageAction("Cancel"), state, True, Standing("none", "", "action"))
+    footer.show_standing(Standing("none", "", "action", end), state, True)
     assert footer.action.isEnabled()
     assert window.focusWidget() is not footer.action

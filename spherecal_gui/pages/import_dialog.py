@@ -1,0 +1,126 @@
+"""A folder of images from elsewhere: how its files are read, what they show; made a session once somebody agrees."""
+
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QCheckBox, QDialog, QDoubleSpinBox, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
+
+from spherecal.base.context import Context
+from spherecal.targets.family import CODE_COUNT, make_target_set
+from spherecal_app.recordings.image_layout import ImageLayout, recognise
+from spherecal_gui.pages.board_dialog import BoardDialog
+from spherecal_gui.project_folder import new_folder
+from spherecal_gui.tasks.task import Runner
+from spherecal_gui.texts import error_text
+from spherecal_gui.widgets.basic import button, label, set_level
+
+_NAMED = 8
+_PATIENCE_MS = 3_000
+
+
+class ImportDialog(QDialog):
+    """`imported` once the session is made; the images are copied, where they come from nothing changes."""
+
+    imported = Signal(str, str)  # the folder; what was assumed
+
+    def __init__(self, images: Path, projects: Path, parent: QWidget | None = None) -> None:
+        """InputError where no cameras and placements can be read from the names."""
+        super().__init__(parent)
+        self.setWindowTitle(self.tr("Import images"))
+        self._images, self._projects = images, projects
+        self.layout_found = recognise(images)
+        self._board: dict[str, object] | None = None
+        self._runner = Runner(self)
+        column, grid = QVBoxLayout(self), QGridLayout()
+        for row, (title, text) in enumerate(self._rows(self.layout_found)):
+            grid.addWidget(label(title, "soft", wrap=False), row, 0)
+            grid.addWidget(label(text), row, 1)
+        grid.setColumnStretch(1, 1)
+        column.addLayout(grid)
+        self.diameter = QDoubleSpinBox()
+        self.diameter.setRange(0.0, 10_000.0)
+        self.diameter.setSuffix(" mm")
+        self.diameter.setSpecialValueText(self.tr("not known"))
+        self.diameter.setAccessibleName(self.tr("Diameter of the ball"))
+        self.shows_board = QCheckBox(self.tr("They show a board, not the ball"))
+        self.shows_board.clicked.connect(self._choose_board)
+        row = QHBoxLayout()
+        for one in (label(self.tr("Diameter of the ball"), "soft", wrap=False), self.diameter, self.shows_board):
+            row.addWidget(one)
+        row.addStretch(1)
+        column.addLayout(row)
+        self.message = label(self.tr("The images are copied. Lenses that the images do not name are assumed."), "soft")
+        column.addWidget(self.message)
+        row = QHBoxLayout()
+        self.cancel = button(self.tr("Cancel"), "import-cancel")
+        self.cancel.clicked.connect(self.close)
+        self.begin = button(self.tr("Import"), "import-begin", "primary")
+        self.begin.clicked.connect(self.start)
+        row.addStretch(1)
+        for one in (self.cancel, self.begin):
+            row.addWidget(one)
+        column.addLayout(row)
+        self.setMinimumWidth(640)
+
+    def _rows(self, found: ImageLayout) -> list[tuple[str, str]]:
+        """What was recognised."""
+
+        def shown(names: list[str]) -> str:
+            return ", ".join(names[:_NAMED]) + (" …" if len(names) > _NAMED else "")
+
+        rows = [
+            (self.tr("Folder"), str(self._images)),
+            (self.tr("Read as"), found.pattern),
+            (self.tr("Cameras: {count}").format(count=len(found.files)), shown(list(found.files))),
+            (self.tr("Placements: {count}").format(count=len(found.placements)), shown(list(found.placements))),
+        ]
+        if found.left_out:
+            left = self.tr("Left out: {count}").format(count=len(found.left_out))
+            rows.append((left, shown([str(one) for one in found.left_out])))
+        return rows
+
+    def _choose_board(self) -> None:
+        if not self.shows_board.isChecked():
+            self._board = None
+            return
+        dialog = BoardDialog(self)
+        dialog.chosen.connect(self._set_board)
+        dialog.finished.connect(lambda _: self.shows_board.setChecked(self._board is not None))
+        dialog.open()
+
+    def _set_board(self, board: dict[str, object]) -> None:
+        self._board = board
+
+    def start(self) -> None:
+        """Make the session, beside the window."""
+        from spherecal_app.api import new_session  # loads the calibration
+
+        folder = new_folder(self._projects, datetime.now(), "import")
+        board, diameter = self._board, self.diameter.value() or None
+        targets = None if board is not None else make_target_set(CODE_COUNT)
+
+        def work(context: Context) -> tuple[str, str]:
+            made = new_session(
+                folder, self._images, board=board, targets=targets, sphere_diameter_mm=diameter, context=context
+            )
+            return str(folder), "; ".join(str(one) for one in made.assumed)
+
+        self.begin.setEnabled(False)
+        self.message.setText(self.tr("Importing"))
+        self._runner.start("import", work, self._done, self._failed)
+
+    def _done(self, made: tuple[str, str]) -> None:
+        self.imported.emit(*made)
+        self.accept()
+
+    def _failed(self, error: BaseException) -> None:
+        self.begin.setEnabled(True)
+        self.message.setText(" ".join(error_text(error)).strip())
+        set_level(self.message, "bad")
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Stop what runs."""
+        self._runner.abandon(_PATIENCE_MS)
+        super().closeEvent(event)

@@ -3956,7 +3956,7 @@ mm</translation>
     </message>
     <message>
         <source>Not saved yet; its verification failed</source>
-        <translation type="unfinished">Noch nicht gesichert; Verifizierung fehlgeschlagen</translation>
+        <translation>Noch nicht gesichert; Verifizierung fehlgeschlagen</translation>
     </message>
     <message>
         <source>Not saved yet</source>
@@ -3972,7 +3972,7 @@ mm</translation>
     </message>
     <message>
         <source>Saved; its verification failed</source>
-        <translation type="unfinished">Gesichert; Verifizierung fehlgeschlagen</translation>
+        <translation>Gesichert; Verifizierung fehlgeschlagen</translation>
     </message>
     <message>
         <source>Saved; not verified</source>

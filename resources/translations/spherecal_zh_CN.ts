@@ -3956,7 +3956,7 @@ mm</translation>
     </message>
     <message>
         <source>Not saved yet; its verification failed</source>
-        <translation type="unfinished">尚未保存；验证未通过</translation>
+        <translation>尚未保存；验证未通过</translation>
     </message>
     <message>
         <source>Not saved yet</source>
@@ -3972,7 +3972,7 @@ mm</translation>
     </message>
     <message>
         <source>Saved; its verification failed</source>
-        <translation type="unfinished">已保存；验证未通过</translation>
+        <translation>已保存；验证未通过</translation>
     </message>
     <message>
         <source>Saved; not verified</source>

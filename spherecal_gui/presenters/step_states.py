@@ -452,10 +452,10 @@ def results_says(f: ResultFacts) -> Said:
 
 @dataclass(frozen=True)
 class SaveFacts:
-    """`calibration`: its verdict; `verified`: a bar has verified it; `failed`: one contradicted it;
-    `kept`: it is in the rig's profile as it is now.
+    """What Save shows: whether the calibration is kept, and how good it is.
 
-    `status` is the step's; `apply`: it is put to use at once; `why_not`: what is in the way of saving it.
+    `calibration`: its verdict; `verified`, `failed`: a bar has verified or contradicted it; `kept`: it is in the rig's
+    profile as it is now; `status` is the step's; `apply`: it is put to use at once; `why_not`: what is in the way.
     """
 
     status: Status = Status.READY

@@ -20,12 +20,12 @@ from spherecal.targets.blobs import GreyImage
 from spherecal.targets.board_pattern import BoardPattern, tag_dictionary
 from spherecal.targets.images import read_image
 from spherecal_boards.aprilgrid import find_aprilgrid
+from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.circles import find_circles
 from spherecal_boards.lattice import label_board, label_shifted
 
 STAGE = "finding boards"
 _TRIED = 8  # images that are looked at once more where none shows the board
-_CORNER_WINDOW = 0.3  # half a window's side in squares: wider ones meet the next corner in perspective
 
 
 @dataclass(frozen=True)
@@ -199,43 +199,8 @@ def _diameter(place: IntArray, circles, rows: IntArray) -> float:
 
 
 def _find_chessboard(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
-    size = (pattern.columns, pattern.rows)
-    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
-    if not found or corners is None:
-        return None
-    coarse = np.asarray(corners, dtype=np.float32).reshape(pattern.rows, pattern.columns, 2)
-    steps = (np.linalg.norm(np.diff(coarse, axis=axis), axis=2).min() for axis in (0, 1))
-    half = int(np.clip(min(steps) * _CORNER_WINDOW, 2, 15))
-    # the finder alone is off by 0.2 to 0.5 px on noise-free boards, the gradients' saddle by 0.05
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-    fine = cv2.cornerSubPix(image, coarse.reshape(-1, 1, 2), (half, half), (-1, -1), criteria)
-    grid = np.asarray(fine, dtype=float).reshape(pattern.rows, pattern.columns, 2)
-    grid = _upright(image, grid, pattern)
-    return FoundBoard(np.arange(pattern.rows * pattern.columns), grid.reshape(-1, 2))
-
-
-def _upright(image: NDArray[np.uint8], grid: FloatArray, pattern: BoardPattern) -> FloatArray:
-    """The corners in the board's order: first by orientation, then by the colour of the first square.
-
-    Where both ends look alike (rows + columns even) the columns run to the image's right.
-    """
-    across, along = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
-    if (across[0] * along[1] - across[1] * along[0] < 0) != pattern.rows_upward:
-        grid = grid[:, ::-1]
-        across = -across
-    turned = grid[::-1, ::-1]
-    if (pattern.rows + pattern.columns) % 2 == 0:
-        return grid if across[0] >= 0 else turned
-    return grid if _square(image, grid) < _square(image, turned) else turned
-
-
-def _square(image: NDArray[np.uint8], grid: FloatArray) -> float:
-    """The brightness of the square between the first four corners."""
-    middle = grid[:2, :2].reshape(-1, 2).mean(axis=0)
-    inner = np.concatenate([middle + 0.5 * (corner - middle) for corner in grid[:2, :2].reshape(-1, 1, 2)])
-    columns, rows = np.rint(np.vstack([inner, middle])).astype(int).T
-    return float(image[rows, columns].mean())
+    grid = find_chessboard(image, pattern)
+    return None if grid is None else FoundBoard(np.arange(pattern.rows * pattern.columns), grid.reshape(-1, 2))
 
 
 def _find_charuco(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:

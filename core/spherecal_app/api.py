@@ -1169,7 +1169,7 @@ def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: S
     format_name
         One of the formats that can be read.
     unit
-        Unit of lengths in the file; None takes the format's own.
+        Unit of lengths in the file; None takes what the file shows, else the format's own.
     ids
         New names of the cameras in the file's order; None keeps those in the file.
 
@@ -1178,4 +1178,4 @@ def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: S
     InputError
         Where the file cannot be used: a camera without a pose or an image size, another count of `ids`.
     """
-    return _import_rig(Path(path), format_name, unit, ids)
+    return _import_rig(Path(path), format_name, unit, ids).rig

@@ -18,7 +18,11 @@ _SIDES = (1200, 500)
 _SETTINGS = (None, cv2.CALIB_CB_EXHAUSTIVE, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
 _OLD = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 _SQUARE_PX = 40  # to which larger squares are made smaller for the finder of saddles: it costs by the pixel
-_LEAST_WINDOW, _WINDOWS, _MOST_WINDOW = 2, (0.12, 0.2, 0.3, 0.42), 20  # halves in squares: beyond 0.5 is the next corner
+_LEAST_WINDOW, _WINDOWS, _MOST_WINDOW = (
+    2,
+    (0.12, 0.2, 0.3, 0.42),
+    20,
+)  # halves in squares: beyond 0.5 is the next corner
 _MARGIN = 2.0  # squares around the corners that the finder needs
 # Of a square's side: a board whose corners are off a smooth grid by more (rms) is none. Right ones of 71 photographs
 # are within 0.012, those of lenses of 150 degrees within 0.03.
@@ -67,7 +71,7 @@ def _refined(image: Grey, coarse: FloatArray) -> FloatArray:
 
 
 def _saddles(image: Grey, coarse: FloatArray) -> FloatArray | None:
-    """The corners by OpenCV's fit of saddles in the part of the image that has the board, at squares of moderate size."""
+    """The corners by OpenCV's fit of saddles in the part of the image with the board, made smaller if its squares are large."""
     rows, columns = coarse.shape[:2]
     square = _square_px(coarse)
     low = np.maximum(np.floor(coarse.min(axis=(0, 1)) - _MARGIN * square), 0).astype(int)
@@ -109,7 +113,9 @@ def _off(grid: FloatArray) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         bent = uv - p[:, :2] / p[:, 2:]
     order = min(_ORDER, rows - 1, columns - 1)
-    terms = np.stack([flat[:, 0] ** i * flat[:, 1] ** j for i in range(order + 1) for j in range(order + 1 - i)], axis=1)
+    terms = np.stack(
+        [flat[:, 0] ** i * flat[:, 1] ** j for i in range(order + 1) for j in range(order + 1 - i)], axis=1
+    )
     if not np.isfinite(bent).all():
         return float("inf")
     if terms.shape[1] < len(flat):

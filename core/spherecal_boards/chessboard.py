@@ -71,7 +71,7 @@ def _refined(image: Grey, coarse: FloatArray) -> FloatArray:
 
 
 def _saddles(image: Grey, coarse: FloatArray) -> FloatArray | None:
-    """The corners by OpenCV's fit of saddles in the part of the image with the board, made smaller if its squares are large."""
+    """The corners by OpenCV's fit of saddles near the board, made smaller if its squares are large."""
     rows, columns = coarse.shape[:2]
     square = _square_px(coarse)
     low = np.maximum(np.floor(coarse.min(axis=(0, 1)) - _MARGIN * square), 0).astype(int)

@@ -52,7 +52,7 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     tags = kind in ("charuco", "aprilgrid")
     if tags:
         needed = (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns
-        _check_count(given["rows"], dictionary, needed)
+        _check_count(given["rows"], dictionary, f.get("first_id", 0) + needed)
     return BoardPattern(
         kind,
         rows,
@@ -66,6 +66,7 @@ def board_pattern(board: JsonValue) -> BoardPattern:
         dictionary=dictionary,
         legacy=f.get("legacy", False),
         border_bits=f.get("border_bits"),
+        first_id=f.get("first_id", 0),
     )
 
 

@@ -140,7 +140,7 @@ HOSTILE = {
     "fov.yaml": (CAM0.format(model="pinhole", lens="fov"), "must be"),
     "wide.yml": (
         MATRIX.format("9., 0., 5., 0., 9., 5., 0., 0., 1.") + "fisheye_model: 1\nD: [0,0,0,0,0]\n",
-        "4 numbers",
+        "a fisheye lens has 4",
     ),
     "omni.yaml": (CAM0.format(model="omni", lens="radtan"), "must be"),
     "deep.yaml": ("cam0: " + "[" * 5000 + "]" * 5000, "nested too deeply"),

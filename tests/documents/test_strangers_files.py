@@ -337,7 +337,7 @@ MORE: dict[str, tuple[Callable[[Path], Path], str, float | str | None]] = {
         one("c.yaml", CHAIN.format(model="pinhole", distortion="radtan", linked=IMU)), "kalibr", 110.0,
     ),
     "a camchain that contradicts its IMU": (
-        one("c.yaml", CHAIN.format(model="pinhole", distortion="radtan", linked=f"{IMU}\n{BEFORE.replace('11', '20')}")),
+        one("c.yaml", CHAIN.format(model="pinhole", distortion="radtan", linked=IMU + "\n" + BEFORE.replace("11", "2"))),
         "kalibr", "contradicts T_cam_imu",
     ),
     "a camera that is not linked": (

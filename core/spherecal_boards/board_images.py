@@ -1,7 +1,7 @@
 """Boards found in the images of a session: circles, chessboard corners, ChArUco corners or corners of tags."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,7 +86,8 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
 
 def spread(count: int, most: int) -> list[int]:
     """At most so many numbers below a count, evenly spread."""
-    return sorted({round(i * (count - 1) / max(most - 1, 1)) for i in range(min(most, count))})
+    taken = min(most, count)
+    return [round(i * (count - 1) / max(taken - 1, 1)) for i in range(taken)]
 
 
 def _find_all(
@@ -132,6 +133,8 @@ def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Ph
     if markers is not None and markers.mirrored:
         return Phrase("board-mirrored", {"seen": markers.words()})
     for entry in seen_boards(images, markers, pattern.pitch_mm, pattern.marker_mm):
+        if entry.get("dictionary", "").rpartition("_")[0] == pattern.dictionary.rpartition("_")[0] != "":
+            entry["dictionary"] = max(entry["dictionary"], pattern.dictionary, key=lambda name: (len(name), name))
         finder = _finder(board_pattern(JsonValue(entry, Path("board"), "board")))
         fitting = sum(finder(image) is not None for image in images)
         if fitting:
@@ -141,6 +144,23 @@ def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Ph
     if markers is not None:
         return Phrase("board-other-seen", {"seen": markers.words()})
     return Phrase("board-nothing-seen", {"images": len(images)})
+
+
+def look_for_board(images: list[NDArray[np.uint8]], known: Mapping[str, Any]) -> dict[str, Any]:
+    """The board that images show, as entry of session.json, from what is known of it: kind, pitch and what else.
+
+    `images`: grey images of 8 bits, (h, w) each.
+    """
+    markers = None if known["kind"] == "chessboard" else look_for_markers(images)
+    if markers is not None and markers.mirrored:
+        mirrored = Phrase("board-mirrored", {"seen": markers.words()})
+        raise InputError(Phrase("error-no-board-seen", {"images": len(images)}), mirrored)
+    for entry in seen_boards(images, markers, known["pitch_mm"], known.get("marker_mm")):
+        if entry["kind"] == known["kind"]:
+            return {**entry, **known}
+    hint = Phrase("board-nothing-seen", {"images": len(images)})
+    hint = hint if markers is None else Phrase("board-other-seen", {"seen": markers.words()})
+    raise InputError(Phrase("error-no-board-seen", {"images": len(images)}), hint)
 
 
 def seen_boards(

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -20,11 +20,15 @@ from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_ses
 from spherecal.files.session_json import ASSUMED_FOCAL, assumed_prior, centred_matrix
 from spherecal.files.target_set_file import target_set_bytes
 from spherecal.geometry.camera import LensModel
+from spherecal.targets.blobs import GreyImage
 from spherecal.targets.image_facts import ImageFacts, image_facts
+from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.recordings.frame_times import frame_times
 from spherecal_app.recordings.image_layout import ImageLayout, recognise
-from spherecal_app.recordings.video_frames import choose_frames, keep_frames
+from spherecal_app.recordings.video_frames import choose_frames, grey_frames, keep_frames
+from spherecal_boards.board_images import eight_bits, look_for_board, spread
+from spherecal_boards.looking import LOOKED_AT, as_text
 
 STAGE = "reading images"
 TARGETS_FILE = "targets.json"
@@ -44,11 +48,15 @@ class StatedCameras:
 
 @dataclass(frozen=True)
 class Contents:
-    """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter."""
+    """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter.
+
+    `seen_board`: `board` lacks rows and columns, which its images show.
+    """
 
     board: Mapping[str, Any] | None = None
     targets: TargetSet | None = None
     sphere_diameter_mm: float | None = None
+    seen_board: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,6 +127,12 @@ def make_session(
     maker = _OfVideos(source, layout, frames, context) if layout.videos else _OfImages(source, layout, context)
     if inside and layout.videos:
         raise InputError(Phrase("error-folder-of-videos", {"folder": folder}))
+    looked: tuple[str, ...] = ()
+    if contents.seen_board and contents.board is not None:
+        context.report("looking for the board", 0.0)
+        board = look_for_board([eight_bits(image) for image in maker.samples(LOOKED_AT)], contents.board)
+        contents = replace(contents, board=board)
+        looked = (f"the board as its images show it: --board {as_text(board)}",)
     document, cameras, assumed = _document(maker, contents, known)
     beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: target_set_bytes(contents.targets)}
     if inside:
@@ -126,7 +140,7 @@ def make_session(
     else:
         session = _write_new_folder(folder, document, maker, beside)
     return NewSession(
-        session, layout.words, layout.pattern, cameras, assumed, _missing(contents, layout), layout.left_out
+        session, layout.words, layout.pattern, cameras, (*looked, *assumed), _missing(contents, layout), layout.left_out
     )
 
 
@@ -143,6 +157,11 @@ class _OfImages:
                 context.report(STAGE, done / count, path)
                 done += 1
                 self.facts.setdefault(camera, []).append((path, image_facts(source / path)))
+
+    def samples(self, most: int) -> list[GreyImage]:
+        """Some images of all cameras and placements."""
+        paths = [path for own in self._layout.files.values() for path in own.values()]
+        return [read_image(self._source / paths[i]) for i in spread(len(paths), most)]
 
     def images(self, place: str) -> dict[str, str]:
         """Which files the placement has in the new folder, by camera."""
@@ -184,6 +203,12 @@ class _OfVideos:
             apart = f"at most {1e3 * chosen.apart_s:.3g} ms apart"
             self.moments = f"frames are of one moment by the times in {known[0].name}, {apart}"
         self._context = context
+
+    def samples(self, most: int) -> list[GreyImage]:
+        """Some of the chosen frames of the first video."""
+        camera, path = next(iter(self._videos.items()))
+        own = self._numbers[camera]
+        return grey_frames(path, [own[i] for i in spread(len(own), most)])
 
     def images(self, place: str) -> dict[str, str]:
         return {camera: f"placements/{place}/{camera}.png" for camera in self._videos}

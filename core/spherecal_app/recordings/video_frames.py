@@ -115,6 +115,12 @@ def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
     return found[np.append(True, (np.diff(found, axis=0) > 0).all(axis=1))[: len(found)]]
 
 
+def grey_frames(path: Path, frames: Sequence[int]) -> list[NDArray[np.uint8]]:
+    """Some frames of a video as grey images (h, w), in ascending order."""
+    wanted = set(frames)
+    return [grey for number, grey in zip(range(max(wanted) + 1), _frames(path), strict=False) if number in wanted]
+
+
 def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
     """Pass some frames of a video on as grey PNG files, in ascending order.
 

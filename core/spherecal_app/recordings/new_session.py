@@ -157,6 +157,7 @@ class _OfImages:
                 context.report(STAGE, done / count, path)
                 done += 1
                 self.facts.setdefault(camera, []).append((path, image_facts(source / path)))
+                read_image(source / path)  # what cannot be calibrated is refused now
 
     def samples(self, most: int) -> list[GreyImage]:
         """Some images of all cameras and placements."""
@@ -244,6 +245,7 @@ def _document(
             assumed.setdefault(one, []).append(camera)
     if isinstance(maker, _OfVideos):
         assumed[maker.moments] = []
+    _refuse_one_serial(cameras)
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "cameras": entries}
     if contents.targets is not None:
         document["target_set"] = TARGETS_FILE
@@ -258,6 +260,14 @@ def _document(
     document["placements"] = [{"id": place} for place in maker.places]
     said = tuple(f"{one} ({', '.join(who)})" if who else one for one, who in assumed.items())
     return document, tuple(cameras), said
+
+
+def _refuse_one_serial(cameras: Sequence[NewCamera]) -> None:
+    serials = [camera.serial for camera in cameras if camera.serial is not None]
+    for serial in serials:
+        own = [camera.id for camera in cameras if camera.serial == serial]
+        if len(own) > 1:
+            raise InputError(Phrase("error-serial-of-two", {"serial": serial, "cameras": own}))
 
 
 def _printed_scale(contents: Contents) -> dict[str, Any] | None:

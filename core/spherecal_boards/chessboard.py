@@ -26,7 +26,7 @@ _LEAST_WINDOW, _WINDOWS, _MOST_WINDOW = (
 _MARGIN = 2.0  # squares around the corners that the finder needs
 # Of a square's side: a board whose corners are off a smooth grid by more (rms) is none. Right ones of 71 photographs
 # are within 0.012, those of lenses of 150 degrees within 0.03.
-_ROUGH = 0.08
+ROUGH = 0.08
 _ORDER = 4  # of the polynomial for lens and paper
 
 
@@ -34,7 +34,7 @@ def find_chessboard(image: Grey, pattern: BoardPattern) -> FloatArray | None:
     """The corners (rows, columns, 2) px in the board's order; None where the board is not seen whole."""
     for coarse in _coarse(image, (pattern.columns, pattern.rows)):
         grid = _upright(image, _refined(image, coarse), pattern)
-        if _off(grid) <= _ROUGH * _square_px(grid):
+        if off_grid_px(grid) <= ROUGH * square_px(grid):
             return grid
     return None
 
@@ -64,16 +64,16 @@ def _refined(image: Grey, coarse: FloatArray) -> FloatArray:
     """
     saddles = _saddles(image, coarse)
     tried = [coarse] if saddles is None else [coarse, saddles]
-    start = min(tried, key=_off)
-    square = _square_px(start)
+    start = min(tried, key=off_grid_px)
+    square = square_px(start)
     halves = {int(np.clip(square * part, _LEAST_WINDOW, _MOST_WINDOW)) for part in _WINDOWS}
-    return min([*tried, *(_in_window(image, start, half) for half in sorted(halves))], key=_off)
+    return min([*tried, *(_in_window(image, start, half) for half in sorted(halves))], key=off_grid_px)
 
 
 def _saddles(image: Grey, coarse: FloatArray) -> FloatArray | None:
     """The corners by OpenCV's fit of saddles near the board, made smaller if its squares are large."""
     rows, columns = coarse.shape[:2]
-    square = _square_px(coarse)
+    square = square_px(coarse)
     low = np.maximum(np.floor(coarse.min(axis=(0, 1)) - _MARGIN * square), 0).astype(int)
     high = np.ceil(coarse.max(axis=(0, 1)) + _MARGIN * square).astype(int)
     part = image[low[1] : high[1] + 1, low[0] : high[0] + 1]
@@ -96,12 +96,12 @@ def _in_window(image: Grey, start: FloatArray, half: int) -> FloatArray:
     return np.asarray(fine, dtype=float).reshape(start.shape)
 
 
-def _square_px(grid: FloatArray) -> float:
+def square_px(grid: FloatArray) -> float:
     """The shortest side of a square in px."""
     return float(min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)))
 
 
-def _off(grid: FloatArray) -> float:
+def off_grid_px(grid: FloatArray) -> float:
     """By how many px (rms) the corners are off a smooth grid: a plane in perspective, bent by a polynomial."""
     rows, columns = grid.shape[:2]
     y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")

@@ -12,6 +12,7 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.board_pattern import APRILTAGS, tag_dictionary
+from spherecal_boards.chessboard import ROUGH, off_grid_px, square_px
 
 Grey = NDArray[np.uint8]
 LOOKED_AT = 8  # images
@@ -216,9 +217,14 @@ def look_for_chessboard(images: Sequence[GreyImage]) -> tuple[int, int] | None:
         scale = min(1.0, 1200 / max(grey.shape))
         small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
         for more in (0, cv2.CALIB_CB_NORMALIZE_IMAGE):
-            found, _, meta = cv2.findChessboardCornersSBWithMeta(np.asarray(small), _LEAST_CHESSBOARD, flags | more)
-            if found:
-                rows, columns = sorted(np.asarray(meta).shape[:2])
+            found, corners, meta = cv2.findChessboardCornersSBWithMeta(
+                np.asarray(small), _LEAST_CHESSBOARD, flags | more
+            )
+            if not found or corners is None:
+                continue
+            grid = np.asarray(corners, dtype=float).reshape(*np.asarray(meta).shape[:2], 2)
+            if grid.size > 2 * np.prod(_LEAST_CHESSBOARD) and off_grid_px(grid) <= ROUGH * square_px(grid):
+                rows, columns = sorted(grid.shape[:2])
                 seen[rows, columns] = seen.get((rows, columns), 0) + 1
                 break
     return max(seen, key=lambda size: (seen[size], size)) if seen else None

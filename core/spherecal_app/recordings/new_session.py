@@ -140,7 +140,13 @@ def make_session(
     else:
         session = _write_new_folder(folder, document, maker, beside)
     return NewSession(
-        session, layout.words, layout.pattern, cameras, (*looked, *assumed), _missing(contents, layout), layout.left_out
+        session,
+        layout.words,
+        layout.pattern,
+        cameras,
+        (*looked, *assumed),
+        _missing(contents, layout, len(maker.places)),
+        layout.left_out,
     )
 
 
@@ -203,6 +209,12 @@ class _OfVideos:
         if known is not None and chosen.apart_s is not None:
             apart = f"at most {1e3 * chosen.apart_s:.3g} ms apart"
             self.moments = f"frames are of one moment by the times in {known[0].name}, {apart}"
+        elif chosen.rates and chosen.apart_s is not None:
+            rates = ", ".join(f"{camera} {rate:g}" for camera, rate in chosen.rates.items())
+            self.moments = (
+                f"the videos begin together, their rates differ ({rates} frames a second): frames of a moment are "
+                f"up to {1e3 * chosen.apart_s:.3g} ms apart; if they were triggered together, give all one rate"
+            )
         self._context = context
 
     def samples(self, most: int) -> list[GreyImage]:
@@ -334,7 +346,7 @@ def _focal(camera: str, facts: Sequence[tuple[str, ImageFacts]]) -> float | None
     return float(np.median([focal for _, focal in known]))
 
 
-def _missing(contents: Contents, layout: ImageLayout) -> tuple[str, ...]:
+def _missing(contents: Contents, layout: ImageLayout, places: int) -> tuple[str, ...]:
     """What a calibration needs or its user will want, and where to state it."""
     said = []
     if contents.board is None and contents.targets is None:
@@ -343,6 +355,8 @@ def _missing(contents: Contents, layout: ImageLayout) -> tuple[str, ...]:
         said.append('a scale: lengths will be arbitrary; add "scale" or bars to session.json (formats.md)')
     if len(layout.files) < 2:
         said.append("a second camera")
+    if places < 2:
+        said.append("a second placement: all images or frames are of one")
     return tuple(said)
 
 

@@ -112,7 +112,9 @@ def _named(markers: Markers) -> Markers:
 def _small(image: GreyImage) -> Grey:
     grey = np.asarray(image, dtype=np.uint8)
     scale = _LONGEST_SIDE / max(grey.shape)
-    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)) if scale < 1 else grey
+    if scale < 1:
+        grey = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return grey
 
 
 def _markers(image: Grey, family: str, border: int, inverted: bool, mirrored: bool) -> tuple[IntArray, FloatArray]:

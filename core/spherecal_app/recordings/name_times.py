@@ -10,7 +10,7 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_app.recordings.video_frames import common_moments
 
 # Digits of a time since 1970 by its unit: seconds until 2286, and so on.
-_PER_SECOND = {10: 1.0, 13: 1e3, 16: 1e6, 19: 1e9}
+_NANOSECONDS = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
 _DATE = re.compile(r"(?:19|20)\d{12}(\d*)")
 
 
@@ -22,11 +22,12 @@ def grouped_by_time(names: Mapping[str, list[str]]) -> tuple[IntArray, str] | No
 
     `names`: of each camera, ascending.
     """
-    times = {camera: [_seconds(name) for name in own] for camera, own in names.items()}
-    if any(time is None for own in times.values() for time in own):
+    times = [[_nanoseconds(name) for name in own] for own in names.values()]
+    known = [[time for time in own if time is not None] for own in times]
+    if known != times:
         return None
-    origin = min(time for own in times.values() for time in own if time is not None)
-    seconds = [np.array(own, dtype=float) - float(origin) for own in times.values()]
+    origin = min(time for own in known for time in own)
+    seconds = [1e-9 * np.array([time - origin for time in own]) for own in known]
     counts = {len(own) for own in seconds}
     moments = common_moments(seconds) if min(counts) > 1 else np.zeros((0, len(seconds)), dtype=np.int64)
     how = "by nearest time"
@@ -40,11 +41,12 @@ def grouped_by_time(names: Mapping[str, list[str]]) -> tuple[IntArray, str] | No
 def _gap(seconds: list[FloatArray], moments: IntArray) -> str:
     taken = np.array([own[rows] for own, rows in zip(seconds, moments.T, strict=True)])
     gap = float(np.ptp(taken, axis=0).max())
-    return f"{1e3 * gap:.3g} ms" if gap < 1 else f"{gap:.3g} s"
+    unit, size = next(((u, s) for u, s in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)) if gap >= s), ("ns", 1e-9))
+    return f"{gap / size:.3g} {unit}"
 
 
-def _seconds(name: str) -> float | None:
-    """The time of a name in seconds: a count since 1970, or a date with its time of day."""
+def _nanoseconds(name: str) -> int | None:
+    """The time of a name: a count since 1970, or a date with its time of day."""
     digits = re.sub(r"[-_.:T ]", "", name)
     if not digits.isdecimal():
         return None
@@ -53,5 +55,5 @@ def _seconds(name: str) -> float | None:
             moment = datetime.strptime(digits[:14], "%Y%m%d%H%M%S").replace(tzinfo=UTC)
         except ValueError:
             return None
-        return moment.timestamp() + (float(f"0.{date[1]}") if date[1] else 0.0)
-    return int(digits) / _PER_SECOND[len(digits)] if len(digits) in _PER_SECOND else None
+        return int(moment.timestamp()) * 10**9 + int(f"{date[1]:0<9}"[:9])
+    return int(digits) * _NANOSECONDS[len(digits)] if len(digits) in _NANOSECONDS else None

@@ -165,7 +165,7 @@ class _OfImages:
                 self.facts.setdefault(camera, []).append((path, image_facts(source / path)))
                 read_image(source / path)  # what cannot be calibrated is refused now
 
-    def samples(self, most: int) -> list[GreyImage]:
+    def samples(self, most: int) -> Sequence[GreyImage]:
         """Some images of all cameras and placements."""
         paths = [path for own in self._layout.files.values() for path in own.values()]
         return [read_image(self._source / paths[i]) for i in spread(len(paths), most)]
@@ -217,7 +217,7 @@ class _OfVideos:
             )
         self._context = context
 
-    def samples(self, most: int) -> list[GreyImage]:
+    def samples(self, most: int) -> Sequence[GreyImage]:
         """Some of the chosen frames of the first video."""
         camera, path = next(iter(self._videos.items()))
         own = self._numbers[camera]

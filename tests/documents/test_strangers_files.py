@@ -195,6 +195,7 @@ cam1:
 """
 IMU = "  T_cam_imu: [[1.0, 0.0, 0.0, -0.11], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]"
 BEFORE = IMU.replace("T_cam_imu", "T_cn_cnm1")
+OTHER = BEFORE.replace("0.11", "0.2")
 MULTICAL = {
     "cameras": {
         name: {
@@ -337,7 +338,7 @@ MORE: dict[str, tuple[Callable[[Path], Path], str, float | str | None]] = {
         one("c.yaml", CHAIN.format(model="pinhole", distortion="radtan", linked=IMU)), "kalibr", 110.0,
     ),
     "a camchain that contradicts its IMU": (
-        one("c.yaml", CHAIN.format(model="pinhole", distortion="radtan", linked=IMU + "\n" + BEFORE.replace("11", "2"))),
+        one("c.yaml", CHAIN.format(model="pinhole", distortion="radtan", linked=f"{IMU}\n{OTHER}")),
         "kalibr", "contradicts T_cam_imu",
     ),
     "a camera that is not linked": (

@@ -247,7 +247,7 @@ def report(runs: int | None = None) -> Report:
             images.mkdir(parents=True)
             for path in sorted(data().glob(glob)):
                 (images / path.name.split("_")[1]).with_suffix(".jpg").symlink_to(path)
-            new = spherecal.new_session(Path(folder) / "s", images.parent, board=_CLOSE)
+            new = spherecal.new_session(Path(folder) / "s", images.parent, pattern="{camera}/{placement}.jpg", board=_CLOSE)
             rig = spherecal.calibrate_session(new.session, "board").rig
         board = pattern(_CLOSE)
         images_of = [np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), np.uint8) for p in sorted(data().glob(glob))]

@@ -10,11 +10,12 @@ from spherecal.base.arrays import FloatArray
 from spherecal.targets.board_pattern import BoardPattern
 
 Grey = NDArray[np.uint8]
-# Longest sides at which a board is looked for. Of 28 close pictures (pose2sim, 1920 px, squares of 150 to 300 px)
+# Longest sides at which a board is looked for: of 28 close pictures (pose2sim, 1920 px, squares of 150 to 300 px)
 # `findChessboardCornersSB` finds 12 as they are and 26 at 1200; at 640 it finds none of two (ucl) and both at 500.
-_SIDES = (1200, 500)
+# Squares of 17 px in 1920 are too small at 1200: those are found in the larger image, or nowhere.
+_SIDES = (1200, 2600, 500)
 # Neither finder is enough, nor is one setting: normalised images lose all 95 of a bright board in a dark hall, the
-# others both of ucl. In the order of their seconds at 1200 px: 0.03, 0.11, 0.12.
+# others both of ucl. In the order of their seconds at 1200 px: 0.03, 0.11, 0.12. None: the older finder.
 _SETTINGS = (None, cv2.CALIB_CB_EXHAUSTIVE, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
 _OLD = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 _SQUARE_PX = 40  # to which larger squares are made smaller for the finder of saddles: it costs by the pixel
@@ -41,10 +42,7 @@ def find_chessboard(image: Grey, pattern: BoardPattern) -> FloatArray | None:
 
 def _coarse(image: Grey, size: tuple[int, int]) -> Iterator[FloatArray]:
     """Where OpenCV's finders see the board, (rows, columns, 2) px, the quickest first."""
-    for side in _SIDES:
-        scale = min(1.0, side / max(image.shape))
-        if scale == 1.0 and side != _SIDES[0] and max(image.shape) <= side:
-            return  # as large as before
+    for scale in dict.fromkeys(min(1.0, side / max(image.shape)) for side in _SIDES):
         small = image if scale == 1.0 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         for flags in _SETTINGS:
             found, corners = (

@@ -189,7 +189,7 @@ def _halves(glob: str, names: str, text: str) -> list[tuple[str, float, float]]:
     for a in one.cameras:
         b = next((c for c in other.cameras if c.id == a.id), None)
         if b is not None and a.sigma is not None and b.sigma is not None:
-            stated = float(np.hypot(a.sigma.matrix[0], b.sigma.matrix[0]))
+            stated = float(np.hypot(a.sigma.intrinsics[0], b.sigma.intrinsics[0]))
             rows.append((f"{a.id} f px", float(a.K[0, 0] - b.K[0, 0]), stated))
     if len(one.cameras) == len(other.cameras) == 2:
         (length, sigma), (length2, sigma2) = _baseline(one), _baseline(other)
@@ -247,14 +247,16 @@ def report(runs: int | None = None) -> Report:
             images.mkdir(parents=True)
             for path in sorted(data().glob(glob)):
                 (images / path.name.split("_")[1]).with_suffix(".jpg").symlink_to(path)
-            new = spherecal.new_session(Path(folder) / "s", images.parent, pattern="{camera}/{placement}.jpg", board=_CLOSE)
+            new = spherecal.new_session(
+                Path(folder) / "s", images.parent, pattern="{camera}/{placement}.jpg", board=_CLOSE
+            )
             rig = spherecal.calibrate_session(new.session, "board").rig
         board = pattern(_CLOSE)
         images_of = [np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), np.uint8) for p in sorted(data().glob(glob))]
         found = [one for image in images_of if (one := _ours(image, board)) is not None]
         rms, focal = _alone(found, board, (images_of[0].shape[1], images_of[0].shape[0]))
         own = rig.cameras[0]
-        stated = float(own.sigma.matrix[0]) if own.sigma is not None else float("nan")
+        stated = float(own.sigma.intrinsics[0]) if own.sigma is not None else float("nan")
         rows.append((f"cam0{camera}", float(own.K[0, 0]), stated, focal, rig.quality.rms_px or float("nan"), rms))
     page.table(("camera of pose2sim", "f px", "its sd px", "f by OpenCV px", "rms px", "rms by OpenCV px"), rows)
     page.heading("Halves against stated uncertainties")

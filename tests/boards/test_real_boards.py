@@ -68,12 +68,32 @@ def test_what_normalising_needs(shared_data: Path) -> None:
         assert find_chessboard(image, pattern("chessboard,rows=6,columns=9,pitch_mm=25")) is not None
 
 
-def rendered(text: str, view: np.ndarray, size: tuple[int, int] = (640, 480)) -> np.ndarray:
+def rendered(
+    text: str, view: np.ndarray, size: tuple[int, int] = (640, 480), outside: int = 128, black: int = 0
+) -> np.ndarray:
     """A board as a camera sees it: `view` maps mm of its figure, y down, to px."""
-    grey = 255 * paint(figure(pattern(text)), 6.0).grey
-    to_px = view @ np.array([[1 / 6, 0, 1 / 12], [0, 1 / 6, 1 / 12], [0, 0, 1.0]])
-    made = cv2.warpPerspective(grey, to_px, size, flags=cv2.INTER_LINEAR, borderValue=128)
+    grey = black + (235 - black) * paint(figure(pattern(text)), 6.0).grey
+    to_px = view @ np.array([[1 / 6, 0, 1 / 12], [0, 1 / 6, 1 / 12], [0, 0, 1.0]])  # its pixel edges are at 0
+    made = cv2.warpPerspective(grey, to_px, size, flags=cv2.INTER_LINEAR, borderValue=outside)
     return np.clip(np.asarray(made), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("square_px", [15.0, 18.0, 21.0])
+def test_a_small_bright_board_in_a_dark_hall(square_px: float) -> None:
+    """Normalising the image, as it was done, loses these."""
+    text = "chessboard,rows=6,columns=9,pitch_mm=20"
+    s = square_px / 20
+    view = np.array([[s, 0.1 * s, 700], [-0.1 * s, s, 400], [2e-4, -1e-4, 1.0]])
+    board = rendered(text, view, (1920, 1200), outside=12, black=40)
+    noise = np.random.default_rng(1).normal(0, 3, board.shape)
+    image = np.clip(cv2.GaussianBlur(board, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+    assert not cv2.findChessboardCornersSB(image, (9, 6), flags=flags)[0]
+    found = find_board(image, pattern(text))
+    assert found is not None
+    places = figure(pattern(text)).places_mm(pattern(text).points_mm)
+    truth = cv2.perspectiveTransform(places.reshape(-1, 1, 2), view).reshape(-1, 2)
+    assert np.sqrt(((found.uv - truth) ** 2).sum(axis=1).mean()) < 0.15
 
 
 @pytest.mark.parametrize("text", [

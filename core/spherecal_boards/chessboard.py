@@ -133,12 +133,13 @@ def _upright(image: Grey, grid: FloatArray, pattern: BoardPattern) -> FloatArray
     turned = grid[::-1, ::-1]
     if (pattern.rows + pattern.columns) % 2 == 0:
         return grid if across[0] >= 0 else turned
-    return grid if _square(image, grid) < _square(image, turned) else turned
+    return grid if _first_is_dark(image, grid) else turned
 
 
-def _square(image: Grey, grid: FloatArray) -> float:
-    """The brightness of the square between the first four corners."""
-    middle = grid[:2, :2].reshape(-1, 2).mean(axis=0)
-    inner = np.concatenate([middle + 0.5 * (corner - middle) for corner in grid[:2, :2].reshape(-1, 1, 2)])
-    columns, rows = np.rint(np.vstack([inner, middle])).astype(int).T
-    return float(image[rows, columns].mean())
+def _first_is_dark(image: Grey, grid: FloatArray) -> bool:
+    """Whether the squares of the first one's colour are the dark ones, over the whole board: light may fall off."""
+    middles = (grid[:-1, :-1] + grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1]) / 4
+    columns, rows = np.rint(middles).astype(int).transpose(2, 0, 1)
+    grey = image[rows.clip(0, image.shape[0] - 1), columns.clip(0, image.shape[1] - 1)].astype(float)
+    first = np.indices(grey.shape).sum(axis=0) % 2 == 0
+    return bool(grey[first].mean() < grey[~first].mean())

@@ -239,6 +239,11 @@ def report(runs: int | None = None) -> Report:
         rows.append((name, "OpenCV", "", rms, f1, f2, base, ""))
     head = ("pair", "by", "verdict", "rms px", "f left px", "f right px", "baseline mm", "its sd mm")
     page.table(head, rows)
+    page.text(
+        "The pictures of multidic with one number are not of one moment: by OpenCV's `solvePnP` camera 202 is turned "
+        "against 201 by 10 degrees in one and by 53 and 178 degrees in others. So neither adjustment can be right, NOT "
+        "VALID is, and their halves mean nothing."
+    )
     rows = []
     for camera in (1, 2, 3, 4):
         glob, names = f"pose2sim/cam0{camera}_*.jpg", "{camera}_{placement}_int.jpg"

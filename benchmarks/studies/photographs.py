@@ -169,7 +169,7 @@ def opencv_pair(glob: str, text: str) -> tuple[float, float, float, float]:
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9)
     flags = cv2.CALIB_USE_INTRINSIC_GUESS
     rms, K1, _, K2, _, _, T, _, _ = cv2.stereoCalibrate(
-        objects, left, right, *lenses, size, flags=flags, criteria=criteria
+        objects, left, right, lenses[0], lenses[1], lenses[2], lenses[3], size, flags=flags, criteria=criteria
     )
     return float(rms), float(K1[0, 0]), float(K2[0, 0]), float(np.linalg.norm(T))
 

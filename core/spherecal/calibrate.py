@@ -21,7 +21,7 @@ from spherecal.initialise.focal_length import with_seen_focal_lengths
 from spherecal.result.build_result import build_failed_result, build_result, stopped_early
 from spherecal.steps.automatic_repairs import TURNS, certain_repairs, has_fewer_faults, helps, is_credible, is_settled
 from spherecal.steps.fit_ball import fit_ball_model
-from spherecal.steps.other_methods import other_method
+from spherecal.steps.other_methods import method_of, other_method
 from spherecal.steps.repairs import Repairs, recorded, repaired
 from spherecal.steps.settings import CalibrationSettings, as_stated, check_settings
 from spherecal.steps.start_values import local_network, run_of, start_values
@@ -41,6 +41,7 @@ def calibrate(
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     mended = repaired(session, settings.repairs) if settings.repairs else session  # as the user asks
     start = mended if settings.lens in (None, "auto") else with_lens_model(mended, settings.lens)
+    settings = replace(settings, method=method_of(start, settings.method))
     check_settings(start, settings)
     if (method := other_method(settings.method)) is not None:  # a board or a bar
         done = with_findings(method(start, settings, context), as_stated(start, settings))

@@ -47,7 +47,7 @@ from spherecal.verify.verification import Verification
 from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
-from spherecal_boards.pattern_entry import board_entry, board_pattern
+from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
 from spherecal_cameras.protocol import CameraSource
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, Unit
 from spherecal_documents.export.format import Format
@@ -155,8 +155,10 @@ def new_session(
     pattern
         How the files are named, as "{camera}_{placement}.png"; None: it is recognised.
     board
-        The fields of session.json's `board`, as a mapping, as text ("chessboard,rows=6,columns=9,pitch_mm=20") or in a
-        JSON file; None where the images show no board.
+        The fields of session.json's `board`, as a mapping, as text ("chessboard,rows=6,columns=9,pitch_mm=20"), in a
+        JSON file or caliscope's charuco.toml; rows, columns, dictionary and legacy may be left out of a chessboard,
+        ChArUco board or AprilGrid ("charuco,pitch_mm=20"): they are found in the images. None where the images show no
+        board.
     targets
         The target set, or its targets.json; None where there is none.
     sphere_diameter_mm
@@ -194,7 +196,9 @@ def new_session(
     if frames < 1:
         raise InputError(Phrase("error-frames-needed", {"frames": frames}))
     shown = targets if targets is None or isinstance(targets, TargetSet) else load_targets(targets)
-    contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm, spacing_mm)
+    partial = None if board is None else partial_board(board)
+    entry = partial if partial is not None or board is None else board_entry(board)
+    contents = Contents(entry, shown, sphere_diameter_mm, spacing_mm, seen_board=partial is not None)
     known = StatedCameras(focal_length_mm, pixel_pitch_um, lens_model)
     return make_session(Path(folder), Path(images), pattern, contents, known, frames, context or Context())
 
@@ -1179,7 +1183,7 @@ def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: S
     format_name
         One of the formats that can be read.
     unit
-        Unit of lengths in the file; None takes the format's own.
+        Unit of lengths in the file; None takes what the file shows, else the format's own.
     ids
         New names of the cameras in the file's order; None keeps those in the file.
 
@@ -1188,4 +1192,4 @@ def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: S
     InputError
         Where the file cannot be used: a camera without a pose or an image size, another count of `ids`.
     """
-    return _import_rig(Path(path), format_name, unit, ids)
+    return _import_rig(Path(path), format_name, unit, ids).rig

@@ -67,7 +67,8 @@ def _seen(image: NDArray[np.uint8], pattern: BoardPattern, border: int, thinned:
     if ids is None:
         return {}
     own, at, times = np.unique(np.asarray(ids).ravel(), return_index=True, return_counts=True)
-    keep = (own < pattern.rows * pattern.columns) & (times == 1)
+    own = own - pattern.first_id
+    keep = (own >= 0) & (own < pattern.rows * pattern.columns) & (times == 1)
     places = np.asarray(corners, dtype=float).reshape(-1, 4, 2)[at]
     # thinning moved every side inwards
     outwards = places - places.mean(axis=1, keepdims=True)

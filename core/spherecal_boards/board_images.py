@@ -1,10 +1,11 @@
 """Boards found in the images of a session: circles, chessboard corners, ChArUco corners or corners of tags."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,16 +17,27 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
+from spherecal.files.json_file import JsonValue
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.board_pattern import BoardPattern, tag_dictionary
+from spherecal.targets.board_pattern import BoardPattern, charuco_board
 from spherecal.targets.images import read_image
 from spherecal_boards.aprilgrid import find_aprilgrid
+from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.circles import find_circles
 from spherecal_boards.lattice import label_board, label_shifted
+from spherecal_boards.looking import (
+    LOOKED_AT,
+    Markers,
+    as_text,
+    boards_of,
+    look_for_chessboard,
+    look_for_markers,
+    with_lengths,
+)
+from spherecal_boards.pattern_entry import board_pattern
 
 STAGE = "finding boards"
-_TRIED = 8  # images that are looked at once more where none shows the board
-_CORNER_WINDOW = 0.3  # half a window's side in squares: wider ones meet the next corner in perspective
+_FIRST = 20  # images, spread over the recording, of which one at least must show the board
 
 
 @dataclass(frozen=True)
@@ -63,31 +75,102 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
     ]
     if not jobs:
         raise InputError(Phrase("error-no-board-images", {"folder": session.where}))
+    found: dict[int, FoundBoard | None] = {}
+    for some in (spread(len(jobs), _FIRST), range(len(jobs))):  # first some of all the recording
+        _find_all(session, pattern, jobs, [number for number in some if number not in found], found, context)
+        if not any(found.values()):
+            tried = sorted(found)[:: max(1, len(found) // LOOKED_AT)][:LOOKED_AT]
+            raise _nothing(session, pattern, [jobs[number][2] for number in tried], len(found), len(jobs))
+    return _collect(session, jobs, [found[number] for number in range(len(jobs))])
+
+
+def spread(count: int, most: int) -> list[int]:
+    """At most so many numbers below a count, evenly spread."""
+    taken = min(most, count)
+    return [round(i * (count - 1) / max(taken - 1, 1)) for i in range(taken)]
+
+
+def _find_all(
+    session: Session,
+    pattern: BoardPattern,
+    jobs: list[tuple[int, int, Path]],
+    numbers: list[int],
+    found: dict[int, FoundBoard | None],
+    context: Context,
+) -> None:
+    """Look for the board in these images, and put what is found into `found`."""
     finder = _finder(pattern)
-    found: list[FoundBoard | None] = []
+
+    def look(number: int) -> FoundBoard | None:
+        _, camera, path = jobs[number]
+        return finder(_read(path, session.cameras[camera].image_size))
+
     with ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="board") as pool:
         try:
-            results = pool.map(lambda job: finder(_read(job[2], session.cameras[job[1]].image_size)), jobs)
-            for number, result in enumerate(results):
-                where = Phrase("image-of", {"number": number + 1, "images": len(jobs)})
-                context.report(STAGE, number / len(jobs), where)
-                found.append(result)
+            for number, result in zip(numbers, pool.map(look, numbers), strict=True):
+                found[number] = result
+                where = Phrase("image-of", {"number": len(found), "images": len(jobs)})
+                context.report(STAGE, (len(found) - 1) / len(jobs), where)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
-    if not any(found):
-        raise _nothing(session, pattern, [job[2] for job in jobs])
-    return _collect(session, jobs, found)
 
 
-def _nothing(session: Session, pattern: BoardPattern, paths: list[Path]) -> InputError:
-    """The error that no image shows the board; for an AprilGrid it says if the rows count the other way."""
-    hint = Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
-    if pattern.kind == "aprilgrid":
-        hint = Phrase("board-fields", {"fields": ["rows", "columns", "pitch_mm", "marker_mm", "dictionary"]})
-        other = replace(pattern, rows_upward=not pattern.rows_upward)
-        if any(find_board(read_image(path), other) is not None for path in paths[:_TRIED]):
-            hint = Phrase("board-upward", {"value": str(other.rows_upward).lower()})
-    return InputError(Phrase("error-board-not-found", {"folder": session.where, "images": len(paths)}), hint)
+def _nothing(session: Session, pattern: BoardPattern, paths: list[Path], tried: int, images: int) -> InputError:
+    """The error that no image shows the board: what some of them show instead, and which board would fit."""
+    hint = what_would_fit([eight_bits(read_image(path)) for path in paths], pattern)
+    values = {"folder": session.where, "images": images, "tried": tried}
+    return InputError(Phrase("error-board-not-found" if tried == images else "error-board-not-in-first", values), hint)
+
+
+def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Phrase:
+    """What images show in which a board was not found, and the board that is found in them.
+
+    `images`: grey images of 8 bits, (h, w) each.
+    """
+    if pattern.kind in ("circles", "asymmetric-circles"):
+        return Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
+    markers = look_for_markers(images)
+    if markers is not None and markers.mirrored:
+        return Phrase("board-mirrored", {"seen": markers.words()})
+    for entry in seen_boards(images, markers, pattern.pitch_mm, pattern.marker_mm):
+        if entry.get("dictionary", "").rpartition("_")[0] == pattern.dictionary.rpartition("_")[0] != "":
+            entry["dictionary"] = max(entry["dictionary"], pattern.dictionary, key=lambda name: (len(name), name))
+        finder = _finder(board_pattern(JsonValue(entry, Path("board"), "board")))
+        fitting = sum(finder(image) is not None for image in images)
+        if fitting:
+            seen = Phrase("seen-chessboard", entry) if markers is None else markers.words()
+            values = {"seen": seen, "images": len(images), "fitting": fitting, "board": as_text(entry)}
+            return Phrase("board-would-fit", values)
+    if markers is not None:
+        return Phrase("board-other-seen", {"seen": markers.words()})
+    return Phrase("board-nothing-seen", {"images": len(images)})
+
+
+def look_for_board(images: list[NDArray[np.uint8]], known: Mapping[str, Any]) -> dict[str, Any]:
+    """The board that images show, as entry of session.json, from what is known of it: kind, pitch and what else.
+
+    `images`: grey images of 8 bits, (h, w) each.
+    """
+    markers = None if known["kind"] == "chessboard" else look_for_markers(images)
+    if markers is not None and markers.mirrored:
+        mirrored = Phrase("board-mirrored", {"seen": markers.words()})
+        raise InputError(Phrase("error-no-board-seen", {"images": len(images)}), mirrored)
+    for entry in seen_boards(images, markers, known["pitch_mm"], known.get("marker_mm")):
+        if entry["kind"] == known["kind"]:
+            return {**entry, **known}
+    hint = Phrase("board-nothing-seen", {"images": len(images)})
+    hint = hint if markers is None else Phrase("board-other-seen", {"seen": markers.words()})
+    raise InputError(Phrase("error-no-board-seen", {"images": len(images)}), hint)
+
+
+def seen_boards(
+    images: list[NDArray[np.uint8]], markers: Markers | None, pitch_mm: float, marker_mm: float | None
+) -> Iterator[dict[str, Any]]:
+    """The boards that images can show, as entries of session.json, likeliest first."""
+    if markers is not None:
+        yield from (with_lengths(board, pitch_mm, marker_mm) for board in boards_of(markers))
+    elif (size := look_for_chessboard(images)) is not None:
+        yield {"kind": "chessboard", "rows": size[0], "columns": size[1], "pitch_mm": pitch_mm}
 
 
 def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
@@ -145,14 +228,16 @@ Finder = Callable[[GreyImage], FoundBoard | None]
 def _finder(pattern: BoardPattern) -> Finder:
     if pattern.kind in ("circles", "asymmetric-circles"):
         return lambda image: _find_circles(image, pattern)
-    if pattern.kind == "aprilgrid":
-        return lambda image: _find_tags(_eight_bits(image), pattern)
-    if pattern.kind == "chessboard":
-        return lambda image: _find_chessboard(_eight_bits(image), pattern)
-    return lambda image: _find_charuco(_eight_bits(image), pattern)
+    find = {"aprilgrid": _find_tags, "chessboard": _find_chessboard, "charuco": _find_charuco}[pattern.kind]
+
+    def of_colours(image: GreyImage) -> FoundBoard | None:
+        grey = eight_bits(image)
+        return find(np.asarray(255 - grey, np.uint8) if pattern.light else grey, pattern)
+
+    return of_colours
 
 
-def _eight_bits(image: GreyImage) -> NDArray[np.uint8]:
+def eight_bits(image: GreyImage) -> NDArray[np.uint8]:
     """The image stretched to 8 bits, for OpenCV's finders."""
     if image.dtype == np.uint8:
         return image.astype(np.uint8, copy=False)
@@ -199,52 +284,12 @@ def _diameter(place: IntArray, circles, rows: IntArray) -> float:
 
 
 def _find_chessboard(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
-    size = (pattern.columns, pattern.rows)
-    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
-    if not found or corners is None:
-        return None
-    coarse = np.asarray(corners, dtype=np.float32).reshape(pattern.rows, pattern.columns, 2)
-    steps = (np.linalg.norm(np.diff(coarse, axis=axis), axis=2).min() for axis in (0, 1))
-    half = int(np.clip(min(steps) * _CORNER_WINDOW, 2, 15))
-    # the finder alone is off by 0.2 to 0.5 px on noise-free boards, the gradients' saddle by 0.05
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-    fine = cv2.cornerSubPix(image, coarse.reshape(-1, 1, 2), (half, half), (-1, -1), criteria)
-    grid = np.asarray(fine, dtype=float).reshape(pattern.rows, pattern.columns, 2)
-    grid = _upright(image, grid, pattern)
-    return FoundBoard(np.arange(pattern.rows * pattern.columns), grid.reshape(-1, 2))
-
-
-def _upright(image: NDArray[np.uint8], grid: FloatArray, pattern: BoardPattern) -> FloatArray:
-    """The corners in the board's order: first by orientation, then by the colour of the first square.
-
-    Where both ends look alike (rows + columns even) the columns run to the image's right.
-    """
-    across, along = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
-    if (across[0] * along[1] - across[1] * along[0] < 0) != pattern.rows_upward:
-        grid = grid[:, ::-1]
-        across = -across
-    turned = grid[::-1, ::-1]
-    if (pattern.rows + pattern.columns) % 2 == 0:
-        return grid if across[0] >= 0 else turned
-    return grid if _square(image, grid) < _square(image, turned) else turned
-
-
-def _square(image: NDArray[np.uint8], grid: FloatArray) -> float:
-    """The brightness of the square between the first four corners."""
-    middle = grid[:2, :2].reshape(-1, 2).mean(axis=0)
-    inner = np.concatenate([middle + 0.5 * (corner - middle) for corner in grid[:2, :2].reshape(-1, 1, 2)])
-    columns, rows = np.rint(np.vstack([inner, middle])).astype(int).T
-    return float(image[rows, columns].mean())
+    grid = find_chessboard(image, pattern)
+    return None if grid is None else FoundBoard(np.arange(pattern.rows * pattern.columns), grid.reshape(-1, 2))
 
 
 def _find_charuco(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
-    assert pattern.marker_mm is not None
-    dictionary = tag_dictionary(pattern.dictionary)
-    size = (pattern.columns + 1, pattern.rows + 1)
-    board = cv2.aruco.CharucoBoard(size, pattern.pitch_mm, pattern.marker_mm, dictionary)
-    board.setLegacyPattern(pattern.legacy)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(charuco_board(pattern)).detectBoard(image)
     if ids is None or len(ids) < 4:
         return None
     index = np.asarray(ids, dtype=np.int64).ravel()

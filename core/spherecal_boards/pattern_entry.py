@@ -10,14 +10,16 @@ import cv2
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
-from spherecal.files.json_file import JsonValue, parse_json, printable, read_bytes, read_json
+from spherecal.files.json_file import JsonValue, decode, parse_json, printable, read_bytes, read_json
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION
 from spherecal.files.session_file import BOARD
+from spherecal.files.toml_text import toml_of
 from spherecal.targets.board_pattern import APRILTAGS, BoardKind, BoardPattern, tag_dictionary
 
 _FIELDS = tuple(BOARD.schema["properties"])
 _TEXTS = ("kind", "polarity", "dictionary", "shape")
 _MOST_BYTES = 1 << 20
+SQUARED = ("chessboard", "charuco", "aprilgrid")  # kinds that show rows and columns by themselves
 _LONGEST = 1000  # characters of --board
 
 
@@ -52,7 +54,7 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     tags = kind in ("charuco", "aprilgrid")
     if tags:
         needed = (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns
-        _check_count(given["rows"], dictionary, needed)
+        _check_count(given["rows"], dictionary, f.get("first_id", 0) + needed)
     return BoardPattern(
         kind,
         rows,
@@ -66,26 +68,83 @@ def board_pattern(board: JsonValue) -> BoardPattern:
         dictionary=dictionary,
         legacy=f.get("legacy", False),
         border_bits=f.get("border_bits"),
+        first_id=f.get("first_id", 0),
     )
 
 
 def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
-    """The fields of a board as session.json has them: of a mapping, a JSON file, or "chessboard,rows=6,columns=9,...".
+    """The fields of a board as session.json has them: of a mapping, a file, or "chessboard,rows=6,columns=9,...".
 
-    In the text `rings` are written 2:2+2:7+5:2.
+    A file is JSON, or caliscope's charuco.toml (or its older config.toml). In the text `rings` are written 2:2+2:7+5:2.
     """
-    if isinstance(given, Mapping):
-        where, entry, place = Path("board"), dict(given), "board"
-    elif str(given).lower().endswith(".json"):
-        where, place = Path(given), ""
-        loaded = parse_json(read_bytes(where, _MOST_BYTES))
-        entry = loaded.get("board", loaded) if isinstance(loaded, dict) else {}
-    else:
-        where, entry, place = Path("--board"), _written(str(given)), "board"
+    entry, where, place = _given(given)
     board_pattern(JsonValue(entry, where, place))
     if isinstance(entry, dict):
         return json.loads(json.dumps(entry))  # plain values, whatever the mapping held
     raise InputError(Phrase("error-holds-no-board", {"file": where}))
+
+
+def partial_board(given: Mapping[str, Any] | str | Path) -> dict[str, Any] | None:
+    """The fields of a board of squares whose rows and columns are to be found by looking; None of one described whole.
+
+    Needed are `kind` and `pitch_mm`, of an AprilGrid also `marker_mm`.
+    """
+    entry, where, place = _given(given)
+    if not isinstance(entry, dict) or entry.get("kind") not in SQUARED or {"rows", "columns"} & set(entry):
+        return None
+    value = JsonValue(entry, where, place)
+    BOARD.read(value)
+    value.fields(("pitch_mm", "marker_mm") if entry["kind"] == "aprilgrid" else ("pitch_mm",))
+    return dict(entry)
+
+
+def _given(given: Mapping[str, Any] | str | Path) -> tuple[Any, Path, str]:
+    """The fields as they are given, with the file and the place in it that messages name."""
+    if isinstance(given, Mapping):
+        return dict(given), Path("board"), "board"
+    ending = Path(str(given)).suffix.lower()
+    if ending == ".json":
+        loaded = parse_json(read_bytes(Path(given), _MOST_BYTES))
+        return loaded.get("board", loaded) if isinstance(loaded, dict) else {}, Path(given), ""
+    if ending == ".toml":
+        return _of_caliscope(Path(given)), Path(given), ""
+    return _written(str(given)), Path("--board"), "board"
+
+
+def _of_caliscope(path: Path) -> dict[str, Any]:
+    """The board of caliscope's charuco.toml, which counts squares; its lengths are in cm or, unless it says so, inches.
+
+    A square is as large as was measured (`square_size_override_cm`), else as fits the sheet.
+    """
+    try:
+        document = toml_of(decode(path, read_bytes(path, _MOST_BYTES)))
+    except ValueError as error:
+        raise InputError(Phrase("error-holds-no-board", {"file": path}), str(error)) from None
+    board = document.get("charuco", document)
+    f = JsonValue(board, path).fields(
+        ("columns", "rows", "dictionary", "aruco_scale"),
+        ("board_height", "board_width", "units", "square_size_override_cm", "square_size_overide_cm", "inverted",
+         "legacy_pattern", "thickness_cm"),
+    )  # fmt: skip
+    columns, rows = f["columns"].integer(2), f["rows"].integer(2)
+    measured = next((f[key] for key in ("square_size_override_cm", "square_size_overide_cm") if key in f), None)
+    if measured is not None:
+        square = 10 * measured.positive()
+    else:
+        mm = 10.0 if "units" in f and f["units"].text() == "cm" else 25.4
+        sides = JsonValue(board, path).fields(("board_height", "board_width"))
+        square = mm * min(sides["board_height"].positive() / rows, sides["board_width"].positive() / columns)
+    inverted = "inverted" in f and f["inverted"].boolean()
+    return {
+        "kind": "charuco",
+        "rows": rows - 1,
+        "columns": columns - 1,
+        "pitch_mm": round(square, 6),
+        "marker_mm": round(square * f["aruco_scale"].positive(), 6),
+        "dictionary": f["dictionary"].text(),
+        **({"polarity": "light-on-dark"} if inverted else {}),
+        **({"legacy": True} if "legacy_pattern" in f and f["legacy_pattern"].boolean() else {}),
+    }
 
 
 def _written(text: str) -> dict[str, Any]:

@@ -58,6 +58,16 @@ class CalibratePage(Page):
         self._inputs = self._input_card()
         self._inputs.hide()
         column.addWidget(self._inputs, 1)
+        column.addWidget(self._make_work(), 1)
+        self._method_line = self._make_method_line()
+        self._method_line.hide()
+        self.details.toggled.connect(self._show_method)
+        column.addWidget(self._method_line)
+        if self.course.stages:  # a window made again, in another language say
+            self._draw()
+
+    def _make_work(self) -> QWidget:
+        """Stages, convergence and log of the running computation."""
         self._work = QWidget()
         row = QHBoxLayout(self._work)
         row.setContentsMargins(0, 0, 0, 0)
@@ -94,13 +104,7 @@ class CalibratePage(Page):
         lines.hide()
         self.details.toggled.connect(lines.setVisible)
         row.addLayout(right, 3)
-        column.addWidget(self._work, 1)
-        self._method_line = self._make_method_line()
-        self._method_line.hide()
-        self.details.toggled.connect(self._show_method)
-        column.addWidget(self._method_line)
-        if self.course.stages:  # a window made again, in another language say
-            self._draw()
+        return self._work
 
     def _input_card(self) -> Card:
         """What there is to compute from: a table, and what the images cover."""

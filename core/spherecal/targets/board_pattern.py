@@ -1,6 +1,6 @@
 """What is printed on a calibration board: its kind, where its points are, and the figure in black and white."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal, get_args
 
@@ -25,9 +25,10 @@ _TURNED = 2
 class BoardPattern:
     """A board for images: points in `rows` x `columns` (dots, inner corners, or tags), `pitch_mm` apart.
 
-    `light` says light dots on a dark ground, `rings` the (row, column) of dots with a hole, `rows_upward` that rows
-    count from the bottom. `marker_mm`, `dictionary` and `legacy` describe a ChArUco board; `marker_mm`, `dictionary`
-    and `border_bits` (black bits around a tag, 1 or 2; None: either) an AprilGrid.
+    `light` says light dots on a dark ground, or any other board in inverted colours, `rings` the (row, column) of dots
+    with a hole, `rows_upward` that rows count from the bottom. `marker_mm`, `dictionary`, `first_id` (the id of its
+    first marker) and `legacy` describe a ChArUco board; `marker_mm`, `dictionary`, `first_id` and `border_bits` (black
+    bits around a tag, 1 or 2; None: either) an AprilGrid.
     """
 
     kind: BoardKind
@@ -42,6 +43,14 @@ class BoardPattern:
     dictionary: str
     legacy: bool
     border_bits: int | None = None
+    first_id: int = 0
+
+    @property
+    def markers(self) -> int:
+        """How many markers the board has, with the ids from `first_id` on; 0 for boards without."""
+        if self.kind == "aprilgrid":
+            return self.rows * self.columns
+        return (self.rows + 1) * (self.columns + 1) // 2 if self.kind == "charuco" else 0
 
     @property
     def points_mm(self) -> FloatArray:
@@ -72,7 +81,21 @@ def figure(pattern: BoardPattern) -> Figure:
     """The figure of a board, with a white (or dark) edge as wide as its finder needs."""
     if pattern.kind in ("circles", "asymmetric-circles"):
         return _dots(pattern)
-    return {"chessboard": _chessboard, "charuco": _charuco, "aprilgrid": _aprilgrid}[pattern.kind](pattern)
+    made = {"chessboard": _chessboard, "charuco": _charuco, "aprilgrid": _aprilgrid}[pattern.kind](pattern)
+    if not pattern.light:
+        return made
+    ground = (0.0, 0.0, *made.size_mm, 1.0)
+    return replace(made, rectangles=tuple((*r[:4], 1.0 - r[4]) for r in (ground, *made.rectangles)))
+
+
+def charuco_board(p: BoardPattern) -> cv2.aruco.CharucoBoard:
+    """OpenCV's own board; without its inversion, which it does not have."""
+    assert p.marker_mm is not None
+    ids = np.arange(p.first_id, p.first_id + p.markers)
+    size = (p.columns + 1, p.rows + 1)
+    board = cv2.aruco.CharucoBoard(size, p.pitch_mm, p.marker_mm, tag_dictionary(p.dictionary), ids)
+    board.setLegacyPattern(p.legacy)
+    return board
 
 
 def tag_dictionary(name: str) -> cv2.aruco.Dictionary:
@@ -116,8 +139,7 @@ def _charuco(p: BoardPattern) -> Figure:
     """OpenCV's own arrangement of markers; the squares without one are black."""
     assert p.marker_mm is not None
     s, dictionary = p.pitch_mm, tag_dictionary(p.dictionary)
-    board = cv2.aruco.CharucoBoard((p.columns + 1, p.rows + 1), s, p.marker_mm, dictionary)
-    board.setLegacyPattern(p.legacy)
+    board = charuco_board(p)
     parts: list[tuple[float, float, float, float, float]] = []
     taken = set()
     for marker, corners in zip(np.asarray(board.getIds()).ravel(), board.getObjPoints(), strict=True):
@@ -142,7 +164,7 @@ def _aprilgrid(p: BoardPattern) -> Figure:
         left, top = 2 * gap + column * p.pitch_mm, 2 * gap + row * p.pitch_mm
         if p.rows_upward:
             top = height - top - size
-        bits = _bits(dictionary, row * p.columns + column, p.border_bits or KALIBR_BORDER_BITS)
+        bits = _bits(dictionary, p.first_id + row * p.columns + column, p.border_bits or KALIBR_BORDER_BITS)
         parts += marker_parts(np.rot90(bits, _TURNED) if p.dictionary == APRILTAGS else bits, left, top, size)
     for row, column in product(range(p.rows + 1), range(p.columns + 1)):
         parts.append((gap + column * p.pitch_mm, gap + row * p.pitch_mm, gap, gap, 0.0))

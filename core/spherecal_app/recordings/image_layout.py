@@ -14,6 +14,7 @@ from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import as_id
 from spherecal.base.messages.values import Phrase
 from spherecal.files.toml_text import toml_of
+from spherecal_app.recordings.name_times import grouped_by_time
 
 IMAGES = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm"})
 VIDEOS = frozenset({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"})
@@ -37,6 +38,7 @@ _PLACE_WORDS = (
 _CAMERA = re.compile(rf"(?:{'|'.join(_CAMERA_WORDS)})(?:[ _-]?(?:\d+|[a-z]))?", re.IGNORECASE)
 _NUMBER = r"\d[\d _.:T-]*"
 _PLACE = re.compile(rf"(?:{'|'.join(_PLACE_WORDS)})[ _-]?{_NUMBER}", re.IGNORECASE)
+_SERIAL = re.compile(r"(?!(?:19|20)\d{6}$)\d{7,12}")  # no date; a time comes once
 _TOKEN = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
 _FIELD = re.compile(r"\{camera\}|\{placement\}|\*\*/|\*")
 
@@ -88,6 +90,8 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
             )
         )
     words, chosen, rest = _known_program(found)
+    overlays = _overlays(chosen)
+    chosen, rest = [path for path in chosen if path not in overlays], [*rest, *sorted(overlays, key=natural)]
     regex = _anipose_regex(folder)
     if regex is not None:
         layout = _sorted_out(folder, chosen, lambda path: _by_regex(regex, path), regex.pattern, "Anipose's cam_regex")
@@ -121,6 +125,13 @@ def _listed(folder: Path) -> list[str]:
         if len(found) > _MOST_FILES:
             raise InputError(Phrase("error-many-images", {"folder": folder, "most": _MOST_FILES}))
     return sorted(found, key=natural)
+
+
+def _overlays(found: Sequence[str]) -> set[str]:
+    """Files whose name is that of another one beside it and a word, such as 0001_annot.png beside 0001.png."""
+    stems = {path.rpartition(".")[0] for path in found}
+    made = {path: re.sub(r"[ _.-]+[^\W\d_]{2,}$", "", path.rpartition(".")[0]) for path in found}
+    return {path for path, stem in made.items() if stem != path.rpartition(".")[0] and stem in stems}
 
 
 # --- what other programs write ---------------------------------------------------------------------------------------
@@ -264,18 +275,38 @@ def _flat(stems: Sequence[str], videos: bool) -> list[str]:
     if not free:
         return []
     cameras = [i for i in free if _is_camera_token(values, i)]
+    fewest = min((len(set(values[i])) for i in cameras), default=0)
+    cameras = [i for i in cameras if len(set(values[i])) == fewest]
     if len(free) == 1:
         return [_joined(values, free[0], [])] if videos or cameras else []
     chosen = cameras if len(cameras) == 1 else [free[0], free[-1]]
     if videos:
         return []  # several videos of one camera
-    return list(dict.fromkeys(p for i in chosen if (p := _joined(values, i, [k for k in free if k != i]))))
+    return list(dict.fromkeys(p for i in chosen if (p := _joined(values, i, _places_of(values, i, free)))))
+
+
+def _places_of(values: Sequence[Sequence[str]], camera: int, free: Sequence[int]) -> list[int]:
+    """The parts that name the placement: all that differ, or the last alone where only that is common to cameras.
+
+    Basler's names have the time of each camera's image before its number.
+    """
+    places = [i for i in free if i != camera]
+    for own in (places, places[-1:]):
+        by_camera: dict[str, list[tuple[str, ...]]] = {}
+        for row, name in enumerate(values[camera]):
+            by_camera.setdefault(name, []).append(tuple(values[i][row] for i in own))
+        sets = [set(one) for one in by_camera.values()]
+        if all(len(one) == len(set(one)) for one in by_camera.values()) and set.intersection(*sets):
+            return own
+    return places
 
 
 def _is_camera_token(values: Sequence[Sequence[str]], at: int) -> bool:
     """Whether a part of names is a camera's: a word for one, or what follows such a word."""
     if all(_CAMERA.fullmatch(value) and not value.isdecimal() and len(value) > 1 for value in values[at]):
         return True
+    if all(_SERIAL.fullmatch(value) for value in values[at]) and 2 * len(set(values[at])) <= len(values[at]):
+        return True  # of which every one comes again
     return _word_before(values, at) is not None
 
 
@@ -302,6 +333,7 @@ def _joined(values: Sequence[Sequence[str]], camera: int, places: Sequence[int])
             begin >= 2
             and values[begin - 1][0][0] in "-_:. "
             and values[begin - 2][0].isdecimal()
+            and len(set(values[begin - 2])) == 1
             and begin > camera + 2
         ):
             begin -= 2  # the constant part of a date or number
@@ -312,7 +344,7 @@ def _joined(values: Sequence[Sequence[str]], camera: int, places: Sequence[int])
             last, field = spans[i]
             text, i = text + field, last + 1
         else:
-            text, i = text + _escaped(values[i][0]), i + 1
+            text, i = text + (_escaped(values[i][0]) if len(set(values[i])) == 1 else "*"), i + 1
     return text
 
 
@@ -396,7 +428,13 @@ def _sorted_out(
         )
     cameras = sorted(files, key=natural)
     places = sorted({place for own in files.values() for place in own}, key=natural)
-    if len(cameras) > 1 and len(places) > 1 and all(sum(p in files[c] for c in cameras) < 2 for p in places):
+    apart = len(cameras) > 1 and len(places) > 1 and all(sum(p in files[c] for c in cameras) < 2 for p in places)
+    if apart and (timed := _by_time(files, cameras)) is not None:
+        files, places, said = timed
+        taken = {path for own in files.values() for path in own.values()}
+        left_out += [path for path in paths if path not in taken and path not in left_out]
+        words, apart = f"{words}, {said}", False
+    if apart:
         first, second = (next(iter(files[camera].values())) for camera in cameras[:2])
         raise InputError(
             Phrase(
@@ -405,6 +443,26 @@ def _sorted_out(
         )
     ordered = {camera: dict(sorted(files[camera].items(), key=lambda item: natural(item[0]))) for camera in cameras}
     return ImageLayout(words, pattern, ordered, tuple(places), tuple(left_out))
+
+
+def _by_time(
+    files: Mapping[str, Mapping[str, str]], cameras: Sequence[str]
+) -> tuple[dict[str, dict[str, str]], list[str], str] | None:
+    """The files of placements that are named by time, each placement under the first camera's name; None: they are not.
+
+    Returns files, placements in order, and how they were put together.
+    """
+    names = {camera: sorted(files[camera], key=natural) for camera in cameras}
+    grouped = grouped_by_time(names)
+    if grouped is None:
+        return None
+    moments, said = grouped
+    places = [names[cameras[0]][row] for row in moments[:, 0]]
+    made = {
+        camera: {place: files[camera][names[camera][row]] for place, row in zip(places, moments[:, c], strict=True)}
+        for c, camera in enumerate(cameras)
+    }
+    return made, places, said
 
 
 def _id(folder: Path, known: dict[str, str], kind: str, name: str) -> str:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -20,11 +20,15 @@ from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_ses
 from spherecal.files.session_json import ASSUMED_FOCAL, assumed_prior, centred_matrix
 from spherecal.files.target_set_file import target_set_bytes
 from spherecal.geometry.camera import LensModel
+from spherecal.targets.blobs import GreyImage
 from spherecal.targets.image_facts import ImageFacts, image_facts
+from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.recordings.frame_times import frame_times
 from spherecal_app.recordings.image_layout import ImageLayout, recognise
-from spherecal_app.recordings.video_frames import choose_frames, keep_frames
+from spherecal_app.recordings.video_frames import choose_frames, grey_frames, keep_frames
+from spherecal_boards.board_images import eight_bits, look_for_board, spread
+from spherecal_boards.looking import LOOKED_AT, as_text
 
 STAGE = "reading images"
 TARGETS_FILE = "targets.json"
@@ -47,12 +51,14 @@ class Contents:
     """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter.
 
     `spacing_mm`: what the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2).
+    `seen_board`: `board` lacks rows and columns, which its images show.
     """
 
     board: Mapping[str, Any] | None = None
     targets: TargetSet | None = None
     sphere_diameter_mm: float | None = None
     spacing_mm: tuple[float, float] | None = None
+    seen_board: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,12 @@ def make_session(
     maker = _OfVideos(source, layout, frames, context) if layout.videos else _OfImages(source, layout, context)
     if inside and layout.videos:
         raise InputError(Phrase("error-folder-of-videos", {"folder": folder}))
+    looked: tuple[str, ...] = ()
+    if contents.seen_board and contents.board is not None:
+        context.report("looking for the board", 0.0)
+        board = look_for_board([eight_bits(image) for image in maker.samples(LOOKED_AT)], contents.board)
+        contents = replace(contents, board=board)
+        looked = (f"the board as its images show it: --board {as_text(board)}",)
     document, cameras, assumed = _document(maker, contents, known)
     beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: target_set_bytes(contents.targets)}
     if inside:
@@ -130,7 +142,13 @@ def make_session(
     else:
         session = _write_new_folder(folder, document, maker, beside)
     return NewSession(
-        session, layout.words, layout.pattern, cameras, assumed, _missing(contents, layout), layout.left_out
+        session,
+        layout.words,
+        layout.pattern,
+        cameras,
+        (*looked, *assumed),
+        _missing(contents, layout, len(maker.places)),
+        layout.left_out,
     )
 
 
@@ -147,6 +165,12 @@ class _OfImages:
                 context.report(STAGE, done / count, path)
                 done += 1
                 self.facts.setdefault(camera, []).append((path, image_facts(source / path)))
+                read_image(source / path)  # what cannot be calibrated is refused now
+
+    def samples(self, most: int) -> Sequence[GreyImage]:
+        """Some images of all cameras and placements."""
+        paths = [path for own in self._layout.files.values() for path in own.values()]
+        return [read_image(self._source / paths[i]) for i in spread(len(paths), most)]
 
     def images(self, place: str) -> dict[str, str]:
         """Which files the placement has in the new folder, by camera."""
@@ -187,7 +211,19 @@ class _OfVideos:
         if known is not None and chosen.apart_s is not None:
             apart = f"at most {1e3 * chosen.apart_s:.3g} ms apart"
             self.moments = f"frames are of one moment by the times in {known[0].name}, {apart}"
+        elif chosen.rates and chosen.apart_s is not None:
+            rates = ", ".join(f"{camera} {rate:g}" for camera, rate in chosen.rates.items())
+            self.moments = (
+                f"the videos begin together, their rates differ ({rates} frames a second): frames of a moment are "
+                f"up to {1e3 * chosen.apart_s:.3g} ms apart; if they were triggered together, give all one rate"
+            )
         self._context = context
+
+    def samples(self, most: int) -> Sequence[GreyImage]:
+        """Some of the chosen frames of the first video."""
+        camera, path = next(iter(self._videos.items()))
+        own = self._numbers[camera]
+        return grey_frames(path, [own[i] for i in spread(len(own), most)])
 
     def images(self, place: str) -> dict[str, str]:
         return {camera: f"placements/{place}/{camera}.png" for camera in self._videos}
@@ -223,6 +259,7 @@ def _document(
             assumed.setdefault(one, []).append(camera)
     if isinstance(maker, _OfVideos):
         assumed[maker.moments] = []
+    _refuse_one_serial(cameras)
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "cameras": entries}
     if contents.targets is not None:
         document["target_set"] = TARGETS_FILE
@@ -240,6 +277,14 @@ def _document(
     document["placements"] = [{"id": place} for place in maker.places]
     said = tuple(f"{one} ({', '.join(who)})" if who else one for one, who in assumed.items())
     return document, tuple(cameras), said
+
+
+def _refuse_one_serial(cameras: Sequence[NewCamera]) -> None:
+    serials = [camera.serial for camera in cameras if camera.serial is not None]
+    for serial in serials:
+        own = [camera.id for camera in cameras if camera.serial == serial]
+        if len(own) > 1:
+            raise InputError(Phrase("error-serial-of-two", {"serial": serial, "cameras": own}))
 
 
 def _printed_scale(contents: Contents) -> dict[str, Any] | None:
@@ -309,7 +354,7 @@ def _focal(camera: str, facts: Sequence[tuple[str, ImageFacts]]) -> float | None
     return float(np.median([focal for _, focal in known]))
 
 
-def _missing(contents: Contents, layout: ImageLayout) -> tuple[str, ...]:
+def _missing(contents: Contents, layout: ImageLayout, places: int) -> tuple[str, ...]:
     """What a calibration needs or its user will want, and where to state it."""
     said = []
     if contents.board is None and contents.targets is None:
@@ -318,6 +363,8 @@ def _missing(contents: Contents, layout: ImageLayout) -> tuple[str, ...]:
         said.append('a scale: lengths will be arbitrary; add "scale" or bars to session.json (formats.md)')
     if len(layout.files) < 2:
         said.append("a second camera")
+    if places < 2:
+        said.append("a second placement: all images or frames are of one")
     return tuple(said)
 
 

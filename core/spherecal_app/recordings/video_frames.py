@@ -30,6 +30,10 @@ _AS_STILL = 1.25
 # Two frames that differ by less than this many times what two successive still ones do show the same.
 _SAME = 2.0
 _SAME_GREY = 0.2
+# Still frames differ by 0.1 to 0.5 grey levels in the small images, whatever the noise and compression: where all steps
+# are larger, every frame shows another pose.
+_STILL_GREY = 0.6
+_SAME_RATE = 1.01  # 29.97 and 30 are one
 # What the container formats begin with; anything else, such as a play list that leads elsewhere, is not opened.
 _MAGIC = ((4, b"ftyp"), (4, b"moov"), (4, b"mdat"), (4, b"wide"), (0, b"RIFF"), (0, b"\x1aE\xdf\xa3"))
 
@@ -43,22 +47,28 @@ _NEAR = 0.6
 class ChosenFrames:
     """Frames of common moments: each camera's ascending frame numbers, a moment each, and its image size (px).
 
-    `apart_s`: how far apart the frames of a moment are at most, where their times are known.
+    `apart_s`: how far apart the frames of a moment are at most, where their times are known. `rates`: the frames a
+    second of the videos where they differ, else empty.
     """
 
     numbers: Mapping[str, list[int]]
     sizes: Mapping[str, tuple[int, int]]
     apart_s: float | None
+    rates: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class _Watched:
-    """A video frame by frame: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px."""
+    """A video frame by frame: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px.
+
+    `rate`: frames a second as its file says, 0 where it does not.
+    """
 
     motion: FloatArray
     sharpness: FloatArray
     small: NDArray[np.uint8]
     size: tuple[int, int]
+    rate: float
 
 
 def choose_frames(
@@ -76,6 +86,11 @@ def choose_frames(
         context.report(STAGE, 0.7 * number / len(videos), path.name)
         watched[camera] = _watch(path, context)
     counts = {camera: len(one.motion) for camera, one in watched.items()}
+    known = [one.rate for one in watched.values()]
+    rates = {c: one.rate for c, one in watched.items()} if max(known) > _SAME_RATE * min(known) > 0 else {}
+    stated = times
+    if times is None and rates:  # as their files say, from a common beginning on
+        times = {camera: np.arange(counts[camera]) / rate for camera, rate in rates.items()}
     if times is None and len(set(counts.values())) > 1:
         shown = ", ".join(f"{videos[camera].name} {count}" for camera, count in counts.items())
         raise InputError(Phrase("error-frame-counts", {"counts": shown}))
@@ -95,7 +110,8 @@ def choose_frames(
         taken = np.array([times[camera][own] for camera, own in zip(watched, chosen.T, strict=True)])
         apart = float(np.ptp(taken, axis=0).max())
     numbers = {camera: own.tolist() for camera, own in zip(watched, chosen.T, strict=True)}
-    return ChosenFrames(numbers, {camera: one.size for camera, one in watched.items()}, apart)
+    sizes = {camera: one.size for camera, one in watched.items()}
+    return ChosenFrames(numbers, sizes, apart, rates if stated is None else {})
 
 
 def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
@@ -113,6 +129,12 @@ def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
         moments.append(nearest)
     found = np.array(moments).T[near]
     return found[np.append(True, (np.diff(found, axis=0) > 0).all(axis=1))[: len(found)]]
+
+
+def grey_frames(path: Path, frames: Sequence[int]) -> list[NDArray[np.uint8]]:
+    """Some frames of a video as grey images (h, w), in ascending order."""
+    wanted = set(frames)
+    return [grey for number, grey in zip(range(max(wanted) + 1), _frames(path), strict=False) if number in wanted]
 
 
 def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
@@ -150,6 +172,13 @@ def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
         video.release()
 
 
+def _rate(path: Path) -> float:
+    """Frames a second as the file says; 0 where it does not, or says what no camera does."""
+    with _opened(path) as video:
+        rate = float(video.get(cv2.CAP_PROP_FPS))
+    return rate if 0 < rate < 1000 else 0.0
+
+
 def _frames(path: Path) -> Iterator[NDArray[np.uint8]]:
     """The frames as grey images."""
     with _opened(path) as video:
@@ -180,7 +209,7 @@ def _watch(path: Path, context: Context) -> _Watched:
     if len(sharpness) < 2:
         raise InputError(Phrase("error-short-video", {"file": path, "frames": len(sharpness)}))
     motion[0] = motion[1]
-    return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size)
+    return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size, _rate(path))
 
 
 def _chosen(watched: Sequence[_Watched], moments: IntArray, most: int) -> list[int]:
@@ -205,4 +234,4 @@ def _same(one: _Watched, a: int, b: int) -> bool:
     """Whether two frames show the same: they differ like successive still ones, as seen in the small images."""
     steps = np.abs(one.small[1:].astype(np.int16) - one.small[:-1]).mean(axis=(1, 2))
     difference = np.abs(one.small[a].astype(np.int16) - one.small[b]).mean()
-    return bool(difference <= _SAME * np.percentile(steps, 5) + _SAME_GREY)
+    return bool(difference <= _SAME * min(float(np.percentile(steps, 5)), _STILL_GREY) + _SAME_GREY)

@@ -5,12 +5,23 @@ from pathlib import Path
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.files.toml_text import toml_of
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, rows
+from spherecal_documents.export.file_cameras import (
+    FileCamera,
+    FileRig,
+    Pose,
+    Reading,
+    Unit,
+    distortion,
+    lens_vector,
+    numbers,
+    rows,
+)
 from spherecal_documents.export.format import Format
 
 _MOST_BYTES = 8 << 20
@@ -38,15 +49,33 @@ def read_toml(path: Path) -> JsonValue:
         raise InputError(f"{path}: is not valid TOML ({error}).") from None
 
 
-def read_toml_camera(section: JsonValue, name: str) -> FileCamera:
-    """The camera of one section, pose world to camera, lengths as the file has them."""
-    f = section.fields(("size", "matrix", "distortions", "rotation", "translation"), ("fisheye",))
+def read_toml_camera(section: JsonValue, name: str) -> FileCamera | None:
+    """The camera of one section, pose world to camera, lengths as the file has them; None where it has no lens.
+
+    `rotation` may be a vector or, in caliscope's older files, a matrix.
+    """
+    f = section.fields(("size",), ("matrix", "distortions", "rotation", "translation", "fisheye"))
+    if "matrix" not in f:
+        return None
     width, height = (side.integer(1) for side in f["size"].items(2))
-    coefficients = [item.number() for item in f["distortions"].items()]
-    pose = Pose(exp_rotation(np.array(f["rotation"].numbers(3))), np.array(f["translation"].numbers(3)))
+    coefficients = [item.number() for item in f["distortions"].items()] if "distortions" in f else []
     wide = "fisheye" in f and f["fisheye"].boolean()
-    lens = lens_vector(np.array(f["matrix"].matrix(3, 3)), coefficients, wide)
-    return FileCamera(name, (width, height), lens, pose)
+    where = f'{section.file}: camera "{name}"'
+    lens = lens_vector(f["matrix"].matrix(3, 3), coefficients, wide, where)
+    return FileCamera(name, (width, height), lens, _pose(f) if {"rotation", "translation"} <= set(f) else None)
+
+
+def _pose(f: Mapping[str, JsonValue]) -> Pose:
+    rows = f["rotation"].items(3)
+    matrix = isinstance(rows[0].value, list) and len(rows[0].items()) == 3
+    turn = np.array(f["rotation"].matrix(3, 3)) if matrix else exp_rotation(_three(f["rotation"]))
+    return Pose(turn, _three(f["translation"]))
+
+
+def _three(value: JsonValue) -> FloatArray:
+    """Three numbers, as a list or as a column."""
+    rows = value.items(3)
+    return np.array([one.numbers(1)[0] if isinstance(one.value, list) else one.number() for one in rows])
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
@@ -57,13 +86,28 @@ def _write(rig: FileRig) -> Mapping[str, str]:
     return {"": f"{text}\n[metadata]\nadjusted = false\nerror = 0.0\n"}
 
 
-def _read(path: Path) -> list[FileCamera]:
+def _read(path: Path) -> Reading:
+    cameras, left_out = [], {}
     sections = read_toml(path).entries()
-    return [
-        read_toml_camera(section, section.fields(("name",))["name"].name())
-        for name, section in sections.items()
-        if name != "metadata"
-    ]
+    for name, section in sections.items():
+        if not isinstance(section.value, dict) or not {"size", "matrix"} & set(section.value):
+            continue  # metadata, or the board
+        own = section.fields((), ("name",))
+        camera = read_toml_camera(section, own["name"].name() if "name" in own else name)
+        if camera is None:
+            left_out[name] = "has no lens"
+        else:
+            cameras.append(camera)
+    return Reading(tuple(cameras), left_out, _unit(sections.get("metadata")))
+
+
+def _unit(metadata: JsonValue | None) -> Unit | None:
+    """FreeMoCap's files have its board's square in them: one of 54 can be in mm only, one of 0.054 in m only."""
+    known = metadata.value if metadata is not None and isinstance(metadata.value, dict) else {}
+    square = known.get("charuco_square_size")
+    if not isinstance(square, (int, float)) or not square > 0:
+        return None
+    return "mm" if square >= 1 else "m"
 
 
 FORMAT = Format("anipose", "Anipose and Pose2Sim TOML", 12, ("m", "mm"), _write, _read, fisheye=True)

@@ -1,10 +1,11 @@
 """caliscope's camera_array.toml: cameras by number, poses world to camera, metres."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from spherecal_documents.export.anipose import read_toml, read_toml_camera, toml_lens_and_pose
-from spherecal_documents.export.file_cameras import FileCamera, FileRig
+from spherecal_documents.export.file_cameras import FileRig, Reading
 from spherecal_documents.export.format import Format
 
 
@@ -15,9 +16,21 @@ def _write(rig: FileRig) -> Mapping[str, str]:
     return {"": text}
 
 
-def _read(path: Path) -> list[FileCamera]:
-    cameras = read_toml(path).fields(("cameras",))["cameras"].entries()
-    return [read_toml_camera(section, number) for number, section in cameras.items()]
+def _read(path: Path) -> Reading:
+    document = read_toml(path)
+    given = document.as_object()
+    if "cameras" in given:
+        sections = document.at("cameras", given["cameras"]).entries()
+    else:  # config.toml, before camera_array.toml
+        sections = {name[4:]: document.at(name, value) for name, value in given.items() if re.match(r"cam_\d+$", name)}
+    cameras, left_out = [], {}
+    for name, section in sections.items():
+        camera = None if section.as_object().get("ignore") is True else read_toml_camera(section, name)
+        if camera is None:
+            left_out[name] = "is ignored there" if section.as_object().get("ignore") is True else "is not calibrated"
+        else:
+            cameras.append(camera)
+    return Reading(tuple(cameras), left_out)
 
 
 def _ids(rig: FileRig) -> list[str]:

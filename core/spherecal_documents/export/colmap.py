@@ -1,7 +1,9 @@
-"""COLMAP text model with its rig; (0.5, 0.5) is the centre of the first pixel, poses world to camera."""
+"""COLMAP model with its rig, read as text or binary: (0.5, 0.5) is the first pixel's centre, poses world to camera."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +11,23 @@ from scipy.spatial.transform import Rotation
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import MOST_CAMERAS, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
-from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
+from spherecal_documents.export.colmap_model import (
+    ModelCamera,
+    ModelImage,
+    read_model_cameras,
+    read_model_images,
+    read_model_rigs,
+)
+from spherecal_documents.export.file_cameras import (
+    FileCamera,
+    FileRig,
+    Pose,
+    Reading,
+    distortion,
+    numbers,
+    safe_names,
+)
 from spherecal_documents.export.format import Format
 
 # Ours (the centre of the first pixel is 0) to COLMAP's (it is 0.5).
@@ -32,8 +48,9 @@ _PARAMETERS: dict[str, tuple[tuple[int, ...], ...]] = {
     "SIMPLE_RADIAL_FISHEYE": ((0, 1), (2,), (3,), (4,)),
     "RADIAL_FISHEYE": ((0, 1), (2,), (3,), (4,), (5,)),
 }
-# 100,000 images' lines; points2D, which are not needed here, make the file of a large reconstruction longer.
-_MOST_BYTES = 256 << 20
+_COUNTS = {model: len(places) for model, places in _PARAMETERS.items()}
+# Images of one moment that were adjusted without a rig agree to 0.1 % and 0.1 degrees; those of a moving camera do not.
+_MOST_TURN_DEG, _MOST_SHIFT = 2.0, 0.05
 
 
 def _names(rig: FileRig) -> list[str]:
@@ -102,80 +119,120 @@ def _rig_config(rig: FileRig, names: Sequence[str], reference: FileCamera) -> li
     return entries
 
 
-def read_colmap(folder: Path) -> list[FileCamera]:
-    """The cameras of a text model, named after the folder of their images where that is one name a camera.
+def read_colmap_lenses(folder: Path) -> list[FileCamera]:
+    """The cameras of a model without poses, named after the folder of their images where that is one name a camera."""
+    images = list(read_model_images(folder))
+    return [_camera(row, images) for row in read_model_cameras(folder, _COUNTS)]
 
-    The pose is that of the camera's first image.
+
+def read_colmap(folder: Path) -> Reading:
+    """The cameras of a model, posed by its rig, else by the images of one moment.
+
+    InputError where moments contradict each other, since then its images are not those of a rig.
     """
-    lenses = _read_cameras(folder / "cameras.txt")
-    poses: dict[int, Pose] = {}
-    folders: dict[int, set[str]] = {}
-    for camera, seven, name in _read_images(folder / "images.txt"):
-        if camera not in poses:  # the images of a reconstruction are many, its cameras are not
-            poses[camera] = Pose(Rotation.from_quat(seven[[1, 2, 3, 0]]).as_matrix(), seven[4:])
-        folders.setdefault(camera, set()).add(name.rpartition("/")[0])
-    cameras = []
-    for number, (size, lens) in lenses.items():
-        own = folders.get(number, set())
-        name = next(iter(own)).replace("/", "_") if len(own) == 1 else ""
-        cameras.append(FileCamera(name or f"camera{number}", size, lens, poses.get(number)))
-    return cameras
+    rows, images = read_model_cameras(folder, _COUNTS), list(read_model_images(folder))
+    numbers = [row.number for row in rows]
+    poses, why = _by_rig(folder, numbers, images) or _by_moments(folder, numbers, images)
+    cameras = [(row, _camera(row, images)) for row in rows]
+    left_out = {camera.id: why.get(row.number, _UNSEEN) for row, camera in cameras if row.number not in poses}
+    return Reading(tuple(replace(c, pose=poses[row.number]) for row, c in cameras if row.number in poses), left_out)
 
 
-def _read_cameras(path: Path) -> dict[int, tuple[tuple[int, int], FloatArray]]:
-    cameras = {}
-    for line, text in _lines(path):
-        row = text.split()
-        if not row or row[0].startswith("#"):
+def _camera(row: ModelCamera, images: Sequence[ModelImage]) -> FileCamera:
+    """The lens of a row, and its name."""
+    lens = np.zeros(N_INTRINSICS)
+    for value, targets in zip(row.parameters, _PARAMETERS[row.model], strict=True):
+        lens[list(targets)] = value
+    if row.model.endswith("FISHEYE"):
+        lens[15] = FISHEYE_MARK
+    if min(lens[0], lens[1], *row.size) <= 0:
+        raise InputError(f"{row.where}: the image size and the focal length must be above 0.")
+    lens[2:4] -= _PIXEL_CENTRE
+    own = {image.name.rpartition("/")[0] for image in images if image.camera == row.number}
+    name = next(iter(own)).replace("/", "_") if len(own) == 1 else ""
+    return FileCamera(name or f"camera{row.number}", row.size, lens, None)
+
+
+_Posed = tuple[dict[int, Pose], dict[int, str]]  # poses by camera, and why others have none
+_UNSEEN = "has no image with a pose"
+
+
+def _by_rig(folder: Path, cameras: Sequence[int], images: Sequence[ModelImage]) -> _Posed | None:
+    """The poses of a rig with several cameras, in the world of its reference camera's first image."""
+    rigs = read_model_rigs(folder)
+    if not rigs:
+        return None
+    rig = max(rigs, key=lambda one: len(one.others))
+    first = next((image.pose for image in images if image.camera == rig.reference), Pose(np.eye(3), np.zeros(3)))
+    found = {rig.reference: first}
+    for camera, pose in rig.others.items():
+        if pose is not None:
+            found[camera] = Pose(pose.rotation @ first.rotation, pose.rotation @ first.translation + pose.translation)
+    known = {camera: pose for camera, pose in found.items() if camera in cameras}
+    why = dict.fromkeys(rig.others, "has no pose in the rig")
+    return known, {camera: why.get(camera, "is of another rig") for camera in cameras if camera not in known}
+
+
+def _by_moments(folder: Path, cameras: Sequence[int], images: Sequence[ModelImage]) -> _Posed:
+    """The poses at the moment that most cameras saw; others are linked by moments that they share with these."""
+    moments: dict[str, dict[int, Pose]] = {}
+    single = len({image.camera for image in images}) == len(images)
+    for image in images:
+        own = moments.setdefault("" if single else _moment(image.name), {})
+        if image.camera in own:
+            raise _no_moments(folder)
+        own[image.camera] = image.pose
+    if not single and max(map(len, moments.values())) == 1:
+        raise _no_moments(folder)
+    placed: dict[int, Pose] = {}
+    for own in sorted(moments.values(), key=len, reverse=True):
+        shared = sorted(set(own) & set(placed))
+        if placed and not shared:
             continue
-        model = row[1] if len(row) > 1 else ""
-        if model not in _PARAMETERS:
-            known = ", ".join(_PARAMETERS)
-            raise InputError(f'{path}: line {line}: the camera model "{model}" cannot be used.', f"Usable: {known}.")
-        places = _PARAMETERS[model]
-        number, width, height, *parameters = _numbers(path, line, [row[0], *row[2:]], 3 + len(places))
-        lens = np.zeros(N_INTRINSICS)
-        for value, targets in zip(parameters, places, strict=True):
-            lens[list(targets)] = value
-        if model.endswith("FISHEYE"):
-            lens[15] = FISHEYE_MARK
-        if min(lens[0], lens[1], width, height) <= 0:
-            raise InputError(f"{path}: line {line}: the image size and the focal length must be above 0.")
-        lens[2:4] -= _PIXEL_CENTRE
-        cameras[int(number)] = ((int(width), int(height)), lens)
-        if len(cameras) > MOST_CAMERAS:  # 200,000 took over a minute
-            raise InputError(f"{path}: has more than {MOST_CAMERAS} cameras.")
-    return cameras
+        for camera, pose in own.items():
+            placed.setdefault(camera, pose if not shared else _moved(pose, own[shared[0]], placed[shared[0]]))
+    centres = np.array([pose.inverse().translation for pose in placed.values()]).reshape(-1, 3)
+    spread = float(np.linalg.norm(np.ptp(centres, axis=0))) if len(centres) else 0.0
+    for moment, own in moments.items():
+        _refuse_contradiction(folder, moment, own, placed, spread)
+    return placed, {camera: "shares no moment with the others" for camera in {i.camera for i in images} - set(placed)}
 
 
-def _read_images(path: Path) -> Iterator[tuple[int, FloatArray, str]]:
-    """Camera number, quaternion and translation, name of each image; none where there is no such file."""
-    lines = iter(_lines(path) if path.is_file() else [])
-    for line, text in lines:
-        if not text.strip() or text.startswith("#"):
-            continue
-        row = text.split(maxsplit=9)
-        if len(row) < 10:
-            raise InputError(f"{path}: line {line} has too few values for an image.")
-        values = _numbers(path, line, row[1:9], 8)
-        if not np.linalg.norm(values[:4]) > 0:
-            raise InputError(f"{path}: line {line}: the quaternion is zero.")
-        yield int(values[7]), values[:7], row[9].strip()
-        next(lines, None)  # the image's points: a line that may be empty
+def _no_moments(folder: Path) -> InputError:
+    return InputError(
+        f"{folder}: a camera has several images at different poses, and their names do not tell which images of the "
+        "cameras are of one moment.",
+        "A rig is needed: name images CAMERA/MOMENT.png, or configure one (colmap rig_configurator).",
+    )
 
 
-def _lines(path: Path) -> list[tuple[int, str]]:
-    return list(enumerate(decode(path, read_bytes(path, _MOST_BYTES)).splitlines(), 1))
+def _moment(name: str) -> str:
+    """What names the moment of an image: its file's name in the folder of a camera, else the number at its end."""
+    stem = name.rpartition("/")[2].rpartition(".")[0]
+    number = re.search(r"\d+$", stem)
+    return stem if "/" in name or number is None else number[0]
 
 
-def _numbers(path: Path, line: int, texts: Sequence[str], count: int) -> FloatArray:
-    try:
-        values = np.array([float(text) for text in texts])
-    except ValueError:
-        raise InputError(f"{path}: line {line}: a number was expected, but it says otherwise.") from None
-    if len(values) != count or not np.isfinite(values).all():
-        raise InputError(f"{path}: line {line} must have {count} finite numbers here, but has {len(values)}.")
-    return values
+def _moved(pose: Pose, shared: Pose, placed: Pose) -> Pose:
+    """A camera's pose at one moment, brought to the world in which the shared camera is placed."""
+    matrix = pose.matrix() @ np.linalg.inv(shared.matrix()) @ placed.matrix()
+    return Pose(matrix[:3, :3], matrix[:3, 3])
+
+
+def _refuse_contradiction(
+    folder: Path, moment: str, own: Mapping[int, Pose], placed: Mapping[int, Pose], spread: float
+) -> None:
+    shared = sorted(set(own) & set(placed))
+    for camera in shared[1:]:
+        here = _moved(own[camera], own[shared[0]], placed[shared[0]])
+        turn = np.rad2deg(np.arccos(np.clip((np.trace(here.rotation @ placed[camera].rotation.T) - 1) / 2, -1, 1)))
+        shift = float(np.linalg.norm(here.inverse().translation - placed[camera].inverse().translation))
+        if turn > _MOST_TURN_DEG or shift > _MOST_SHIFT * spread:
+            raise InputError(
+                f'{folder}: cameras {shared[0]} and {camera} are not fixed to each other: at the moment "{moment}" '
+                f"they are turned by {turn:.2g} degrees and shifted by {shift:.3g} (file units) against another one.",
+                "Only a rig can be imported. Reconstruct it with a rig (colmap rig_configurator).",
+            )
 
 
 FORMAT = Format(

@@ -1,14 +1,17 @@
 """A rig as the files of other programs have it: cameras, poses and names that every format can hold."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
-from spherecal.geometry.camera import fisheye_vector, intrinsics_vector, is_fisheye, project
+from spherecal.base.errors import InputError
+from spherecal.geometry import opencv
+from spherecal.geometry.camera import is_fisheye, project
 from spherecal.geometry.field_table import FieldTable
 
 Unit = Literal["mm", "m"]
@@ -71,6 +74,30 @@ class FileCamera:
 
 
 @dataclass(frozen=True)
+class Reading(Sequence[FileCamera]):
+    """The cameras of a file, and what else it says.
+
+    `left_out`: cameras by name with why they are no part of the rig. `unit`: that of lengths, where the file itself
+    shows it. `notes`: what else is to be said.
+    """
+
+    cameras: tuple[FileCamera, ...]
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    unit: Unit | None = None
+    notes: tuple[str, ...] = ()
+
+    @overload
+    def __getitem__(self, index: int) -> FileCamera: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[FileCamera]: ...
+    def __getitem__(self, index: int | slice) -> FileCamera | Sequence[FileCamera]:
+        return self.cameras[index]
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+
+@dataclass(frozen=True)
 class FileRig:
     """What a format writes: cameras with poses in `unit`; `reference` is the camera whose frame is the world, if any.
 
@@ -98,12 +125,24 @@ def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:
     return numbers[: min(length for length in lengths if length >= used)].tolist()
 
 
-def lens_vector(matrix: FloatArray, coefficients: FloatArray | list[float], fisheye: bool) -> FloatArray:
-    """The 16 intrinsics of either model from a 3x3 camera matrix and coefficients in OpenCV's order.
+def lens_vector(matrix: ArrayLike, coefficients: ArrayLike, fisheye: bool, where: str = "the file") -> FloatArray:
+    """The 16 intrinsics of either model; InputError for what no lens of ours can be: skew, another count, no focal.
 
-    `matrix`: camera matrix (3, 3), px.
+    `matrix`: camera matrix (3, 3), px; `coefficients`: in OpenCV's order; `where`: the camera and its file, in words.
     """
-    return fisheye_vector(matrix, coefficients) if fisheye else intrinsics_vector(matrix, coefficients)
+    given, numbers = np.asarray(matrix, dtype=float), np.asarray(coefficients, dtype=float).ravel()
+    if given.shape == (3, 3) and given[0, 1] != 0:
+        raise InputError(f"{where}: its pixels are skewed by {given[0, 1]:g} px, which no lens model here has.")
+    if not (given.shape == (3, 3) and min(given[0, 0], given[1, 1]) > 0):
+        raise InputError(f"{where}: its focal lengths are not both above 0, so it is not calibrated.")
+    if len(numbers) == opencv.TILTED_LENGTH:
+        if numbers[12:].any():
+            raise InputError(f"{where}: its 14 coefficients describe a tilted sensor, which no lens model here has.")
+        numbers = numbers[:12]  # a sensor that could be tilted and is not
+    if len(numbers) and opencv.distortion_problem(len(numbers), fisheye) is not None:
+        counts = "a fisheye lens has 4" if fisheye else "OpenCV's lenses have 4, 5, 8, 12 or 14"
+        raise InputError(f"{where}: has {len(numbers)} distortion coefficients, but {counts}.")
+    return opencv.lens_vector(given, numbers, fisheye, where)
 
 
 def safe_names(ids: Sequence[str], letter_first: bool = False) -> list[str]:

@@ -64,7 +64,9 @@ def _bouguet(path: Path, values: Values, ending: str, name: str) -> FileCamera:
     if f"alpha_c{ending}" in values and _numbers(path, values, f"alpha_c{ending}", 1)[0] != 0:
         raise InputError(f"{path}: camera {name} has skewed pixels, which this program's lens model does not have.")
     focal, centre = (_numbers(path, values, f"{key}{ending}", 2) for key in ("fc", "cc"))
-    lens = lens_vector(_camera_matrix(path, focal, centre), _numbers(path, values, f"kc{ending}", 5), False)
+    lens = lens_vector(
+        _camera_matrix(path, focal, centre), _numbers(path, values, f"kc{ending}", 5), False, f"{path}: camera {name}"
+    )
     size = _numbers(path, values, ("nx", "ny"), 1) if {"nx", "ny"} <= set(values) else np.empty(0)
     return FileCamera(name, _size(size), lens, None)
 

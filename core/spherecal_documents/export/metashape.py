@@ -18,12 +18,22 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import read_bytes
-from spherecal.geometry.camera import N_INTRINSICS
-from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, number, numbers, safe_names
+from spherecal_documents.export.file_cameras import (
+    FileCamera,
+    FileRig,
+    Pose,
+    Reading,
+    lens_vector,
+    number,
+    numbers,
+    safe_names,
+)
 from spherecal_documents.export.format import Format
 
 _PIXEL_CENTRE = 0.5
 _MOST_BYTES = 8 << 20
+_TERMS = ("f", "cx", "cy", "b1", "k1", "k2", "k3", "p1", "p2")
+_NO_TERMS = ("resolution", "date", "covariance", "black_level", "sensitivity", "pixel_width", "pixel_height")
 _TRANSFORM = (("rotation", numbers(np.eye(3), " ")), ("translation", "0 0 0"), ("scale", "1"))
 
 
@@ -79,47 +89,104 @@ def _sensor(sensors: ElementTree.Element, key: str, camera: FileCamera) -> None:
         _add(calibration, name, number(value))
 
 
-def _read(path: Path) -> list[FileCamera]:
-    """Our own file again: ElementTree knows no external entities, and expat limits how far internal ones expand."""
+def _read(path: Path) -> Reading:
+    """A document of cameras: ElementTree knows no external entities, and expat limits how far internal ones expand."""
     try:
         document = ElementTree.fromstring(read_bytes(path, _MOST_BYTES))
     except ElementTree.ParseError as error:
         raise InputError(f"{path}: is not valid XML ({error}).") from None
+    chunks = [chunk for chunk in document.iter("chunk") if chunk.find("cameras") is not None]
+    if len(chunks) > 1:
+        raise InputError(f"{path}: holds {len(chunks)} chunks, each with cameras.", "Export the cameras of one chunk.")
+    if not chunks:
+        raise InputError(
+            f"{path}: has no chunk with cameras.", "In Metashape: File, Export, Export Cameras, Agisoft XML."
+        )
     try:
-        return _cameras_of(document)
-    except (KeyError, ValueError) as error:
-        raise InputError(f"{path}: is not a Metashape file as this program writes it ({error}).") from None
+        return _cameras_of(path, chunks[0])
+    except ValueError as error:
+        raise InputError(f"{path}: is not a Metashape file that can be read ({error}).") from None
 
 
-def _cameras_of(document: ElementTree.Element) -> list[FileCamera]:
-    lenses = {sensor.get("id"): _read_sensor(sensor) for sensor in document.iterfind("chunk/sensors/sensor")}
-    cameras = []
-    for entry in document.iterfind("chunk/cameras/camera"):
-        size, lens = lenses[entry.get("sensor_id")]
-        matrix = np.array((entry.findtext("transform") or "").split(), dtype=float).reshape(4, 4)
-        cameras.append(FileCamera(entry.get("label", ""), size, lens, Pose(matrix[:3, :3], matrix[:3, 3]).inverse()))
-    return cameras
+def _cameras_of(path: Path, chunk: ElementTree.Element) -> Reading:
+    sensors = {sensor.get("id"): sensor for sensor in chunk.iterfind("sensors//sensor")}
+    placed: dict[str | None, list[FileCamera]] = {}  # by component: each has a frame of its own
+    lost: dict[str, str] = {}
+    for entry in chunk.iterfind("cameras//camera"):  # they may be in groups
+        name = entry.get("label") or f"camera{entry.get('id')}"
+        found = entry.findtext("transform")
+        if found is None:
+            lost[name] = "is not aligned"
+            continue
+        sensor = sensors.get(entry.get("sensor_id"))
+        if sensor is None:
+            raise InputError(f'{path}: camera "{name}" is of a sensor that the file does not have.')
+        size, lens = _read_sensor(sensor, f'{path}: camera "{name}"')
+        matrix = _floats(found, 16).reshape(4, 4)
+        component = entry.get("component_id")
+        scale, place = _placement(chunk, component)
+        centre = scale * place.rotation @ matrix[:3, 3] + place.translation
+        pose = Pose(place.rotation @ matrix[:3, :3], centre).inverse()
+        placed.setdefault(component, []).append(FileCamera(name, size, lens, pose))
+    largest = max(placed, key=lambda component: len(placed[component]), default=None)
+    others = {c.id: f"is of component {key}, not linked" for key, own in placed.items() if key != largest for c in own}
+    notes = () if chunk.find("transform") is not None else ("its chunk has no scale, so lengths are arbitrary",)
+    return Reading(tuple(placed.get(largest, ())), {**lost, **others}, notes=notes)
 
 
-def _read_sensor(sensor: ElementTree.Element) -> tuple[tuple[int, int], np.ndarray]:
-    f = {entry.tag: float(entry.text or 0) for entry in sensor.iterfind("calibration/*") if entry.tag != "resolution"}
+def _placement(chunk: ElementTree.Element, component: str | None) -> tuple[float, Pose]:
+    """Chunk (or component) to world: x_world = scale * rotation @ x + translation."""
+    own = chunk.find(f"components/component[@id='{component}']/transform") if component is not None else None
+    transform = own if own is not None and own.find("scale") is not None else chunk.find("transform")
+    if transform is None:
+        return 1.0, Pose(np.eye(3), np.zeros(3))
+    if len(transform) == 0:  # as one matrix
+        matrix = _floats(transform.text or "", 16).reshape(4, 4)
+        scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+        if not scale > 0:
+            raise ValueError("its transform has no scale above 0")
+        return scale, Pose(matrix[:3, :3] / scale, matrix[:3, 3])
+    turn, shift, scale = (_floats(transform.findtext(name) or text, text.count(" ") + 1) for name, text in _TRANSFORM)
+    if not scale[0] > 0:
+        raise ValueError("its transform has no scale above 0")
+    return float(scale[0]), Pose(turn.reshape(3, 3), shift)
+
+
+def _floats(text: str, count: int) -> np.ndarray:
+    values = np.array(text.split(), dtype=float)
+    if values.size != count or not np.isfinite(values).all():
+        raise ValueError(f"{count} finite numbers were expected, not {values.size}")
+    return values
+
+
+def _read_sensor(sensor: ElementTree.Element, where: str) -> tuple[tuple[int, int], np.ndarray]:
+    """Image size and lens of a sensor as adjusted; a term that is not there was not fitted and is 0."""
+    kind = sensor.get("type", "frame")
+    calibrations = sensor.findall("calibration")
+    adjusted = [one for one in calibrations if one.get("class") == "adjusted"] or calibrations
+    if not adjusted:
+        raise InputError(f"{where}: its sensor has no calibration.")
+    kinds = {kind, adjusted[-1].get("type", kind)}
+    if kinds != {"frame"}:
+        raise InputError(
+            f"{where}: its lens is of the type {' '.join(sorted(kinds - {'frame'}))}, which cannot be used."
+        )
+    f = {entry.tag: float(entry.text or 0) for entry in adjusted[-1] if entry.tag not in _NO_TERMS}
+    if more := sorted(name for name, value in f.items() if name not in _TERMS and value != 0):
+        raise InputError(
+            f"{where}: its lens has {', '.join(more)}, which no lens model here has.",
+            "Optimise the cameras without these terms, and export again.",
+        )
     resolution = sensor.find("resolution")
-    if resolution is None:
-        raise KeyError("resolution")
-    width, height = int(resolution.get("width", 0)), int(resolution.get("height", 0))
-    lens = np.zeros(N_INTRINSICS)
-    lens[:9] = (
-        f["f"] + f["b1"],
-        f["f"],
-        width / 2 + f["cx"] - _PIXEL_CENTRE,
-        height / 2 + f["cy"] - _PIXEL_CENTRE,
-        f["k1"],
-        f["k2"],
-        f["p2"],
-        f["p1"],
-        f["k3"],
-    )
-    return (width, height), lens
+    resolution = adjusted[-1].find("resolution") if resolution is None else resolution
+    width, height = (int((resolution.get(side) if resolution is not None else "") or 0) for side in ("width", "height"))
+    if min(width, height) <= 0:
+        raise InputError(f"{where}: its sensor has no resolution.")
+    term = {name: f.get(name, 0.0) for name in _TERMS}
+    centre = width / 2 + term["cx"] - _PIXEL_CENTRE, height / 2 + term["cy"] - _PIXEL_CENTRE
+    matrix = [[term["f"] + term["b1"], 0, centre[0]], [0, term["f"], centre[1]], [0, 0, 1]]
+    coefficients = [term[name] for name in ("k1", "k2", "p2", "p1", "k3")]
+    return (width, height), lens_vector(matrix, coefficients, False, where)
 
 
 def _ids(rig: FileRig) -> list[str]:

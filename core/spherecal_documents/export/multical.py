@@ -8,8 +8,8 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
-from spherecal.geometry.camera import camera_matrix, intrinsics_vector
-from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, safe_names
+from spherecal.geometry.camera import camera_matrix
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, lens_vector, safe_names
 from spherecal_documents.export.format import Format
 
 _MODELS = {5: "standard", 8: "rational", 12: "thin_prism"}
@@ -45,19 +45,29 @@ def _read(path: Path) -> list[FileCamera]:
         document = JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}).") from None
-    f = document.fields(("cameras", "camera_poses"))
-    poses = {}
+    f = document.fields(("cameras",), ("camera_poses",))
+    if "camera_poses" not in f:
+        raise InputError(f"{path}: has lenses only.", "Name the calibration.json of all cameras together.")
+    poses, masters = {}, set()
     for name, value in f["camera_poses"].entries().items():
         pose = value.fields(("R", "T"))
-        poses[name.split("_to_")[0]] = Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
+        camera, _, master = name.partition("_to_")
+        masters |= {master} - {""}
+        poses[camera] = Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
+    if len(masters) > 1:
+        raise InputError(f"{path}: its poses are from several cameras ({', '.join(sorted(masters))}), not from one.")
     return [_camera(name, value, poses.get(name)) for name, value in f["cameras"].entries().items()]
 
 
 def _camera(name: str, value: JsonValue, pose: Pose | None) -> FileCamera:
-    f = value.fields(("image_size", "K", "dist"))
+    f = value.fields(("image_size", "K", "dist"), ("model",))
     width, height = (side.integer(1) for side in f["image_size"].items(2))
-    (coefficients,) = f["dist"].items(1)
-    lens = intrinsics_vector(np.array(f["K"].matrix(3, 3)), [item.number() for item in coefficients.items()])
+    if "model" in f and f["model"].text() not in (*_MODELS.values(), "tilted"):
+        raise f["model"].error(f'is "{f["model"].text()}", a lens model that is not known here')
+    rows = f["dist"].items()
+    coefficients = rows[0] if len(rows) == 1 and isinstance(rows[0].value, list) else f["dist"]
+    numbers = [item.number() for item in coefficients.items()]
+    lens = lens_vector(f["K"].matrix(3, 3), numbers, False, f'{value.file}: camera "{name}"')
     return FileCamera(name, (width, height), lens, pose)
 
 

@@ -1,14 +1,16 @@
-"""OpenCV FileStorage YAML: one file a camera, poses world to camera."""
+"""OpenCV's FileStorage: one file a camera, poses world to camera; a stereo pair; ROS's camera_info has its form too."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue
+from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_documents.export.file_cameras import (
@@ -29,7 +31,13 @@ _DISTORTION_KEYS = (
     "distortion_coefficients", "dist_coeffs", "distCoeffs", "distortionCoefficients", "Distortion_Coefficients",
     "D", "dist",
 )  # fmt: skip
+_PAIR_MATRIX = ("M{}", "K{}", "cameraMatrix{}", "camera_matrix_{}", "camera_matrix{}", "K_{}", "mtx{}")
+_PAIR_DISTORTION = ("D{}", "distCoeffs{}", "dist_coeffs_{}", "dist_coeffs{}", "D_{}", "dist{}")
+_SIZE_KEYS = ("image_width", "image_height", "image_size", "imageSize", "img_size", "size")
+_ROS_FISHEYE = ("equidistant", "fisheye")
+_ROS_MODELS = ("plumb_bob", "rational_polynomial", *_ROS_FISHEYE)
 _LENGTHS = (4, 5, 8, 12, 14)
+_MOST_BYTES = 8 << 20
 _FISHEYE = "fisheye_model"  # as OpenCV's calibration sample calls it: 1 for cv::fisheye
 
 
@@ -60,43 +68,87 @@ def _camera(camera: FileCamera, rig: FileRig) -> str:
 
 
 def read_opencv_file(path: Path) -> FileCamera:
-    """The camera of one YAML file."""
-    value = read_yaml(path)
+    """The camera of one file."""
+    return _one_camera(_document(path), path.stem)
+
+
+def _document(path: Path) -> JsonValue:
+    """What a file of FileStorage holds, by its ending: XML, JSON, else YAML."""
+    if path.suffix.lower() == ".xml":
+        try:
+            root = ElementTree.fromstring(read_bytes(path, _MOST_BYTES))
+            return JsonValue({node.tag: _plain(node) for node in root}, path)
+        except (ElementTree.ParseError, ValueError, RecursionError) as error:
+            raise InputError(f"{path}: is not XML as OpenCV writes it ({error}).") from None
+    if path.suffix.lower() == ".json":
+        try:
+            return JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: is not valid JSON ({error}).") from None
+    return read_yaml(path)
+
+
+def _plain(node: ElementTree.Element) -> object:
+    """A node of FileStorage's XML as its YAML has it."""
+    text = (node.text or "").strip()
+    if node.get("type_id") == "opencv-matrix":
+        data = [float(one) for one in (node.findtext("data") or "").split()]
+        return {"rows": int(node.findtext("rows") or 0), "cols": int(node.findtext("cols") or 0), "data": data}
+    if len(node):
+        return [_plain(one) for one in node] if node[0].tag == "_" else {one.tag: _plain(one) for one in node}
+    values = [_scalar(one) for one in text.split()]
+    return values[0] if len(values) == 1 else text.strip('"') if any(isinstance(v, str) for v in values) else values
+
+
+def _scalar(text: str) -> float | int | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text.strip('"')
+
+
+def _one_camera(value: JsonValue, name: str) -> FileCamera:
     matrix_key, distortion_key = (_first_key(value, keys) for keys in (_MATRIX_KEYS, _DISTORTION_KEYS))
     if matrix_key is None:
-        raise InputError(Phrase("error-no-camera-matrix", {"path": path}))
-    f = value.fields(
-        (), ("image_width", "image_height", "camera_name", "R", "T", _FISHEYE, matrix_key, distortion_key or "D")
-    )
-    matrix = opencv_matrix(f[matrix_key])
-    if matrix.shape != (3, 3) or matrix[0, 1] != 0 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or matrix[2, 2] != 1:
-        raise f[matrix_key].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
-    wide = _FISHEYE in f and f[_FISHEYE].value not in (0, False)
-    size = None
+        raise InputError(Phrase("error-no-camera-matrix", {"path": value.file}))
+    known = ("camera_name", "R", "T", _FISHEYE, "distortion_model", *_SIZE_KEYS, matrix_key, distortion_key or "D")
+    given = value.as_object()
+    f = {key: value.at(key, given[key]) for key in known if given.get(key) is not None}
+    numbers = opencv_matrix(f[distortion_key]) if distortion_key in f else np.zeros(0)
+    own = f["camera_name"].name() if "camera_name" in f else name
+    lens = lens_vector(opencv_matrix(f[matrix_key]), numbers, _is_fisheye(f), f'{value.file}: camera "{own}"')
+    pose = _pose(f["R"], f["T"]) if "R" in f and "T" in f else None
+    return FileCamera(own, _image_size(f), lens, pose)
+
+
+def _is_fisheye(f: Mapping[str, JsonValue]) -> bool:
+    """By OpenCV's own key, or by ROS's name of the model."""
+    if "distortion_model" in f:
+        model = f["distortion_model"].text()
+        if model not in (*_ROS_MODELS, ""):
+            raise f["distortion_model"].error(f'is "{model}", a lens model that is not known here')
+        if model in _ROS_FISHEYE:
+            return True
+    return _FISHEYE in f and f[_FISHEYE].value not in (0, False)
+
+
+def _image_size(f: Mapping[str, JsonValue]) -> tuple[int, int] | None:
     if "image_width" in f and "image_height" in f:
-        size = f["image_width"].integer(1), f["image_height"].integer(1)
-    return FileCamera(
-        id=f["camera_name"].name() if "camera_name" in f else path.stem,
-        image_size=size,
-        intrinsics=lens_vector(matrix, _coefficients(f[distortion_key], wide) if distortion_key else [], wide),
-        pose=_pose(f["R"], f["T"]) if "R" in f and "T" in f else None,
-    )
+        return f["image_width"].integer(1), f["image_height"].integer(1)
+    sizes = [f[key] for key in _SIZE_KEYS[2:] if key in f]
+    if not sizes:
+        return None
+    width, height = opencv_matrix(sizes[0]).ravel().tolist() if sizes[0].value else (0, 0)
+    if min(width, height) < 1:
+        raise sizes[0].error("must be width and height in px")
+    return int(width), int(height)
 
 
 def _first_key(value: JsonValue, keys: tuple[str, ...]) -> str | None:
     present = value.value if isinstance(value.value, dict) else {}
     return next((key for key in keys if present.get(key) is not None), None)
-
-
-def _coefficients(value: JsonValue, fisheye: bool) -> list[float]:
-    found = opencv_matrix(value).ravel().tolist()
-    if fisheye and len(found) != 4:
-        raise value.error(f"must have 4 numbers in the fisheye model, but has {len(found)}")
-    if len(found) not in _LENGTHS:
-        raise value.error(f"must have 4, 5, 8, 12 or 14 numbers, but has {len(found)}")
-    if any(found[12:]):
-        raise value.error("describes a tilted sensor, which this program's lens model does not have")
-    return found[:12]
 
 
 def _pose(rotation: JsonValue, translation: JsonValue) -> Pose:
@@ -107,13 +159,44 @@ def _pose(rotation: JsonValue, translation: JsonValue) -> Pose:
 
 
 def read_opencv(path: Path) -> list[FileCamera]:
-    """The cameras of a folder with one YAML file each, or of one such file."""
-    if not path.is_dir():
-        return [read_opencv_file(path)]
-    files = sorted(file for ending in ("*.yml", "*.yaml") for file in path.glob(ending))
+    """The cameras of a folder with one file each, or of one such file; or the pair of a stereo calibration."""
+    files = [path]
+    if path.is_dir():
+        files = sorted(file for ending in ("*.yml", "*.yaml", "*.xml") for file in path.glob(ending))
     if not files:
         raise InputError(Phrase("error-no-yaml-file", {"path": path}))
-    return [read_opencv_file(file) for file in files]
+    documents = [_document(file) for file in files]
+    if any(_of_pair(document, 2) for document in documents):
+        beside = [file for file in path.parent.glob("extrinsics.*") if file != path] if path.is_file() else []
+        return _pair(path, [*documents, *map(_document, sorted(beside))])
+    return [_one_camera(document, document.file.stem) for document in documents]
+
+
+def _of_pair(value: JsonValue, side: int) -> str | None:
+    """The key of the matrix of one camera of a pair."""
+    return _first_key(value, tuple(key.format(side) for key in _PAIR_MATRIX))
+
+
+def _pair(path: Path, documents: list[JsonValue]) -> list[FileCamera]:
+    """The two cameras of OpenCV's sample stereo_calib: M1 D1 M2 D2, and x2 = R x1 + T, in one file or two."""
+    joined: dict[str, object] = {}
+    for document in documents:
+        joined |= document.as_object()
+    value = JsonValue(joined, path)
+    cameras = []
+    for side in (1, 2):
+        matrix = _of_pair(value, side)
+        if matrix is None:
+            raise InputError(f"{path}: has the second camera of a pair but not the first.")
+        distortion_key = _first_key(value, tuple(key.format(side) for key in _PAIR_DISTORTION))
+        own = {key: joined[key] for key in (*_SIZE_KEYS, _FISHEYE) if key in joined} | {"K": joined[matrix]}
+        own |= {"D": joined[distortion_key]} if distortion_key else {}
+        if side == 2:
+            own |= {key: joined[key] for key in ("R", "T") if key in joined}
+        else:
+            own |= {"R": [0.0, 0.0, 0.0], "T": [0.0, 0.0, 0.0]}
+        cameras.append(_one_camera(JsonValue(own, path), f"cam{side}"))
+    return cameras
 
 
 FORMAT = Format("opencv", "OpenCV YAML", 12, ("mm", "m"), _write, read_opencv, folder=True, fisheye=True)

@@ -12,7 +12,7 @@ from spherecal.files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, wr
 from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
 from spherecal.geometry.camera import camera_matrix
-from spherecal_documents.export.colmap import read_colmap
+from spherecal_documents.export.colmap import read_colmap_lenses
 from spherecal_documents.export.file_cameras import FileCamera
 from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.opencv_yaml import read_opencv
@@ -23,18 +23,18 @@ _MOST_BYTES = 1 << 30
 
 
 def read_cameras(path: Path) -> tuple[str, list[FileCamera]]:
-    """The name of the format and the cameras of a COLMAP text model, a Kalibr camchain or OpenCV's YAML."""
+    """The name of the format and the cameras of a COLMAP model, a Kalibr camchain or OpenCV's files."""
     if not path.exists():
         raise InputError(Phrase("error-no-file-or-folder", {"path": path}))
-    if path.is_dir() and (path / "cameras.txt").is_file():
-        return "COLMAP", read_colmap(path)
+    if path.is_dir() and any((path / name).is_file() for name in ("cameras.txt", "cameras.bin")):
+        return "COLMAP", read_colmap_lenses(path)
     if path.is_dir():
         return "OpenCV", read_opencv(path)
-    if path.name == "cameras.txt":
-        return "COLMAP", read_colmap(path.parent)
-    if path.suffix.lower() not in (".yml", ".yaml"):
+    if path.name in ("cameras.txt", "cameras.bin"):
+        return "COLMAP", read_colmap_lenses(path.parent)
+    if path.suffix.lower() not in (".yml", ".yaml", ".xml"):
         raise InputError(Phrase("error-no-lens-file", {"path": path}))
-    document = read_yaml(path).value
+    document = read_yaml(path).value if path.suffix.lower() != ".xml" else None
     if isinstance(document, dict) and "cam0" in document:
         return "Kalibr", read_kalibr(path)
     return "OpenCV", read_opencv(path)

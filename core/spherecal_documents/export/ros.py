@@ -6,19 +6,20 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from spherecal.base.errors import InputError
 from spherecal.geometry.camera import camera_matrix
 from spherecal_documents.export.file_cameras import (
     FileCamera,
     FileRig,
     Pose,
     distortion,
-    lens_vector,
     number,
     numbers,
     safe_names,
 )
 from spherecal_documents.export.format import Format
-from spherecal_documents.export.yaml_file import opencv_matrix, read_yaml
+from spherecal_documents.export.opencv_yaml import read_opencv_file
+from spherecal_documents.export.yaml_file import read_yaml
 
 _TRANSFORMS = "static_transforms.yaml"
 _LAUNCH = "static_transforms.launch.py"
@@ -98,6 +99,11 @@ def _launch(rig: FileRig, placed: list[tuple[str, Pose]]) -> str:
 
 
 def _read(folder: Path) -> list[FileCamera]:
+    if not (folder / _TRANSFORMS).is_file():
+        raise InputError(
+            f"{folder}: has no {_TRANSFORMS}, so the cameras' poses are not known.",
+            "camera_info has lenses only: spherecal import-priors takes them.",
+        )
     cameras = []
     for transform in read_yaml(folder / _TRANSFORMS).fields(("transforms",))["transforms"].items():
         f = transform.fields(("child_frame_id", "transform"))
@@ -105,15 +111,12 @@ def _read(folder: Path) -> list[FileCamera]:
         parts = f["transform"].fields(("translation", "rotation"))
         translation = parts["translation"].fields("xyz")
         quaternion = parts["rotation"].fields("xyzw")
-        rotation = Rotation.from_quat([quaternion[axis].number() for axis in "xyzw"]).as_matrix()
-        pose = Pose(rotation, np.array([translation[axis].number() for axis in "xyz"])).inverse()
-        info = read_yaml(folder / f"{name}.yaml").fields(
-            ("image_width", "image_height", "camera_matrix", "distortion_coefficients", "distortion_model")
-        )
-        coefficients = opencv_matrix(info["distortion_coefficients"]).ravel()
-        wide = info["distortion_model"].choice(*_MODELS.values(), _FISHEYE) == _FISHEYE
-        lens = lens_vector(opencv_matrix(info["camera_matrix"]), coefficients, wide)
-        cameras.append(FileCamera(name, (info["image_width"].integer(), info["image_height"].integer()), lens, pose))
+        turn = [quaternion[axis].number() for axis in "xyzw"]
+        if not np.linalg.norm(turn) > 0:
+            raise parts["rotation"].error("is no rotation")
+        pose = Pose(Rotation.from_quat(turn).as_matrix(), np.array([translation[axis].number() for axis in "xyz"]))
+        camera = read_opencv_file(folder / f"{name}.yaml")
+        cameras.append(FileCamera(name, camera.image_size, camera.intrinsics, pose.inverse()))
     return cameras
 
 

@@ -76,4 +76,15 @@ def opencv_matrix(value: JsonValue) -> FloatArray:
         return np.array([[item.number() for item in nested]])
     f = value.fields(("rows", "cols", "data"))
     shape = f["rows"].integer(1, 100), f["cols"].integer(1, 100)
-    return np.array(f["data"].numbers(shape[0] * shape[1])).reshape(shape)
+    data, count = f["data"], shape[0] * shape[1]
+    if isinstance(data.value, list) and len(data.value) == 1 and isinstance(data.value[0], str):
+        # camera_calibration of ROS wrote numbers without commas between them (its issue 533)
+        data = data.at(0, [_number(text) for text in data.value[0].split()])
+    return np.array(data.numbers(count)).reshape(shape)
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -95,18 +95,24 @@ def effects_findings(
         worst = max(fields, key=lambda name: fields[name])
         values = {"cameras": len(fields), "worst": worst, "rms_px": fields[worst]}
         found.append(Finding("lens-field", "info", values, tuple(fields)))
-    size: dict[str, float] = {}
-    for camera in cameras:
-        own = [np.linalg.norm(motion.rotation_deg) for motion in motions if motion.camera == camera.id]
-        if own:
-            size[camera.id] = float(np.sqrt(np.mean(np.square(own))))
-    if size:
-        focal = {camera.id: float(camera.intrinsics[0]) for camera in cameras}
-        order = sorted(size, key=lambda name: -size[name])
-        most = order[0]
+    drifts = {camera.id: _drift(camera, motions) for camera in cameras}
+    drifts = {name: drift for name, drift in drifts.items() if drift is not None}
+    if drifts:
+        order = sorted(drifts, key=lambda name: -drifts[name][1])
+        degrees, px = drifts[order[0]]
         values = {
-            "worst": most, "turn_mdeg": 1e3 * size[most], "shift_px": float(np.deg2rad(size[most]) * focal[most]),
-            "median_mdeg": 1e3 * float(np.median(list(size.values()))),
+            "worst": order[0], "turn_mdeg": 1e3 * degrees, "shift_px": px,
+            "median_mdeg": 1e3 * float(np.median([own for own, _ in drifts.values()])),
         }  # fmt: skip
         found.append(Finding("camera-drifts", "info", values, tuple(order)))
     return tuple(found)
+
+
+def _drift(camera: RigCamera, motions: tuple[ImageMotion, ...]) -> tuple[float, float] | None:
+    """How far a camera turns, rms over its images: in degrees, and in px half-way between the axis and the corners."""
+    turns = np.array([motion.rotation_deg for motion in motions if motion.camera == camera.id])
+    if not len(turns):
+        return None
+    across = np.array([camera.intrinsics[1], camera.intrinsics[0], np.hypot(*camera.image_size) / 4])
+    degrees, px = (float(np.sqrt((turns**2 * by**2).sum(axis=1).mean())) for by in (np.ones(3), np.deg2rad(across)))
+    return degrees, px

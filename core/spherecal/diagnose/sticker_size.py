@@ -18,7 +18,7 @@ from spherecal.diagnose.evidence import Evidence
 LEAST_DOTS, FALSE_ALARM = 4, 1e-6
 # Ball and cameras take up most of an outward shift: of 0.1 px, 0.0215 px are left (rig A, two recordings).
 TAKEN_UP = 5.0
-# What prints err by anyway asks for no care once it is in the scale's uncertainty: corners of real tags lie outward too.
+# What prints err by anyway asks for no care once it is in the scale's uncertainty.
 HARMFUL = 0.001
 
 

@@ -124,7 +124,7 @@ def misfit(rms_px: float, method: Method = "auto") -> Make:
     """Lenses that the model cannot follow."""
 
     def make(rig: str, seed: int, rng: np.random.Generator) -> Case:
-        return Case(_simulate(rig, seed, misfit_px=rms_px)[0], "lens-misfit", (), method)
+        return Case(_simulate(rig, seed, misfit_px=rms_px)[0], "lens-field", (), method)
 
     return make
 

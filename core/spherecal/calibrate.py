@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from spherecal.adjust.corrections import drifts
 from spherecal.ball.fit import solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
@@ -112,7 +113,7 @@ def _solve(session: Session, task: _Task) -> Calibration:
 def _adjust(session: Session, task: _Task) -> Calibration:
     """The method from observations to the rig; once more where another lens model than the stated one fits better."""
     settings, context, watch = task.settings, task.context, task.watch
-    lens = None
+    lens, turning = None, False
     while True:
         recording = Recording.of(session)
         if settings.method == "tao2021":  # the paper's method to the letter, with nothing of what follows
@@ -122,7 +123,7 @@ def _adjust(session: Session, task: _Task) -> Calibration:
         if local.is_empty:
             done = build_failed_result(recording, local, settings.method, watch.seconds)
             break
-        start = start_values(recording, local, settings, context)  # poses chained along the paths, resection
+        start = start_values(recording, local, settings, context, turning)  # poses chained along the paths, resection
         watch.lap("start values")
         run = run_of(recording, start, settings, context, watch)
         free = solve_free(start.network, start.poses, start.points, start.candidates, run)  # every dot at every place
@@ -133,5 +134,7 @@ def _adjust(session: Session, task: _Task) -> Calibration:
         fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
         watch.lap("scale")
         done = build_result(recording, local, fit, settings.method, run)  # with the diagnosis
-        break
+        if turning or not (done.rig.quality.valid and drifts(fit.solved.network)):
+            break
+        turning = True  # nothing is wrong, but cameras drift from image to image: once more, with turns of images
     return done if lens is None else lens.noted_in(done)

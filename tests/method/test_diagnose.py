@@ -143,11 +143,10 @@ def test_the_study_reports_named_and_false(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_lenses_that_follow_no_model_are_no_moves(shared_data: Path) -> None:
-    """15 cameras of a dome on strongly distorted lenses that the model misses by a pixel; nobody moved one."""
+    """15 cameras of a dome on strongly distorted lenses; they drift by up to 2 px, and nobody moved one."""
     findings = calibrate(read_session(shared_data / "dome15")).rig.quality.findings
     codes = {finding.code for finding in findings}
-    assert "lens-misfit" in codes and "camera-moved" not in codes
-    assert "would not be noticed" in next(f.message for f in findings if f.code == "lens-misfit")
+    assert "camera-drifts" in codes and not codes & {"lens-misfit", "camera-moved"}
 
 
 def test_a_last_placement_without_observations_ends_in_a_result() -> None:

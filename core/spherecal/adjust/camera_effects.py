@@ -94,7 +94,8 @@ class Corrections:
     """Estimated fields and motions: coefficients (m,) and variances (parts,) over sigma0 squared.
 
     `freedom`: how many coefficients' worth the data determine, which the redundancy lacks, `field_freedom` those of
-    fields; `evidence`: by how much -2 log of the likelihood falls by each kind beside the others, of those taken.
+    fields; `evidence`: by how much -2 log of the likelihood falls by each kind beside the others, of those taken;
+    `turning`: whether the turns are applied, or only keep the fields from taking them up.
     """
 
     design: Design
@@ -103,11 +104,14 @@ class Corrections:
     freedom: float
     evidence: dict[int, float]
     field_freedom: float
+    turning: bool = False
 
     @property
     def turns(self) -> FloatArray:
         """Turns (i,3) rad of the images of cameras that drift; 0 of those that moved once (`moved_once`)."""
         turns = self.coefficients[self.design.n_fields :].reshape(-1, TURN)
+        if not self.turning:
+            return np.zeros_like(turns)
         return np.where(self.moved_once[self.design.camera_of_image, None], 0.0, turns)
 
     @cached_property

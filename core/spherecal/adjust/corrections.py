@@ -6,13 +6,14 @@ in one adjustment with all other unknowns, and each is taken only where the data
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.ball_model import Deformable
+from spherecal.adjust.ball_model import Deformable, Free
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.camera_effects import MOTION, OWN_FIELD, SHARED_FIELD, Corrections, Design, Field
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
@@ -39,6 +40,13 @@ LEAST_EVIDENCE = 30.0
 # Fields that gain more for each coefficient are no such thing as what errors of neighbouring points have in common: it
 # was 1 on dome15, and 3 to 80 with lenses off by 0.03 to 0.3 px.
 CLEAR = 2.0
+# In the rigid form variances are at most so many times the free form's: more is what the ball changed its shape by.
+MOST_GROWTH = 4.0
+# Better image points than this need no effects.
+LEAST_NOISE_PX = 1e-3
+# The real cameras of dome15 drift by 2 px, and real lenses deviate by 0.3 px. What is more in a camera, rms, is a wrong
+# pose, or another lens model or a lens of its own (1.5 % of focal length: 2 px) that it wants.
+MOST_PX, MOST_FIELD_PX = 4.0, 1.0
 # A lens' field begins with this amplitude, px; a turn with that which moves its images by this.
 FIRST_PX = 0.05
 # Lenses seen by fewer observations have no field of their own.
@@ -59,14 +67,15 @@ def design_of(network: Network, adjusted: Adjustment, least_share: float = LEAST
     assert network.sizes is not None
     seen = np.bincount(problem.camera, minlength=problem.n_cameras)
     shared = [np.flatnonzero((network.group == group) & (seen > 0)) for group in np.unique(network.group)]
-    groups = [(own, SHARED_FIELD) for own in shared if len(own) > 1]
-    groups += [(np.array([c]), OWN_FIELD) for c in np.flatnonzero(seen > 0)]
+    # cameras that share a lens by the session share its field: else fields would hide that they do not
+    groups = [(own, SHARED_FIELD if len(own) > 1 else OWN_FIELD) for own in shared if len(own)]
     groups = [(own, kind) for own, kind in groups if seen[own].sum() >= LEAST_OBSERVATIONS]
     most = min(MOST_FUNCTIONS, MOST_COEFFICIENTS // (2 * max(len(groups), 1)))
     fields, first = [], 0
     for own, kind in groups:
+        lens = intrinsics[own[0]]
         free = network.free[own[0]] | (np.arange(16) < 4)
-        basis = field_basis(network.sizes[own[0]], intrinsics[own[0]], free, most, least_share)
+        basis = field_basis(network.sizes[own[0]], lens, free, most, least_share)
         fields.append(Field(basis, first, own, kind))
         first += basis.count
     n_placements = int(network.placement.max()) + 1
@@ -202,21 +211,54 @@ def corrected(
 
     `placed`: cameras that have a pose, (c,); `places` None in the free form.
     """
-    if network.sizes is None or adjusted.redundancy <= 0 or isinstance(network.ball, Deformable):
+    if adjusted.redundancy <= 0 or isinstance(network.ball, Deformable):
+        return network, adjusted
+    if not has_estimated_lenses(network, adjusted):
+        return network, adjusted
+    if not np.sqrt(adjusted.variance) / np.median(adjusted.problem.weight) > LEAST_NOISE_PX:
         return network, adjusted
     found = network.corrections
+    if found is None and not isinstance(network.ball, Free):
+        return network, adjusted  # what only the ball as one object asks for may be its own change of shape
     design = design_of(network, adjusted) if found is None else found.design
+    limit = None if found is None or isinstance(network.ball, Free) else MOST_GROWTH * found.variances
     for _ in range(ROUNDS):
-        found = _estimated(network, adjusted, places, design, found)
+        found = _estimated(network, adjusted, places, design, found, limit)
+        found = None if found is None else replace(found, turning=network.turning)
         again = network.corrected(found, adjusted.state.intrinsics)
+        if found is not None and is_beyond(found, again):  # no small effect: the lenses or the poses are wrong
+            network = replace(network.corrected(None, adjusted.state.intrinsics), sizes=None, is_beyond=True)
+            return network, refine(network, adjusted.state, adjusted.used, placed, context)
         change = np.abs(again.uv - network.uv).max(initial=0.0)
+        network = again
         if change == 0.0:
             break
-        network = again
         adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
         if change < SETTLED_PX:
             break
     return network, adjusted
+
+
+def has_estimated_lenses(network: Network, adjusted: Adjustment) -> bool:
+    """Whether effects may be estimated: what a given lens cannot do is for the test of given lenses to say."""
+    return network.sizes is not None and bool(network.free[np.unique(adjusted.problem.camera), 0].all())
+
+
+def drifts(network: Network) -> bool:
+    """Whether cameras turn from image to image by the data, but not in the network."""
+    found = network.corrections
+    return found is not None and not found.turning and MOTION in found.evidence
+
+
+def is_beyond(found: Corrections, network: Network) -> bool:
+    """Whether the image points of some camera are corrected by more than effects are."""
+    for c in np.unique(network.camera):
+        own = network.camera == c
+        field = found.field(int(c), network.measured[own])
+        whole = np.sqrt((network.correction[own] ** 2).sum(axis=1).mean())
+        if whole > MOST_PX or np.sqrt((field**2).sum(axis=1).mean()) > MOST_FIELD_PX:
+            return True
+    return False
 
 
 def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) -> Covariance:
@@ -232,9 +274,14 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
 
 
 def _estimated(
-    network: Network, adjusted: Adjustment, places: Places | None, design: Design, before: Corrections | None
+    network: Network,
+    adjusted: Adjustment,
+    places: Places | None,
+    design: Design,
+    before: Corrections | None,
+    limit: FloatArray | None,
 ) -> Corrections | None:
-    with one_blas_thread():
+    with one_blas_thread(), suppress(np.linalg.LinAlgError):  # a network that hardly hangs together has no effects
         system = inverted(adjusted.problem, adjusted.state, places)
         if system is None:
             return before
@@ -250,9 +297,10 @@ def _estimated(
             motions = frozenset(design.kind.tolist()) - {SHARED_FIELD, OWN_FIELD}
             return chosen(design, effects, _first_variances(design, adjusted), motions)
         effects = effects_of(network, adjusted, before.design, system, before.coefficients).quadratic
-        found = estimated(effects, before.variances)
+        found = estimated(effects, before.variances, limit)
         freedom = float(found.freedom.sum())
         return replace(before, coefficients=found.coefficients, variances=found.variances, freedom=freedom)
+    return before
 
 
 def chosen(

@@ -78,6 +78,8 @@ def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most:
     across = (np.stack(np.meshgrid(*[np.arange(_GRID)] * 2), axis=-1).reshape(-1, 2) + 0.5) / _GRID * size
     own = _lens_and_turns(across, intrinsics, free)
     seen = np.isfinite(own).all(axis=(1, 2))
+    if not seen.any():  # no lens of this kind has an image there: nothing to take out
+        return plain
     own, values = own[seen].reshape(2 * int(seen.sum()), -1), plain.at(across[seen]).reshape(2 * int(seen.sum()), -1)
     basis = np.linalg.svd(own / np.linalg.norm(own, axis=0).clip(min=1e-30), full_matrices=False)
     held = basis[0][:, basis[1] > 1e-6 * basis[1][0]].T @ values

@@ -28,8 +28,9 @@ class Network:
     `locked`: cameras whose pose is known and stays, (c,); `ball`: how the ball joins the observations; `priors,
     lengths`: what is known of the intrinsics, and distances between features; NO_PRIORS and NO_LENGTHS without any;
     `sizes, placement`: of the cameras' images (c,2) px, and which placement each observation is from (n,), for fields
-    of lenses and motions of images; None and (0,) where neither is to be estimated; `correction`: what these take from
-    the measured image points to make `uv`, (n,2) px; (0,2) for nothing.
+    of lenses and motions of images; None and (0,) where neither is to be estimated; `corrections, correction`: what
+    these are, and what they take from the measured image points to make `uv`, (n,2) px; None and (0,2) for nothing;
+    `turning`: whether the motions are applied; `is_beyond`: whether corrections were refused, as they were too large.
     """
 
     feature: IntArray
@@ -48,6 +49,8 @@ class Network:
     placement: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     correction: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     corrections: Corrections | None = None
+    turning: bool = False
+    is_beyond: bool = False
 
     def only(self, rows: IntArray | slice) -> "Network":
         """The same features and cameras with some of the observations."""

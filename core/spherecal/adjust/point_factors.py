@@ -188,7 +188,8 @@ def _carried_points(parts: PointFactors) -> FloatArray:
     """K C A' (p,3,g)."""
     problem = parts.problem
     if parts.shifts is not None:
-        return np.asarray(parts.shifts @ parts.gauge_cross).reshape(problem.n_points, 3, -1)
+        carried = np.asarray(parts.shifts @ parts.gauge_cross)
+        return carried.reshape(problem.n_points, 3, parts.gauge_cross.shape[1])
     out = np.zeros((problem.n_points, 3, parts.gauge_cross.shape[1]))
     by_camera = parts.gauge_cross[: parts.n_camera_columns].reshape(problem.n_cameras, parts.linear.width, out.shape[2])
     for own in blocks(len(problem.uv)):

@@ -48,8 +48,11 @@ class Estimate:
     freedom: FloatArray
 
 
-def estimated(effects: Effects, start: FloatArray) -> Estimate:
-    """The amplitudes of greatest restricted likelihood from start variances (parts,), and the coefficients by them."""
+def estimated(effects: Effects, start: FloatArray, limit: FloatArray | None = None) -> Estimate:
+    """The amplitudes of greatest restricted likelihood from start variances (parts,), and the coefficients by them.
+
+    `limit`: the largest that the variances may be, (parts,); None for any.
+    """
     variances = start.copy()
     count = np.bincount(effects.part, minlength=len(effects.kind)).astype(float)
     best = _solve(effects, variances)
@@ -63,7 +66,8 @@ def estimated(effects: Effects, start: FloatArray) -> Estimate:
                 continue
             common = squares[own].sum() / max(freedom[own].sum(), 1e-12)
             new[own] = (squares[own] + OWN_WEIGHT * common) / (freedom[own] + OWN_WEIGHT)
-        new = np.clip(new, variances / MOST_GROWTH**2, variances * MOST_GROWTH**2)
+        most = variances * MOST_GROWTH**2 if limit is None else np.minimum(variances * MOST_GROWTH**2, limit)
+        new = np.clip(new, variances / MOST_GROWTH**2, most)
         variances, before = new, best
         best = _solve(effects, variances)
         if before.deviance - best.deviance < SETTLED:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.corrections import has_estimated_lenses
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
@@ -65,14 +66,16 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     None where the ball's shape explains that better. Another lens model is proposed where it fits better.
     """
     misfits = [m for m in anomalies.misfits if e.camera_ids[m.camera] not in moved]
-    if not misfits or anomalies.in_shape or e.solved.network.sizes is not None:
-        return []  # what all placements of a lens have in common is in its field then
+    if not misfits or anomalies.in_shape:
+        return []
     worst = max(misfits, key=lambda misfit: misfit.rms_px)
     limit = HARMFUL_RIGID_PX if e.choice.form == "rigid" else HARMFUL_FREE_PX
     names = tuple(e.camera_ids[m.camera] for m in misfits)
     # no model can take away more than all smooth fields together
     share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
     other = best_lenses(e.solved, e.context) if share > WORTH and not e.has_own_scale else None
+    if other is None and has_estimated_lenses(e.solved.network, e.adjusted):
+        return []  # what the placements of a lens have in common is in its field, or they contradict each other
     values = {
         "worst": e.camera_ids[worst.camera],
         "rms_px": worst.rms_px,

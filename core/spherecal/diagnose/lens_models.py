@@ -7,7 +7,6 @@ import numpy as np
 
 from spherecal.adjust.ball_model import Free, Rigid
 from spherecal.adjust.bundle import refine, residual_size
-from spherecal.adjust.camera_effects import OWN_FIELD, SHARED_FIELD
 from spherecal.adjust.intrinsic_priors import with_intrinsic_priors
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
@@ -85,11 +84,8 @@ class LensTrial:
 
 
 def may_differ(fit: BallFit, wanted: LensModel | Literal["auto"] | None) -> bool:
-    """Whether another lens model is worth a trial: as the user says, or else where the lenses have fields."""
-    fields = fit.network.corrections is not None and bool(
-        {SHARED_FIELD, OWN_FIELD} & set(fit.network.corrections.evidence)
-    )
-    return wanted == "auto" or (wanted is None and fields)
+    """Whether another lens model is worth a trial: as the user says, or else where there are effects."""
+    return wanted == "auto" or (wanted is None and (fit.network.is_beyond or fit.network.corrections is not None))
 
 
 def best_lens_model(fit: BallFit, run: Run) -> LensTrial | None:

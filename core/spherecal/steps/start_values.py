@@ -63,11 +63,11 @@ class StartValues:
 
 
 def start_values(
-    recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context
+    recording: Recording, local: LocalNetwork, settings: CalibrationSettings, context: Context, turning: bool = False
 ) -> StartValues:
-    """Poses chained along the paths and by resection."""
+    """Poses chained along the paths and by resection; `turning`: whether images may turn."""
     context.report("start values", 0.0, Phrase("compiling"))
-    network = describe_network(recording, settings)
+    network = replace(describe_network(recording, settings), turning=turning)
     poses = grow(local, network, recording.priors, local.keep, context)
     release_freed()
     return StartValues(network, local, poses, None)

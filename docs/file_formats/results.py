@@ -165,6 +165,16 @@ EXPORT = written(
                 },
             ),
         ),
+        "fields_lost": entries(
+            "Fields of lenses that the format cannot hold, by camera.",
+            record(
+                "",
+                {
+                    "max_px": number("The largest of the field where it is known.", 0),
+                    "max_mm": number("The same at the rig's distance.", 0),
+                },
+            ),
+        ),
         "frame?": frame_record(
             "The user's frame in which poses are given, as in frame.json.", dict, *FRAME_FIELDS
         ).schema,

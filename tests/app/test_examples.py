@@ -148,7 +148,7 @@ def test_a_rig_with_exchanged_cameras_is_told_without_a_crash(calibration, folde
         assert spherecal.verify_rig(folder / "session", rig).decision.verdict != "consistent"
 
 
-@pytest.mark.parametrize("name", list(spherecal.FORMATS))
+@pytest.mark.parametrize("name", [name for name, form in spherecal.FORMATS.items() if not form.fields])
 def test_rigs_of_all_formats_are_imported(calibration, name: str, tmp_path: Path) -> None:
     rig = calibration.rig
     done = spherecal.export_rig(rig, name, tmp_path / "out", max_loss_px=1.0)

@@ -113,7 +113,7 @@ def _solve(session: Session, task: _Task) -> Calibration:
 def _adjust(session: Session, task: _Task) -> Calibration:
     """The method from observations to the rig; once more where another lens model than the stated one fits better."""
     settings, context, watch = task.settings, task.context, task.watch
-    lens, turning = None, False
+    lens, turning, still = None, False, None
     while True:
         recording = Recording.of(session)
         if settings.method == "tao2021":  # the paper's method to the letter, with nothing of what follows
@@ -134,7 +134,9 @@ def _adjust(session: Session, task: _Task) -> Calibration:
         fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
         watch.lap("scale")
         done = build_result(recording, local, fit, settings.method, run)  # with the diagnosis
+        if still is not None and not done.rig.quality.valid:
+            done = still  # without their turns images agree: what then contradicts is a few points of one
         if turning or not (done.rig.quality.valid and drifts(fit.solved.network)):
             break
-        turning = True  # nothing is wrong, but cameras drift from image to image: once more, with turns of images
+        turning, still = True, done  # nothing is wrong, but cameras drift: once more, with turns of images
     return done if lens is None else lens.noted_in(done)

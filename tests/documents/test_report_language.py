@@ -132,7 +132,7 @@ def test_sentences_of_a_file_come_through(result: Path) -> None:
     assert [written(one) for one in found] == [one.text for one in found]
     with speaking("de"):
         rule, *rest = (written(one) for one in found)
-        assert rule.startswith("jede |Abweichung| innerhalb k u, k = ")
+        assert rule.startswith("jede der 18 |Abweichungen| gegen k u, k = ")
         assert not {rule, *rest} & {one.text for one in found}
         assert word({"pass": "verdict-pass"}, "pass") == "bestanden" and word({}, "new") == "new"
     with pytest.raises(InputError) as raised, speaking("xx"):
@@ -163,7 +163,9 @@ def test_sentences_without_their_phrase_stay_as_written(
         assert [written(one) for one in sentences(with_changes(result, tmp_path, change))] == texts
 
 
-@pytest.mark.parametrize(("name", "word"), [("de", "UNENTSCHIEDEN"), ("zh_CN", "未判定"), ("en", "UNDECIDED")])
+@pytest.mark.parametrize(
+    ("name", "word"), [("de", "VERIFIZIERUNG FEHLGESCHLAGEN"), ("zh_CN", "验证未通过"), ("en", "VERIFICATION FAILED")]
+)
 def test_the_first_page_speaks(result: Path, name: str, word: str) -> None:
     with speaking(name):
         text = " ".join(strings(make_report(read_result(result)).sections[:2]))

@@ -211,7 +211,7 @@ def test_what_is_said_of_a_camera_a_dot_and_a_place_of_the_map(data: SceneData) 
     dot = next(one for one in reversed(first) if one.kind == "dot")
     assert dot.lines() == ["P1, target 299, dot A", "Residual 0.040 px rms"]
     place = items_of(data, frozenset({"map"}))[-1]
-    assert place.lines() == ["500 mm at this place", "Uncertainty 0.090 mm (k = 2)"]
+    assert place.lines() == ["500 mm at this place", "Uncertainty 0.090 mm (95 %)"]
 
 
 def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, data: SceneData) -> None:

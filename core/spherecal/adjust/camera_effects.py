@@ -114,6 +114,11 @@ class Corrections:
             return np.zeros_like(turns)
         return np.where(self.moved_once[self.design.camera_of_image, None], 0.0, turns)
 
+    @property
+    def applied(self) -> FloatArray:
+        """The coefficients (m,) that the image points are corrected by: the turns that are not applied are 0."""
+        return np.concatenate([self.coefficients[: self.design.n_fields], self.turns.ravel()])
+
     @cached_property
     def moved_once(self) -> BoolArray:
         """Cameras (c,) that turn in one step, or for one image: who moved is for the diagnosis to find, and to repair.

@@ -267,7 +267,7 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
     if found is None or isinstance(network.ball, Deformable):
         return given
     with one_blas_thread():
-        system = effects_of(network, adjusted, found.design, given.factors, found.coefficients)
+        system = effects_of(network, adjusted, found.design, given.factors, found.applied)
         used = np.flatnonzero(found.variances[found.design.part] > 0)
         own = effect_cofactors(system.quadratic, found.variances)[np.ix_(used, used)]
         return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own)
@@ -296,7 +296,7 @@ def _estimated(
                 return found
             motions = frozenset(design.kind.tolist()) - {SHARED_FIELD, OWN_FIELD}
             return chosen(design, effects, _first_variances(design, adjusted), motions)
-        effects = effects_of(network, adjusted, before.design, system, before.coefficients).quadratic
+        effects = effects_of(network, adjusted, before.design, system, before.applied).quadratic
         found = estimated(effects, before.variances, limit)
         freedom = float(found.freedom.sum())
         return replace(before, coefficients=found.coefficients, variances=found.variances, freedom=freedom)

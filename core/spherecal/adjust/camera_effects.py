@@ -10,8 +10,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation
 
-# Kinds of effects: the field that cameras with the same intrinsics share, the field of each, turns of its images.
-SHARED_FIELD, OWN_FIELD, MOTION = 0, 1, 2
+FIELD, MOTION = 0, 1  # kinds of effects
 TURN = 3  # columns of a motion
 
 
@@ -23,12 +22,11 @@ MOST_OF_A_STEP, MOST_OF_ITS_STEP, STICKS_OUT = 0.9, 0.82, 5.0
 
 @dataclass(frozen=True)
 class Field:
-    """A field's basis, its first column, and the cameras (k,) that have it; `kind`: shared or own."""
+    """A field's basis, its first column, and the cameras (k,) that have it: those with the same intrinsics."""
 
     basis: FieldBasis
     first: int
     cameras: IntArray
-    kind: int
 
     @property
     def columns(self) -> IntArray:
@@ -67,7 +65,7 @@ class Design:
     @property
     def kind(self) -> IntArray:
         """The kind of each part."""
-        return np.array([*(field.kind for field in self.fields), *[MOTION] * self.n_cameras])
+        return np.repeat([FIELD, MOTION], [len(self.fields), self.n_cameras])
 
     def fields_of(self, camera: int) -> list[Field]:
         """The fields that a camera has."""

@@ -15,7 +15,7 @@ from scipy import sparse
 
 from spherecal.adjust.ball_model import Deformable, Free
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.camera_effects import MOTION, OWN_FIELD, SHARED_FIELD, Corrections, Design, Field
+from spherecal.adjust.camera_effects import FIELD, MOTION, Corrections, Design, Field
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
@@ -26,10 +26,10 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.variance_components import (
     Effects,
     Estimate,
-    coefficients,
     effect_cofactors,
     estimated,
     least_cost,
+    solved,
 )
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
@@ -68,15 +68,14 @@ def design_of(network: Network, adjusted: Adjustment, least_share: float = LEAST
     seen = np.bincount(problem.camera, minlength=problem.n_cameras)
     shared = [np.flatnonzero((network.group == group) & (seen > 0)) for group in np.unique(network.group)]
     # cameras that share a lens by the session share its field: else fields would hide that they do not
-    groups = [(own, SHARED_FIELD if len(own) > 1 else OWN_FIELD) for own in shared if len(own)]
-    groups = [(own, kind) for own, kind in groups if seen[own].sum() >= LEAST_OBSERVATIONS]
+    groups = [own for own in shared if seen[own].sum() >= LEAST_OBSERVATIONS]
     most = min(MOST_FUNCTIONS, MOST_COEFFICIENTS // (2 * max(len(groups), 1)))
     fields, first = [], 0
-    for own, kind in groups:
+    for own in groups:
         lens = intrinsics[own[0]]
         free = network.free[own[0]] | (np.arange(16) < 4)
         basis = field_basis(network.sizes[own[0]], lens, free, most, least_share)
-        fields.append(Field(basis, first, own, kind))
+        fields.append(Field(basis, first, own))
         first += basis.count
     n_placements = int(network.placement.max()) + 1
     images = np.unique(network.camera * n_placements + network.placement)
@@ -288,14 +287,13 @@ def _estimated(
         if before is None:
             effects = effects_of(network, adjusted, design, system, None).quadratic
             found = chosen(design, effects, _first_variances(design, adjusted))
-            if found is not None and (found.variances[design.kind != MOTION] > LARGE**2).any():
+            if found is not None and (found.variances[design.kind == FIELD] > LARGE**2).any():
                 design = design_of(network, adjusted, FINE_SHARE)
                 effects = effects_of(network, adjusted, design, system, None).quadratic
                 found = chosen(design, effects, _first_variances(design, adjusted))
             if found is None or _predicts(network, adjusted, places, found):
                 return found
-            motions = frozenset(design.kind.tolist()) - {SHARED_FIELD, OWN_FIELD}
-            return chosen(design, effects, _first_variances(design, adjusted), motions)
+            return chosen(design, effects, _first_variances(design, adjusted), frozenset({MOTION}))
         effects = effects_of(network, adjusted, before.design, system, before.applied).quadratic
         found = estimated(effects, before.variances, limit)
         freedom = float(found.freedom.sum())
@@ -334,8 +332,7 @@ def chosen(
     found = tried[taken]
     if not taken:
         return None
-    fields = np.isin(design.kind, (SHARED_FIELD, OWN_FIELD))
-    worth = float(found.freedom[fields].sum())
+    worth = float(found.freedom[design.kind == FIELD].sum())
     kept = {kind: size for kind, size in evidence.items() if kind in taken}
     return Corrections(design, found.coefficients, found.variances, float(found.freedom.sum()), kept, worth)
 
@@ -348,20 +345,16 @@ def _predicts(network: Network, adjusted: Adjustment, places: Places | None, fou
     field that gains much for each of its numbers needs no such proof.
     """
     design = found.design
-    gained = sum(size for kind, size in found.evidence.items() if kind != MOTION)
-    if gained > CLEAR * found.field_freedom:
+    if found.evidence.get(FIELD, np.inf) > CLEAR * found.field_freedom:  # or it has no fields
         return True
-    fields = np.isin(design.kind[design.part], (SHARED_FIELD, OWN_FIELD)) & (found.variances[design.part] > 0)
-    if not fields.any():
-        return True
-    halves = [_half(network, adjusted, places, design, number) for number in (0, 1)]
-    one, other = halves
+    fields = design.kind[design.part] == FIELD
+    one, other = (_half(network, adjusted, places, design, number) for number in (0, 1))
     if one is None or other is None:
         return True  # too little is left of a half to say
     turning = np.where(design.kind == MOTION, found.variances, 0.0)
     gain = 0.0
     for of, by in ((one, other), (other, one)):
-        learnt = np.where(fields, coefficients(by, found.variances), 0.0)
+        learnt = np.where(fields, solved(by, found.variances).coefficients, 0.0)
         gain += least_cost(of, turning, np.zeros_like(learnt)) - least_cost(of, turning, learnt)
     return gain > 0.0
 

@@ -55,7 +55,7 @@ def estimated(effects: Effects, start: FloatArray, limit: FloatArray | None = No
     """
     variances = start.copy()
     count = np.bincount(effects.part, minlength=len(effects.kind)).astype(float)
-    best = _solve(effects, variances)
+    best = solved(effects, variances)
     for _ in range(ROUNDS):
         b, freedom, sigma2 = best.coefficients, best.freedom, best.sigma0_squared
         squares = np.bincount(effects.part, b**2, len(effects.kind)) / sigma2
@@ -69,10 +69,10 @@ def estimated(effects: Effects, start: FloatArray, limit: FloatArray | None = No
         most = variances * MOST_GROWTH**2 if limit is None else np.minimum(variances * MOST_GROWTH**2, limit)
         new = np.clip(new, variances / MOST_GROWTH**2, most)
         variances, before = new, best
-        best = _solve(effects, variances)
+        best = solved(effects, variances)
         if before.deviance - best.deviance < SETTLED:
             break
-    return Estimate(best.coefficients, variances, best.sigma0_squared, best.deviance, best.freedom)
+    return best
 
 
 def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
@@ -83,28 +83,15 @@ def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(scaled) * root[:, None] * root, dtype=np.float64)
 
 
-def coefficients(effects: Effects, variances: FloatArray) -> FloatArray:
-    """The coefficients (m,) for given variances (parts,)."""
-    return _solve(effects, variances).coefficients
-
-
 def least_cost(effects: Effects, variances: FloatArray, fixed: FloatArray) -> float:
     """The least sum of squares, but for a constant, with some coefficients fixed (m,) and others of given variances."""
     gradient = effects.gradient + effects.matrix @ fixed
-    free = _solve(replace(effects, gradient=gradient), variances).coefficients
+    free = solved(replace(effects, gradient=gradient), variances).coefficients
     return float(fixed @ (effects.gradient + gradient) + free @ gradient)
 
 
-@dataclass(frozen=True)
-class _Solved:
-    coefficients: FloatArray
-    freedom: FloatArray
-    sigma0_squared: float
-    deviance: float
-
-
-def _solve(effects: Effects, variances: FloatArray) -> _Solved:
-    """Coefficients for given variances, the number (parts,) that the data determine, sigma0^2 and the deviance."""
+def solved(effects: Effects, variances: FloatArray) -> Estimate:
+    """The coefficients for given variances (parts,)."""
     used = variances[effects.part] > 0
     b = np.zeros(len(effects.part))
     freedom = np.zeros(len(effects.kind))
@@ -124,4 +111,4 @@ def _solve(effects: Effects, variances: FloatArray) -> _Solved:
         squares += float(pull @ taken)
         freedom += np.bincount(effects.part[used], 1.0 - np.diag(inverse), len(effects.kind))
     sigma2 = max(squares, 1e-30) / effects.redundancy
-    return _Solved(b, freedom, sigma2, effects.redundancy * float(np.log(sigma2)) + log_det)
+    return Estimate(b, variances, sigma2, effects.redundancy * float(np.log(sigma2)) + log_det, freedom)

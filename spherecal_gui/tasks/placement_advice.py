@@ -149,7 +149,10 @@ def printed_scale(target_set: TargetSet) -> Document | None:
     if widest is None:
         return None
     first, second, distance_mm = widest
-    return {"kind": "target_spacing", "from": first, "to": second, "distance_mm": distance_mm, "surface": "sphere"}
+    return {
+        "kind": "target_spacing", "from": first, "to": second, "distance_mm": distance_mm, "surface": "sphere",
+        "expanded_uncertainty_mm": 0.0,  # the bar takes its place: what the print errs by is not for placements to mend
+    }  # fmt: skip
 
 
 def _read(document: Document, target_set: TargetSet | None) -> "Session":

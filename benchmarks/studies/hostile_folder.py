@@ -151,6 +151,7 @@ _MORE = {
     "cross-validate": Command(("session",), "cross-validate {given}/session"),
     "measure": Command(("session", "result1"), "measure {given}/session --rig {given}/result1/rig.json -o {out}"),
     "bars show": Command(("bars.json",), "bars show B7 --registry {given}/bars.json"),
+    "override": Command(("result1",), "override {given}/result1 --by somebody --reason none"),
     "bars export": Command(("bars.json",), "bars export {out} --registry {given}/bars.json", ending=".csv"),
     "bars remove": Command(("bars.json",), "bars remove B7 --registry {given}/bars.json"),
     "bars plan": Command(("result1",), "bars plan {given}/result1/rig.json -o {out}"),

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from spherecal.adjust.corrections import drifts
+from spherecal.adjust.corrections import drifts, one_moved
 from spherecal.ball.fit import solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
@@ -16,7 +16,7 @@ from spherecal.data.verdict import with_findings
 from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.diagnose.lens_models import best_lens_model, may_differ
+from spherecal.diagnose.lens_models import best_lens_model, wants_another
 from spherecal.diagnose.plausibility import implausible
 from spherecal.initialise.focal_length import with_seen_focal_lengths
 from spherecal.result.build_result import build_failed_result, build_result, stopped_early
@@ -111,9 +111,12 @@ def _solve(session: Session, task: _Task) -> Calibration:
 
 
 def _adjust(session: Session, task: _Task) -> Calibration:
-    """The method from observations to the rig; once more where another lens model than the stated one fits better."""
+    """The method from observations to the rig; once more with another lens model, or with turns of images.
+
+    Both are tried only where nothing is found wrong, and taken only where nothing is found wrong with them.
+    """
     settings, context, watch = task.settings, task.context, task.watch
-    lens, turning, still = None, False, None
+    lens, turning, sound = None, False, None
     while True:
         recording = Recording.of(session)
         if settings.method == "tao2021":  # the paper's method to the letter, with nothing of what follows
@@ -121,22 +124,27 @@ def _adjust(session: Session, task: _Task) -> Calibration:
         local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
         watch.lap("local reconstruction")
         if local.is_empty:
-            done = build_failed_result(recording, local, settings.method, watch.seconds)
-            break
+            return sound or build_failed_result(recording, local, settings.method, watch.seconds)
         start = start_values(recording, local, settings, context, turning)  # poses chained along the paths, resection
         watch.lap("start values")
         run = run_of(recording, start, settings, context, watch)
         free = solve_free(start.network, start.poses, start.points, start.candidates, run)  # every dot at every place
         watch.lap("bundle adjustment")
-        if lens is None and may_differ(free, settings.lens) and (lens := best_lens_model(free, run)) is not None:
+        if settings.lens == "auto" and lens is None and (lens := best_lens_model(free, run)) is not None:
             session = lens.applied(session)
             continue
         fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
         watch.lap("scale")
         done = build_result(recording, local, fit, settings.method, run)  # with the diagnosis
-        if still is not None and not done.rig.quality.valid:
-            done = still  # without their turns images agree: what then contradicts is a few points of one
-        if turning or not (done.rig.quality.valid and drifts(fit.solved.network)):
-            break
-        turning, still = True, done  # nothing is wrong, but cameras drift: once more, with turns of images
-    return done if lens is None else lens.noted_in(done)
+        if lens is not None:
+            done = lens.noted_in(done)
+        if not done.rig.quality.valid:  # the turns show who moved, or a few points of an image contradict them
+            return done if sound is None or one_moved(fit.solved.network) else sound
+        if turning:
+            return done
+        other = best_lens_model(free, run) if settings.lens is None and wants_another(free) else None
+        if other is None and not drifts(fit.solved.network):
+            return done
+        if other is not None:
+            lens, session = other, other.applied(session)
+        sound, turning = done, True

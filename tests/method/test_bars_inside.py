@@ -102,7 +102,9 @@ def test_a_certificate_errs_alike_in_all_poses() -> None:
     correlation = rows.covariance / sd / sd[:, None]
     same = np.round(rows.length)[:, None] == np.round(rows.length)
     assert (correlation[same] > 0.8).all()  # the same length in another pose; temperatures are each their own
-    assert (correlation[~same] == 0.0).all()
+    alike = (rows.covariance / np.outer(rows.length, rows.length))[~same]
+    np.testing.assert_allclose(alike, alike.mean(), rtol=0.3)  # by the thermometer alone, in proportion to the length
+    assert (correlation[~same] < 0.5).all()
     np.testing.assert_allclose(sd, 0.002, atol=0.0005)
 
 

@@ -386,11 +386,11 @@ def test_every_code_of_the_engine_has_its_row() -> None:
 
 
 def test_severities_are_effects() -> None:
-    three = ("form-free", "camera-noisy", "camera-moved")
+    three = ("form-free", "intrinsics-held", "camera-moved")
     found = [as_written("warning", code, "m.", "h.", ("C02",)) for code in three]
     told = ruled([*found, as_written("info", "lens-misfit", "m.", ""), as_written("warning", "new-code", "m.", "")])
     assert [(f.code, f.severity) for f in told] == [
-        ("camera-moved", "error"), ("camera-noisy", "warning"), ("new-code", "warning"), ("form-free", "info"),
+        ("camera-moved", "error"), ("intrinsics-held", "warning"), ("new-code", "warning"), ("form-free", "info"),
         ("lens-misfit", "info"),
     ]  # fmt: skip
     assert ruled(told) == told
@@ -400,15 +400,15 @@ def test_severities_are_effects() -> None:
 
 def test_care_names_what_it_concerns_and_widens_it() -> None:
     cameras = ["C01", "C02", "C03"]
-    noisy, lens = (as_written("warning", code, "", "", ("C02", "P1")) for code in ("camera-noisy", "lens-misfit"))
+    held, lens = (as_written("warning", code, "", "", ("C02", "P1")) for code in ("intrinsics-held", "lens-misfit"))
     weak = as_written("warning", "placements-clustered", "", "")
     box = Affected(region_mm=((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)))
-    assert affected([noisy], cameras) == (Affected(camera="C02"),)
+    assert affected([held], cameras) == (Affected(camera="C02"),)
     assert affected([weak], cameras, box) == (box,)
     assert affected([weak], cameras) == tuple(Affected(camera=name) for name in cameras)
-    assert affected([replace(noisy, severity="info")], cameras) == ()
-    assert named(affected([noisy, as_written("warning", "no-scale", "", "")], cameras)) == "camera C02; the scale"
-    assert [factor.tolist() for factor in widening([noisy], cameras, "rigid")] == [[1, 1, 1], [1, 1, 1]]
+    assert affected([replace(held, severity="info")], cameras) == ()
+    assert named(affected([held, as_written("warning", "no-scale", "", "")], cameras)) == "camera C02; the scale"
+    assert [factor.tolist() for factor in widening([held], cameras, "rigid")] == [[1, 1, 1], [1, 1, 1]]
     assert [factor.tolist() for factor in widening([lens], cameras, "rigid")] == [[1, 2, 1], [1, 6, 1]]
     assert [factor.tolist() for factor in widening([lens], cameras, "free")] == [[1, 10, 1], [1, 30, 1]]
 

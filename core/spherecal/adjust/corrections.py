@@ -245,8 +245,12 @@ def has_estimated_lenses(network: Network, adjusted: Adjustment) -> bool:
 
 def drifts(network: Network) -> bool:
     """Whether cameras turn from image to image by the data, but not in the network."""
-    found = network.corrections
-    return found is not None and not found.turning and MOTION in found.evidence
+    return network.corrections is not None and network.corrections.is_held_back
+
+
+def one_moved(network: Network) -> bool:
+    """Whether a camera turns in one step, or for one image."""
+    return network.corrections is not None and bool(network.corrections.moved_once.any())
 
 
 def is_beyond(found: Corrections, network: Network) -> bool:

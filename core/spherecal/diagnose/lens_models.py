@@ -1,7 +1,6 @@
 """Other lens models on a solved network: how much better each of them fits, by a short adjustment from the solution."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -83,9 +82,9 @@ class LensTrial:
         return replace(done, rig=replace(done.rig, quality=quality))
 
 
-def may_differ(fit: BallFit, wanted: LensModel | Literal["auto"] | None) -> bool:
-    """Whether another lens model is worth a trial: as the user says, or else where there are effects."""
-    return wanted == "auto" or (wanted is None and (fit.network.is_beyond or fit.network.corrections is not None))
+def wants_another(fit: BallFit) -> bool:
+    """Whether another lens model is worth a trial: where there are effects, or were refused."""
+    return fit.network.is_beyond or fit.network.corrections is not None
 
 
 def best_lens_model(fit: BallFit, run: Run) -> LensTrial | None:

@@ -105,7 +105,7 @@ def test_a_certificate_errs_alike_in_all_poses() -> None:
     alike = (rows.covariance / np.outer(rows.length, rows.length))[~same]
     np.testing.assert_allclose(alike, alike.mean(), rtol=0.3)  # by the thermometer alone, in proportion to the length
     assert (correlation[~same] < 0.5).all()
-    np.testing.assert_allclose(sd, 0.002, atol=0.0005)
+    np.testing.assert_allclose(np.sqrt(sd**2 - alike.mean() * rows.length**2), 0.002, atol=0.0005)
 
 
 @pytest.mark.parametrize("method", FORMS)

@@ -245,7 +245,8 @@ def has_estimated_lenses(network: Network, adjusted: Adjustment) -> bool:
 
 def drifts(network: Network) -> bool:
     """Whether cameras turn from image to image by the data, but not in the network."""
-    return network.corrections is not None and network.corrections.is_held_back
+    found = network.corrections
+    return found is not None and not found.turning and MOTION in found.evidence
 
 
 def one_moved(network: Network) -> bool:

@@ -141,7 +141,6 @@ RULES: dict[str, Rule] = {
         3.0,
     ),
     "intrinsics-held": _care("cameras", "Held near the nominal values: as good as these."),
-    "prior-focal-length": _care("cameras", "Stated: the estimate counts. It may be another camera than the one named."),
     "capture-times": _care("cameras", "Of another moment; if the ball has moved since, wrong-placement says so."),
     "few-placements": _care("cameras", "Stated: lengths 120 to 1600 um instead of 50. But hardly any test has power."),
     "pose-unconfirmed": _care(
@@ -163,6 +162,7 @@ RULES: dict[str, Rule] = {
     "swapped-back": Rule("information", "Put back where the names before and after are the same: right in every case."),
     "camera-noisy": Rule("information", "Stated by its weight: bars 48 to 50 um with a blurred camera, 46 without."),
     "weak-self-calibration": Rule("information", "Stated: focal lengths over 1000 ppm; 60 to 420 on usual rigs."),
+    "prior-focal-length": Rule("information", "Stated: the estimate counts, however far off the start value was."),
     "two-view-points": Rule("information", "Stated: 61 % of rig B's points; errors 0.96 to 1.08 of the stated."),
     "little-coverage": Rule("information", "Stated: normalised errors 0.96 to 1.08, small balls included."),
     "lens-field": Rule("information", "Stated: fields are unknowns of the adjustment (studies/misfit.md)."),

@@ -37,6 +37,7 @@ from spherecal.diagnose.soundness import MANY_OUTLIERS, MOST_CAMERAS, unsound
 from spherecal.diagnose.swapped_cameras import swapped_cameras
 from spherecal_boards.board_result import Fit, groups_of
 from spherecal_boards.frames_evidence import FrameEvidence
+from spherecal_boards.moving_board import moving_board
 
 Shown = Literal["board", "bar"]
 # Pixels skewed by 1 to 4 px over the height, the same in all ten cameras, left lengths 3.1 to 3.7 U off although parts
@@ -89,6 +90,8 @@ def diagnosed(e: FrameEvidence | None, what: Shown) -> list[Finding]:
     found += [*moves, *unexplained_images(e, wrong, moved), *misfitting_lenses(e, anomalies, moved)]
     found += [*scattering_poses(e, anomalies), *wrong_focal_lengths(e), *noisy_cameras(e, moved), *dependent_parts(e)]
     found += unsound(e, found)
+    if what == "board":
+        found = moving_board(e, found)
     if any(f.code == "lens-misfit" and len(f.where) >= MOST_CAMERAS * e.placed.sum() for f in found):
         found = [_of_all_lenses(f) if f.code == "parts-disagree" else f for f in found]
     return [f if what == "board" else _of_single_frames(f) for f in found]

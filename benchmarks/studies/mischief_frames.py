@@ -164,7 +164,9 @@ def moving_board(world: World, size: float, rng: np.random.Generator) -> Case:
 
     def ball_of(camera: int, placement: int) -> Pose:
         t = late[placement, camera]
-        return exp_rotation(t * axis[placement]) @ world.turns[placement], world.places_mm[placement] + t * way[placement]
+        return exp_rotation(t * axis[placement]) @ world.turns[placement], world.places_mm[placement] + t * way[
+            placement
+        ]
 
     return make_case(replace(world, ball_of=ball_of), rng, ("board-moving",))
 

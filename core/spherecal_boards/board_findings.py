@@ -32,7 +32,14 @@ from spherecal.diagnose.moves import (
     rows_of,
     scatters,
 )
-from spherecal.diagnose.run_checks import LITTLE_COVERAGE, STATED_LENGTH_MM, WEAK_FOCAL_SD, image_coverage
+from spherecal.diagnose.run_checks import (
+    LITTLE_COVERAGE,
+    STATED_LENGTH_MM,
+    WEAK_FOCAL_SD,
+    held_lenses,
+    image_coverage,
+    outliers,
+)
 from spherecal.diagnose.soundness import MANY_OUTLIERS, MOST_CAMERAS, unsound
 from spherecal.diagnose.swapped_cameras import swapped_cameras
 from spherecal_boards.board_result import Fit, groups_of
@@ -146,8 +153,7 @@ def _convergence(fit: Fit, what: Shown) -> list[Finding]:
 
 
 def _held(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    ids = tuple(session.cameras[c].id for c in np.flatnonzero(fit.has_prior & fit.placed))
-    return [Finding("intrinsics-held", "warning", where=ids, kind=what)] if ids else []
+    return held_lenses(session, fit.state.intrinsics, fit.has_prior & fit.placed, what)
 
 
 def _weak(session: Session, fit: Fit, what: Shown) -> list[Finding]:
@@ -187,5 +193,4 @@ def _outliers(session: Session, fit: Fit) -> list[Finding]:
     by_camera = np.bincount(fit.observations.camera[out], minlength=len(session.cameras))
     most = int(np.argmax(by_camera))
     values = {"out": count, "observations": candidates.sum(), "percent": 100 * share, "most": by_camera[most]}
-    severity = "warning" if share > MANY_OUTLIERS else "info"
-    return [Finding("outliers-removed", severity, values, (session.cameras[most].id,))]
+    return [outliers(values, share > MANY_OUTLIERS, session.cameras[most].id)]

@@ -185,9 +185,12 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
     """Cameras without a pose that another focal length would place."""
     found = []
     points = e.solution.state.points[e.features.of_observation]
-    for c in np.flatnonzero(~e.placed & ~e.is_earlier_pose):
+    seen, used = (np.bincount(e.observations.camera[some], minlength=len(prior)) for some in (slice(None), e.used))
+    for c in np.flatnonzero((~e.placed | (2 * used < seen)) & ~e.is_earlier_pose):
         if _images_mirrored(e, e.camera_ids[c]):
             found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
+            continue
+        if e.placed[c]:
             continue
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:

@@ -26,7 +26,7 @@ def fit_corners(image: NDArray[np.uint8], start: FloatArray, square_px: float) -
     half = int(np.clip(_WINDOW * square_px, _LEAST_PX, _MOST_PX))
     edges = [np.gradient(start, axis=axis).reshape(-1, 2) for axis in (1, 0)]
     normals = np.column_stack([np.arctan2(edge[:, 0], -edge[:, 1]) for edge in edges])
-    around = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
+    around = np.asarray(cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE), dtype=np.uint8)
     centres = start.reshape(-1, 2)
     parts = [slice(at, at + _AT_ONCE) for at in range(0, len(centres), _AT_ONCE)]
     return np.concatenate([_fit(around, half, centres[part], normals[part]) for part in parts]).reshape(start.shape)
@@ -61,7 +61,7 @@ def _fit(around: NDArray[np.uint8], half: int, centres: FloatArray, normals: Flo
         x[:, 4] = np.clip(x[:, 4], 0.5, half / 1.5)
         if np.abs(step[:, :2]).max() < _STILL_PX:
             break
-    return at + x[:, :2]
+    return np.asarray(at + x[:, :2], dtype=float)
 
 
 def _solved(terms: FloatArray, values: FloatArray) -> FloatArray:
@@ -70,4 +70,4 @@ def _solved(terms: FloatArray, values: FloatArray) -> FloatArray:
     normal = turned @ terms
     diagonal = range(normal.shape[1])
     normal[:, diagonal, diagonal] = 1.001 * normal[:, diagonal, diagonal] + 1e-9
-    return np.linalg.solve(normal, turned @ values[:, :, None])[:, :, 0]
+    return np.asarray(np.linalg.solve(normal, turned @ values[:, :, None])[:, :, 0], dtype=float)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.moves import LEAST_POINTS
 from spherecal_boards.frames_evidence import FrameEvidence
@@ -76,7 +76,7 @@ def _apart(e: FrameEvidence) -> Finding | None:
     return Finding("board-moving", "error", {"count": count, "of": of}, kind="apart") if 2 * count > of else None
 
 
-def _views(e: FrameEvidence, some: BoolArray) -> FloatArray:
+def _views(e: FrameEvidence, some: BoolArray) -> IntArray:
     """How many of some observations (n,) each camera has of each placement, (placements, cameras)."""
     o = e.observations
     return np.bincount(

@@ -193,7 +193,16 @@ def opencv_pair(own: Recorded) -> tuple[float, float, float, float, float]:
             right.append(second[place][1][b].astype(np.float32))
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9)
     rms, K1, _, K2, _, R, T, _, _ = cv2.stereoCalibrate(
-        objects, left, right, *lenses, size, flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=criteria
+        objects,
+        left,
+        right,
+        lenses[0],
+        lenses[1],
+        lenses[2],
+        lenses[3],
+        size,
+        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+        criteria=criteria,
     )
     return float(rms), float(K1[0, 0]), float(K2[0, 0]), float(np.linalg.norm(T)), _turn(np.asarray(R))
 

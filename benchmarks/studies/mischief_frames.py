@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.studies.mischief_case import IMAGE, Case, any_camera, later_placement, make_case, spoilt
+from benchmarks.studies.mischief_case import IMAGE, Case, any_camera, direction, later_placement, make_case, spoilt
 from benchmarks.studies.mischief_world import Pose, World, make_world
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, BoardPoint, Mark, Placement, Scale, Session
@@ -154,6 +154,31 @@ def wobbling_board(world: World, size: float, rng: np.random.Generator) -> Case:
         return replace(world.ball, dots_mm=world.ball.dots_mm + off)
 
     return make_case(replace(world, shape_of=shape_of), rng, ("board-shape", "parts-disagree", "lens", "scatter"))
+
+
+def moving_board(world: World, size: float, rng: np.random.Generator) -> Case:
+    """The board moves by up to so many mm, and turns by as much at its rim, between the exposures of the cameras."""
+    late = rng.uniform(-1, 1, (len(world.turns), len(world.cameras)))
+    way = [size * direction(rng) for _ in world.turns]
+    axis = [size / 400 * direction(rng) for _ in world.turns]
+
+    def ball_of(camera: int, placement: int) -> Pose:
+        t = late[placement, camera]
+        return exp_rotation(t * axis[placement]) @ world.turns[placement], world.places_mm[placement] + t * way[
+            placement
+        ]
+
+    return make_case(replace(world, ball_of=ball_of), rng, ("board-moving",))
+
+
+def mixed_moments(world: World, size: float, rng: np.random.Generator) -> Case:
+    """Images of every camera are in an order of their own."""
+    order = [rng.permutation(len(world.turns)) for _ in world.cameras]
+
+    def ball_of(camera: int, placement: int) -> Pose:
+        return world.turns[order[camera][placement]], world.places_mm[order[camera][placement]]
+
+    return make_case(replace(world, ball_of=ball_of), rng, ("board-moving", "unlinked"))
 
 
 def turned_ids(world: World, size: float, rng: np.random.Generator) -> Case:

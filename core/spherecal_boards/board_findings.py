@@ -32,11 +32,19 @@ from spherecal.diagnose.moves import (
     rows_of,
     scatters,
 )
-from spherecal.diagnose.run_checks import LITTLE_COVERAGE, STATED_LENGTH_MM, WEAK_FOCAL_SD, image_coverage
+from spherecal.diagnose.run_checks import (
+    LITTLE_COVERAGE,
+    STATED_LENGTH_MM,
+    WEAK_FOCAL_SD,
+    held_lenses,
+    image_coverage,
+    outliers,
+)
 from spherecal.diagnose.soundness import MANY_OUTLIERS, MOST_CAMERAS, unsound
 from spherecal.diagnose.swapped_cameras import swapped_cameras
 from spherecal_boards.board_result import Fit, groups_of
 from spherecal_boards.frames_evidence import FrameEvidence
+from spherecal_boards.moving_board import moving_board
 
 Shown = Literal["board", "bar"]
 # Pixels skewed by 1 to 4 px over the height, the same in all ten cameras, left lengths 3.1 to 3.7 U off although parts
@@ -89,6 +97,8 @@ def diagnosed(e: FrameEvidence | None, what: Shown) -> list[Finding]:
     found += [*moves, *unexplained_images(e, wrong, moved), *misfitting_lenses(e, anomalies, moved)]
     found += [*scattering_poses(e, anomalies), *wrong_focal_lengths(e), *noisy_cameras(e, moved), *dependent_parts(e)]
     found += unsound(e, found)
+    if what == "board":
+        found = moving_board(e, found)
     if any(f.code == "lens-misfit" and len(f.where) >= MOST_CAMERAS * e.placed.sum() for f in found):
         found = [_of_all_lenses(f) if f.code == "parts-disagree" else f for f in found]
     return [f if what == "board" else _of_single_frames(f) for f in found]
@@ -143,8 +153,7 @@ def _convergence(fit: Fit, what: Shown) -> list[Finding]:
 
 
 def _held(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    ids = tuple(session.cameras[c].id for c in np.flatnonzero(fit.has_prior & fit.placed))
-    return [Finding("intrinsics-held", "warning", where=ids, kind=what)] if ids else []
+    return held_lenses(session, fit.state.intrinsics, fit.has_prior & fit.placed, what)
 
 
 def _weak(session: Session, fit: Fit, what: Shown) -> list[Finding]:
@@ -184,5 +193,4 @@ def _outliers(session: Session, fit: Fit) -> list[Finding]:
     by_camera = np.bincount(fit.observations.camera[out], minlength=len(session.cameras))
     most = int(np.argmax(by_camera))
     values = {"out": count, "observations": candidates.sum(), "percent": 100 * share, "most": by_camera[most]}
-    severity = "warning" if share > MANY_OUTLIERS else "info"
-    return [Finding("outliers-removed", severity, values, (session.cameras[most].id,))]
+    return [outliers(values, share > MANY_OUTLIERS, session.cameras[most].id)]

@@ -145,6 +145,11 @@ class FrameEvidence(Evidence):
         """Lengths of the board or bar are part of the adjustment."""
         return True
 
+    @property
+    def of_frames(self) -> bool:
+        """They are."""
+        return True
+
     @cached_property
     def candidates(self) -> BoolArray:
         """Observations (n,) of placed cameras of which it is known where they should be, or that two cameras see."""

@@ -485,12 +485,20 @@
         <translation>Tafel</translation>
     </message>
     <message>
+        <source>The images show the rest (rows, columns, markers)</source>
+        <translation>Den Rest zeigen die Bilder (Zeilen, Spalten, Marker)</translation>
+    </message>
+    <message>
         <source>Save a sheet to print</source>
         <translation>Druckvorlage speichern</translation>
     </message>
     <message>
         <source>Calibrate with this board</source>
         <translation>Mit dieser Tafel kalibrieren</translation>
+    </message>
+    <message>
+        <source>Images of this board</source>
+        <translation>Bilder dieser Tafel</translation>
     </message>
     <message>
         <source>Chessboard</source>

@@ -485,12 +485,20 @@
         <translation>标定板</translation>
     </message>
     <message>
+        <source>The images show the rest (rows, columns, markers)</source>
+        <translation>其余由图像得出（行数、列数、标记）</translation>
+    </message>
+    <message>
         <source>Save a sheet to print</source>
         <translation>保存待打印的页</translation>
     </message>
     <message>
         <source>Calibrate with this board</source>
         <translation>用此标定板标定</translation>
+    </message>
+    <message>
+        <source>Images of this board</source>
+        <translation>此标定板的图像</translation>
     </message>
     <message>
         <source>Chessboard</source>

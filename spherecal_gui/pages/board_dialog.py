@@ -4,6 +4,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
+    QCheckBox,
     QComboBox,
     QDialog,
     QDoubleSpinBox,
@@ -16,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal.base.errors import SpherecalError
-from spherecal_boards.pattern_entry import board_entry
+from spherecal_boards.pattern_entry import SQUARED, board_entry, partial_board
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
 
@@ -24,17 +25,22 @@ _MARKED = ("charuco", "aprilgrid")
 
 
 class BoardDialog(QDialog):
-    """The fields of a board; `chosen` (as session.json has it) when somebody begins with it."""
+    """The fields of a board; `chosen` (as session.json has it) when somebody begins with it.
+
+    With `images` there are some that show it: what they can tell need not be stated.
+    """
 
     chosen = Signal(dict)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None, images: bool = False) -> None:
         super().__init__(parent)
+        self._images = images
         self.setWindowTitle(self.tr("Calibrate with a board"))
         self._guard = WheelGuard(self)
         column = QVBoxLayout(self)
         message = self.tr("No ball is needed. Show the board in a dozen places and tilts, to two cameras at a time.")
-        column.addWidget(label(message, "soft"))
+        if not images:
+            column.addWidget(label(message, "soft"))
         self.kind = QComboBox()
         for kind, text in self._kinds().items():
             self.kind.addItem(text, kind)
@@ -60,6 +66,9 @@ class BoardDialog(QDialog):
             grid.addWidget(self._labels[name], number, 0)
             grid.addWidget(part, number, 1)
             part.installEventFilter(self._guard)
+        self.looked = QCheckBox(self.tr("The images show the rest (rows, columns, markers)"))
+        self.looked.setChecked(images)
+        grid.addWidget(self.looked, len(self._parts) + 1, 1)
         column.addLayout(grid)
         self.problem = label("")
         set_level(self.problem, "bad")
@@ -67,12 +76,14 @@ class BoardDialog(QDialog):
         last = QHBoxLayout()
         self.sheet = button(self.tr("Save a sheet to print"), "board-sheet")
         self.sheet.clicked.connect(self._print)
-        self.begin = button(self.tr("Calibrate with this board"), "board-begin", "primary")
+        begin = self.tr("Images of this board") if images else self.tr("Calibrate with this board")
+        self.begin = button(begin, "board-begin", "primary")
         self.begin.clicked.connect(self._begin)
         for one in (self.sheet, self.begin):
             last.addWidget(one)
         column.addLayout(last)
         self.kind.currentIndexChanged.connect(self._kind_changed)
+        self.looked.toggled.connect(self._kind_changed)
         for spin in (self.rows, self.columns, self.pitch, self.marker):
             spin.valueChanged.connect(self._check)
         self.dictionary.textChanged.connect(self._check)
@@ -88,18 +99,25 @@ class BoardDialog(QDialog):
         }
 
     @property
-    def entry(self) -> dict[str, object]:
-        """The board as session.json has it."""
+    def _needed(self) -> dict[str, object]:
+        """The fields that somebody has to state, and their values."""
         kind = str(self.kind.currentData())
-        entry: dict[str, object] = {
-            "kind": kind,
-            "rows": int(self.rows.value()),
-            "columns": int(self.columns.value()),
-            "pitch_mm": self.pitch.value(),
-        }
-        if kind in _MARKED:
-            entry |= {"marker_mm": self.marker.value(), "dictionary": self.dictionary.text().strip()}
-        return entry
+        seen = self._images and self.looked.isChecked() and kind in SQUARED
+        fields: dict[str, object] = {"pitch": self.pitch.value()}
+        if not seen:
+            fields |= {"rows": int(self.rows.value()), "columns": int(self.columns.value())}
+        if kind == "aprilgrid" or (kind in _MARKED and not seen):
+            fields["marker"] = self.marker.value()
+        if kind in _MARKED and not seen:
+            fields["dictionary"] = self.dictionary.text().strip()
+        return fields
+
+    @property
+    def entry(self) -> dict[str, object]:
+        """The board as session.json has it, without what its images show."""
+        names = {"pitch": "pitch_mm", "marker": "marker_mm"}
+        fields = {names.get(name, name): value for name, value in self._needed.items()}
+        return {"kind": str(self.kind.currentData()), **fields}
 
     def _kind_changed(self) -> None:
         kind = str(self.kind.currentData())
@@ -130,14 +148,19 @@ class BoardDialog(QDialog):
             self._labels[name].setText(text)
             self._parts[name].setAccessibleName(text)
         self.dictionary.setText("DICT_APRILTAG_36h11" if tags else "DICT_5X5_100")
-        for part in (self._labels["marker"], self.marker, self._labels["dictionary"], self.dictionary):
-            part.setVisible(kind in _MARKED)
+        self.looked.setVisible(self._images and kind in SQUARED)
+        self.sheet.setVisible(not self._images)
+        needed = self._needed
+        for name, part in self._parts.items():
+            self._labels[name].setVisible(name in needed)
+            part.setVisible(name in needed)
         self._check()
 
     def _check(self) -> None:
         said = ""
         try:
-            board_entry(self.entry)
+            if partial_board(self.entry) is None:
+                board_entry(self.entry)
         except SpherecalError as error:
             said = " ".join(error_text(error)).strip()
         self.problem.setText(said)

@@ -85,7 +85,7 @@ class ImportDialog(QDialog):
         if not self.shows_board.isChecked():
             self._board = None
             return
-        dialog = BoardDialog(self)
+        dialog = BoardDialog(self, images=True)
         dialog.chosen.connect(self._set_board)
         dialog.finished.connect(lambda _: self.shows_board.setChecked(self._board is not None))
         dialog.open()

@@ -1,5 +1,7 @@
 """Recordings as people name them: ten in at most one command each, and what is refused when the session is made."""
 
+import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -135,3 +137,18 @@ def test_what_cannot_be_calibrated_is_refused_at_once(fault: str, tmp_path: Path
         spherecal.new_session(tmp_path / "s", tmp_path / "in")
     assert {"float": "2.tif", "cut": "2.png", "serial": "4711"}[fault] in str(refused.value)
     assert not (tmp_path / "s").exists()
+
+
+def test_a_camera_of_mirrored_images_is_called_mirrored(drawn_session: Path, tmp_path: Path) -> None:
+    """Some of its targets still decode, as themselves or as others, and nothing links it."""
+    session = tmp_path / "session"
+    shutil.copytree(drawn_session, session)
+    document = json.loads((session / "session.json").read_text(encoding="utf-8"))
+    camera = document["cameras"][1]["id"]
+    for place in document["placements"]:
+        path = session / place["images"][camera]
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, ::-1])
+    done = spherecal.calibrate_session(session)
+    found = [f for f in done.rig.quality.findings if f.code == "mirrored"]
+    assert [(f.kind, f.where) for f in found] == [("camera", (camera,))]
+    assert done.rig.quality.verdict == "not-valid"

@@ -10,7 +10,16 @@ import pytest
 from benchmarks.studies.judged import judged
 from benchmarks.studies.mischief import exchanged_halfway, fixed_intrinsics, mirrored, skew, twins, wrong_unit
 from benchmarks.studies.mischief_case import Case
-from benchmarks.studies.mischief_frames import FrameWorld, frame_lost, make_frame_world, out_of_step
+from benchmarks.studies.mischief_frames import (
+    FrameWorld,
+    bent_board,
+    frame_lost,
+    make_frame_world,
+    mixed_moments,
+    moving_board,
+    out_of_step,
+    wobbling_board,
+)
 from benchmarks.studies.mischief_motions import moved
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
@@ -87,6 +96,27 @@ def test_a_camera_that_was_knocked_is_named(method: str, size: float) -> None:
 def test_exchanged_cameras_are_named(method: str) -> None:
     case, done = spoilt(exchanged_halfway, method, 1)
     assert done.rig.quality.verdict == "not-valid" and set(case.names) <= set(codes(done)["cameras-swapped"])
+
+
+@pytest.mark.parametrize("size", [0.2, 1.0, 5.0])
+def test_a_board_that_moved_between_exposures_is_named_and_no_camera_blamed(size: float) -> None:
+    case, done = spoilt(moving_board, "board", size)
+    (found,) = (f for f in done.rig.quality.findings if f.code == "board-moving")
+    assert found.kind == "between" and 0.15 * size < found.values["size_mm"] < size
+    assert not {"camera-moved", "recording-contradicts"} & set(codes(done))
+    assert done.rig.quality.verdict == "not-valid" or not judged(done, case.reference).wrong
+
+
+@pytest.mark.parametrize("change", [(moved, 0.3), (moved, 30.0), (skew, 1.0), (bent_board, 1.0), (wobbling_board, 1.0)])
+def test_what_is_no_moving_board_is_not_called_one(change: tuple) -> None:
+    make, size = change
+    assert "board-moving" not in {f.code for f in spoilt(make, "board", size)[1].rig.quality.findings}
+
+
+def test_images_of_no_common_moment_are_named() -> None:
+    done = spoilt(mixed_moments, "board", 1)[1]
+    (found,) = (f for f in done.rig.quality.findings if f.code == "board-moving")
+    assert found.severity == "error" and done.rig.quality.verdict == "not-valid"
 
 
 def test_a_mirrored_camera_is_named() -> None:

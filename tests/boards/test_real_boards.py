@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 import spherecal
+from spherecal.base.context import Context, Progress
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.files.json_file import JsonValue
 from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board, spread
 from spherecal_boards.chessboard import find_chessboard
+from spherecal_boards.corner_fit import fit_corners
 from spherecal_boards.looking import boards_of, look_for_chessboard, look_for_markers
 from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_sim.rendered_board import paint
@@ -38,7 +41,7 @@ def noise_px(grids: list[np.ndarray], pattern: BoardPattern, size: tuple[int, in
 
 # camera -> pictures, those that show the board whole, most rms px. In one of cam02 there is none, in one of cam04 it is
 # cut off.
-CLOSE = {"cam01": (7, 7, 0.17), "cam02": (7, 6, 0.14), "cam03": (7, 7, 0.19), "cam04": (7, 6, 0.15)}
+CLOSE = {"cam01": (7, 7, 0.11), "cam02": (7, 6, 0.09), "cam03": (7, 7, 0.11), "cam04": (7, 6, 0.1)}
 
 
 @pytest.mark.parametrize("camera", CLOSE)
@@ -66,6 +69,26 @@ def test_what_normalising_needs(shared_data: Path) -> None:
     """Pictures in which only OpenCV's normalising or its older finder sees the board at full size."""
     for image in pictures(shared_data, "ucl/*.jpg"):
         assert find_chessboard(image, pattern("chessboard,rows=6,columns=9,pitch_mm=25")) is not None
+
+
+def test_corners_are_fitted_nearer_than_opencv_finds_them() -> None:
+    """On renders too, whose corners are known: 0.02 px where OpenCV's finder is off by 0.03."""
+    text = "chessboard,rows=6,columns=9,pitch_mm=20"
+    view = np.array([[3.0, 0.3, 100.4], [-0.3, 3.0, 120.7], [4e-4, -2e-4, 1.0]])
+    noise = np.random.default_rng(1).normal(0, 4, (900, 1100))
+    image = cv2.GaussianBlur(rendered(text, view, (1100, 900), outside=60, black=30), (0, 0), 1.2)
+    image = np.clip(image + noise, 0, 255).astype(np.uint8)
+    places = figure(pattern(text)).places_mm(pattern(text).points_mm)
+    truth = cv2.perspectiveTransform(places.reshape(-1, 1, 2), view).reshape(6, 9, 2)
+    fine = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    theirs = np.asarray(cv2.findChessboardCornersSB(image, (9, 6), flags=fine)[1], dtype=float).reshape(6, 9, 2)
+    theirs = min((theirs, theirs[::-1, ::-1]), key=lambda grid: np.abs(grid - truth).max())
+    start = truth + np.random.default_rng(2).normal(0, 0.8, truth.shape)
+    ours = find_chessboard(image, pattern(text))
+    off = [
+        np.sqrt(((grid - truth) ** 2).sum(axis=2).mean()) for grid in (ours, fit_corners(image, start, 45.0), theirs)
+    ]
+    assert max(off[:2]) < min(0.025, 0.8 * off[2])
 
 
 def rendered(
@@ -176,6 +199,28 @@ def test_a_board_by_its_kind_and_the_size_of_a_square(shared_data: Path, tmp_pat
     assert main(["calibrate", str(tmp_path / "s"), "-o", str(tmp_path / "r")]) == 0  # auto takes the board
     rig = spherecal.load_rig(tmp_path / "r" / "rig.json")
     assert rig.scale.source == "board"
+
+
+def test_the_first_twenty_without_a_board_are_the_end(tmp_path: Path) -> None:
+    """What was seen and what would fit is said after 20 of 31 images, counted while it looks."""
+    text = "chessboard,rows=6,columns=9,pitch_mm=20"
+    (tmp_path / "in" / "cam").mkdir(parents=True)
+    for number in range(31):
+        view = np.array([[2.0, 0.2, 60.0 + number], [-0.1, 2.0, 80.0], [2e-4, 1e-4, 1.0]])
+        cv2.imwrite(str(tmp_path / "in" / "cam" / f"{number:03d}.png"), rendered(text, view, outside=200))
+    wrong = text.replace("columns=9", "columns=8")
+    spherecal.new_session(tmp_path / "s", tmp_path / "in", pattern="{camera}/{placement}.png", board=wrong)
+    counted: list[int] = []
+
+    def count(step: Progress) -> None:
+        if step.stage == "finding boards" and isinstance(step.detail, Phrase):
+            counted.append(step.detail.values["number"])
+
+    with pytest.raises(InputError) as refused:
+        spherecal.calibrate_session(tmp_path / "s", method="board", context=Context(on_progress=count))
+    assert refused.value.code == "error-board-not-in-first" and "none of 20 of its 31 images" in refused.value.message
+    assert counted == list(range(1, 21))
+    assert "--board chessboard,rows=6,columns=9,pitch_mm=20" in refused.value.hint
 
 
 def test_nothing_is_seen_in_noise() -> None:

@@ -18,6 +18,7 @@ from benchmarks.studies.boards import BASELINE_MM, render_set
 from spherecal_app.cli.main import main
 from spherecal_gui.coverage import BOARD_VIEWS, Dots, board_needs
 from spherecal_gui.pages.board_dialog import BoardDialog
+from spherecal_gui.pages.import_dialog import ImportDialog
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.results_page import ResultsPage
 from spherecal_gui.presenters.connect_presenter import bench_rows
@@ -99,6 +100,33 @@ def test_the_dialog_describes_the_board_and_says_what_cannot_be(qtbot, tmp_path:
     with qtbot.waitSignal(dialog.chosen) as told:
         dialog.begin.click()
     assert told.args == [{"kind": "chessboard", "rows": 6, "columns": 9, "pitch_mm": 30.0}]
+
+
+def test_images_of_a_board_need_its_kind_and_the_size_of_a_square(qtbot, shared_data: Path, tmp_path: Path) -> None:
+    images = shared_data / "foreign" / "board-not-found" / "invert"
+    if not images.is_dir():
+        pytest.skip(f"no {images}")
+    dialog = ImportDialog(images, tmp_path)
+    qtbot.addWidget(dialog)
+    dialog.shows_board.click()
+    (asked,) = dialog.findChildren(BoardDialog)
+    assert set(asked.entry) == {"kind", "pitch_mm"} and asked.rows.isHidden() and asked.begin.isEnabled()
+    asked.kind.setCurrentIndex(asked.kind.findData("aprilgrid"))
+    assert set(asked.entry) == {"kind", "pitch_mm", "marker_mm"}
+    asked.kind.setCurrentIndex(asked.kind.findData("circles"))
+    assert set(asked.entry) == {"kind", "pitch_mm", "rows", "columns"}
+    asked.kind.setCurrentIndex(asked.kind.findData("charuco"))
+    asked.looked.setChecked(False)
+    assert set(asked.entry) == {"kind", "pitch_mm", "rows", "columns", "marker_mm", "dictionary"}
+    asked.looked.setChecked(True)
+    asked.pitch.setValue(45.0)
+    asked.begin.click()
+    with qtbot.waitSignal(dialog.imported, timeout=60_000) as told:
+        dialog.start()
+    folder, assumed = told.args
+    board = json.loads((Path(folder) / "session.json").read_text(encoding="utf-8"))["board"]
+    assert (board["rows"], board["columns"], board["polarity"]) == (5, 7, "light-on-dark")
+    assert "--board charuco,rows=5,columns=7" in assumed
 
 
 def test_a_board_begins_a_project_with_live_cameras(qtbot, tmp_path: Path) -> None:

@@ -73,6 +73,13 @@ RULES: dict[str, Rule] = {
     "image-repeated": Rule("not-valid", "As wrong-placement; reported before anything is computed."),
     "image-contradicts": Rule("not-valid", "Most of an image contradicts the rest: as camera-moved, size unknown."),
     "images-rejected": Rule("not-valid", "As image-contradicts; a camera keeps 96 to 100 % on clean rigs."),
+    "board-moving": _care(
+        "cameras",
+        "Widened by lens-misfit and by what parts disagree; not valid where a camera or an image would be blamed. "
+        "Moved by 0.2 and 1 mm between exposures: errors of lengths within U, of cameras too.",
+        (10.0, 3.0, 2.0),
+        3.0,
+    ),
     "cameras-swapped": Rule("not-valid", "Each camera has the other's pose: as far off as the two are apart."),
     "placements-contradict": Rule("not-valid", "As if the ball had changed by over 1 mm: no ball does."),
     "placements-repeated": Rule("not-valid", "Four copies of one placement: lengths 5.4 mm off at U = 1.7 mm."),

@@ -8,6 +8,7 @@ import numpy as np
 from spherecal.adjust.corrections import has_estimated_lenses
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.anomalies import Anomalies
@@ -16,6 +17,8 @@ from spherecal.diagnose.lens_models import WORTH, best_lenses
 from spherecal.diagnose.score import change_of
 from spherecal.geometry.camera import undistort
 from spherecal.geometry.resection import resect
+from spherecal.targets.images import read_image
+from spherecal.targets.why_nothing import reads_mirrored
 
 # Cameras of one kind scatter within 10 % of each other; twice the median is no chance (400 points: 3 % standard error).
 NOISY = 2.0
@@ -34,6 +37,7 @@ ASTRAY_BY, ASTRAY_SD = 0.2, 0.01
 # An unplaced camera is tried with other focal lengths; points within this of their place count (unknown distortion).
 TRIED_FACTORS = np.geomspace(1 / 3, 3.0, 24)
 TRIED_PX, TRIED_SHARE, TRIED_POINTS = 12.0, 0.7, 30
+TRIED_IMAGES = 2  # of a camera without a pose, whether a mirror shows more: a second each
 
 
 def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
@@ -181,7 +185,13 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
     """Cameras without a pose that another focal length would place."""
     found = []
     points = e.solution.state.points[e.features.of_observation]
-    for c in np.flatnonzero(~e.placed & ~e.is_earlier_pose):
+    seen, used = (np.bincount(e.observations.camera[some], minlength=len(prior)) for some in (slice(None), e.used))
+    for c in np.flatnonzero((~e.placed | (2 * used < seen)) & ~e.is_earlier_pose):
+        if _images_mirrored(e, e.camera_ids[c]):
+            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
+            continue
+        if e.placed[c]:
+            continue
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:
             continue
@@ -195,6 +205,18 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
             values = _prior_values(prior[c], prior[c] * factor) | {"fit_percent": 100 * shares[best]}
             found.append(Finding("prior-focal-length", "warning", values, (e.camera_ids[c],), kind="unplaced"))
     return found
+
+
+def _images_mirrored(e: Evidence, camera: str) -> bool:
+    """Whether the images of a camera have far more targets as a mirror shows them (9 of 54, 3 of them as others)."""
+    paths = [p.images[camera] for p in e.session.placements if camera in p.images]
+    targets = e.session.target_set
+    if targets is None:
+        return False
+    try:
+        return any(reads_mirrored(read_image(path), targets) for path in paths[:TRIED_IMAGES])
+    except InputError:  # recorded observations need no images
+        return False
 
 
 def _share_with(

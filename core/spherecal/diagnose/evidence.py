@@ -62,6 +62,11 @@ class Evidence:
         """Whether millimetres are part of the adjustment, and not given to it afterwards."""
         return False
 
+    @property
+    def of_frames(self) -> bool:
+        """Whether placements are frames of a board or a bar, of which there may be few."""
+        return False
+
     @cached_property
     def is_earlier_pose(self) -> BoolArray:
         """Which of the cameras (c,) are earlier poses of others (`--split`)."""

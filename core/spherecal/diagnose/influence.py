@@ -23,6 +23,9 @@ from spherecal.geometry.volume_map import LENGTH_MM, measured_volume
 # Adjustments of noise alone that the real one is compared with; so many standard deviations above their mean is beyond
 # chance.
 DRAWS, BEYOND = 16, 4.0
+# Frames of a board are few, and nothing but their number keeps them from being certain: halves of 3 of 28 real pictures
+# were up to 5.9 stated standard deviations apart (nominal points of a print that was 0.04 mm off).
+BEYOND_OF_FRAMES = 1.0
 # What is less than this is not worth a word (cameras.SCATTERING).
 LEAST_TIMES = 1.3
 # What several parts have in common shows only in part when one is left out: five cameras of ten on a beam that sagged
@@ -75,7 +78,7 @@ def influence(e: Evidence) -> Influence | None:
     residuals = np.column_stack([probe.residual, probe.past_unknowns(noise)])
     by_scores = cofactors.by_scores(np.concatenate(functions))
     changes = np.stack(list(_changes(probe, by_scores, image, residuals)), axis=1)  # (1 + draws, images, functions)
-    growth = [1.0, 1.0]
+    growth, beyond = [1.0, 1.0], BEYOND_OF_FRAMES if e.of_frames else BEYOND
     for group in groupings:
         count = int(group.max()) + 1
         if count < LEAST_GROUPS:
@@ -86,7 +89,7 @@ def influence(e: Evidence) -> Influence | None:
         together = together - together.mean(axis=1, keepdims=True)
         parts = np.split(together, [len(functions[0])], axis=2)
         for k, (own, variance) in enumerate(zip(parts, variances, strict=True)):
-            growth[k] = max(growth[k], _growth(_squares(own, variance)))
+            growth[k] = max(growth[k], _growth(_squares(own, variance), beyond))
     lengths, poses = growth
     return Influence(lengths, IN_COMMON * poses if poses > LEAST_TIMES else poses)
 
@@ -121,9 +124,10 @@ def length_functions(e: Evidence, columns: IntArray) -> tuple[FloatArray, float]
 
 
 def _poses(e: Evidence, probe: ScoreTest) -> FloatArray:
-    """The poses of the placed cameras as functions (6k, c*w) of all cameras' parameters."""
-    own = (probe.linear.width * np.flatnonzero(e.placed)[:, None] + np.arange(POSE)).ravel()
-    return np.eye(len(e.placed) * probe.linear.width)[own]
+    """The poses of the placed cameras, of boards their intrinsics too, as functions (m, c*w) of all parameters."""
+    width = probe.linear.width
+    own = (width * np.flatnonzero(e.placed)[:, None] + np.arange(width if e.of_frames else POSE)).ravel()
+    return np.eye(len(e.placed) * width)[own]
 
 
 def _changes(
@@ -146,9 +150,9 @@ def _squares(changes: FloatArray, variance: FloatArray) -> FloatArray:
     return count / (count - 1) * ((changes[..., varies] ** 2).sum(axis=1) / variance[varies]).mean(axis=1)
 
 
-def _growth(squares: FloatArray) -> float:
+def _growth(squares: FloatArray, beyond: float = BEYOND) -> float:
     """The growth of standard uncertainties by squares (1 + draws,), the first of them of the real residuals."""
     real, noise = squares[0], squares[1:]
-    if not real > noise.mean() + BEYOND * noise.std():
+    if not real > noise.mean() + beyond * noise.std():
         return 1.0
     return float(np.sqrt(real / noise.mean()))

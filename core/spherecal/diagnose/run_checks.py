@@ -1,6 +1,7 @@
 """What a calibration says about itself: findings with their values."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -16,7 +17,7 @@ from spherecal.data.session import Session
 from spherecal.data.verdict import ruled
 from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.soundness import locked, outlier_share, unsound
+from spherecal.diagnose.soundness import MANY_OUTLIERS, locked, outlier_share, unsound
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_findings
 from spherecal.initialise.view_graph import MIN_COMMON
 
@@ -161,8 +162,18 @@ def _mirrored(e: Evidence) -> bool:
 
 
 def _held_intrinsics(e: Evidence) -> list[Finding]:
-    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.solved.has_prior & e.placed))
-    return [Finding("intrinsics-held", "warning", where=ids, kind="ball")] if ids else []
+    return held_lenses(e.session, e.solution.state.intrinsics, e.solved.has_prior & e.placed, "ball")
+
+
+def held_lenses(session: Session, intrinsics: FloatArray, held: BoolArray, kind: str) -> list[Finding]:
+    """The finding on lenses (c,) that are held near their priors: which, and their focal lengths in px beside these."""
+    own = np.flatnonzero(held)
+    if not len(own):
+        return []
+    ids = tuple(session.cameras[c].id for c in own)
+    now = [f"{session.cameras[c].id} {intrinsics[c, 0]:.0f} px ({session.cameras[c].prior[0]:.0f})" for c in own[:8]]
+    values = {"held": [*now, *(["..."] if len(own) > 8 else [])]}
+    return [Finding("intrinsics-held", "warning", values, ids, kind=kind)]
 
 
 def _weak_self_calibration(e: Evidence) -> list[Finding]:
@@ -232,7 +243,15 @@ def _outliers(e: Evidence) -> list[Finding]:
     by_camera = np.bincount(e.observations.camera[out], minlength=len(e.camera_ids))
     most = int(np.argmax(by_camera))
     values = {"out": count, "observations": total, "percent": 100 * count / total, "most": by_camera[most]}
-    return [Finding("outliers-removed", "warning" if many else "info", values, (e.camera_ids[most],))]
+    return [outliers(values, many, e.camera_ids[most])]
+
+
+def outliers(values: dict[str, Any], many: bool, camera: str) -> Finding:
+    """The finding on observations that were left out, `many` or a few; `camera` had most."""
+    if many:
+        values = values | {"limit_percent": 100 * MANY_OUTLIERS}
+        return Finding("outliers-removed", "warning", values, (camera,), kind="many")
+    return Finding("outliers-removed", "info", values, (camera,))
 
 
 def _scale(e: Evidence) -> list[Finding]:

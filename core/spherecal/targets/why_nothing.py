@@ -54,6 +54,12 @@ def why_nothing_in(paths: Sequence[Path], targets: TargetSet) -> Cause:
     return next(cause for cause in telling if cause.kind == most)
 
 
+def reads_mirrored(image: GreyImage, targets: TargetSet) -> bool:
+    """Whether far more targets are found in the image (h, w) as a mirror shows it; some read as others as it is."""
+    found = _found(image[:, ::-1], targets)
+    return found >= _LEAST_TARGETS and found > 2 * _found(image, targets)
+
+
 _NOT_THERE = Cause("no-targets", Phrase("nothing-there"), Phrase("nothing-there-remedy"))
 
 
@@ -91,8 +97,8 @@ def _with_a_change(image: GreyImage, targets: TargetSet) -> Cause | None:
         else:
             seen, remedy = Phrase("nothing-polarity-light", {"targets": found}), Phrase("nothing-polarity-light-remedy")
         return Cause("polarity", seen, remedy)
-    found, as_is = _found(image[:, ::-1], targets), _found(image, targets)
-    if found >= _LEAST_TARGETS and found > 2 * as_is:
+    if reads_mirrored(image, targets):
+        found = _found(image[:, ::-1], targets)
         return Cause("mirrored", Phrase("nothing-mirrored", {"targets": found}), Phrase("nothing-mirrored-remedy"))
     if strangers := _strangers(image, targets):
         values = {"targets": len(strangers), "ids": strangers[:8]}

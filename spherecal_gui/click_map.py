@@ -14,7 +14,10 @@ _EVERY_MS = 100
 
 
 class ClickMap(QObject):
-    """Writes the visible buttons' places several times a second: key -> [x, y, enabled, text, has the focus]."""
+    """Writes the visible buttons' places several times a second: key -> [x, y, enabled, text, has the focus].
+
+    `enabled`: a press is heard now; on a button that has just changed its meaning it is not (footer.QUIET_S).
+    """
 
     def __init__(self, path: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -35,8 +38,9 @@ class ClickMap(QObject):
                 if one.isVisible():
                     middle = one.mapToGlobal(one.rect().center())
                     key = str(one.property("key") or one.objectName())
+                    heard = one.isEnabled() and not one.property("quiet")
                     text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
-                    found[key] = [middle.x(), middle.y(), one.isEnabled(), text, one.hasFocus()]
+                    found[key] = [middle.x(), middle.y(), heard, text, one.hasFocus()]
         write_whole(self._path, json.dumps(found).encode())
 
 

@@ -171,3 +171,26 @@ def test_a_press_that_was_meant_for_something_else_is_not_heard(qtbot, tmp_path)
     qtbot.waitUntil(lambda: not footer.is_quiet)
     QTest.mouseClick(footer.action, Qt.MouseButton.LeftButton)
     assert heard == [True, True]
+
+
+def test_the_map_tells_when_a_press_is_heard(qtbot, tmp_path):
+    """A driver pressed "The images are good" on a new page: that was not heard, and it waited for ever."""
+    from spherecal_gui.project import Project
+    from spherecal_gui.standing import Button, Said, Standing
+    from spherecal_gui.workflow import Running, resolve
+
+    footer = Footer()
+    qtbot.addWidget(footer)
+    footer.show()
+    file = tmp_path / "map.json"
+    found = ClickMap(file)
+    found._timer.stop()
+    said = Said("none", "", Button("Calibrate", "calibrate"))
+    state = resolve(Project(tmp_path, "simulated:demo", step="calibrate"), Running())
+    footer.show_standing(Standing("none", "", "action", said), state, False)
+    found.write()
+    assert footer.is_quiet and footer.action.isEnabled()
+    assert not json.loads(file.read_text())["action"][2]
+    qtbot.waitUntil(lambda: not footer.is_quiet)
+    found.write()
+    assert json.loads(file.read_text())["action"][2]

@@ -92,8 +92,15 @@ class Driver:
         button = self.buttons().get(key)
         return bool(button and button[2])
 
+    def settle(self) -> None:
+        """Until the window has dealt with what was pressed and told twice since what can be pressed now."""
+        for _ in range(2):
+            ticks = self.buttons().get("", [0])[0]
+            self.wait(lambda ticks=ticks: self.buttons().get("", [0])[0] != ticks, "the window answers")
+
     def click(self, key: str) -> None:
         """Move the mouse there and press."""
+        self.settle()
         self.wait(lambda: self.enabled(key), f"{key} can be pressed")
         x, y = self.buttons()[key][:2]
         words = ["xdotool", "mousemove", str(x), str(y), "sleep", "0.1", "click", "1"]

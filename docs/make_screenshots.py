@@ -49,6 +49,7 @@ class Photographer:
         self.window: Any = app.make_window(projects)  # each page has widgets of its own
         self.window.showNormal()  # not maximised, as it is at the first start
         self.window.header.dark.setChecked(False)
+        self.window.header.goes_on.setChecked(False)
         self.window.resize(*SIZE)
 
     def live(self, seconds: float) -> None:

@@ -27,7 +27,6 @@ from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.tile import Wall
-from spherecal_gui.wizard.keys import SEEN_S
 from spherecal_gui.workflow import Step
 
 _HOLD_PX = 8
@@ -50,8 +49,6 @@ class PlacementPage(LivePage):
         self._drawn: object = None
         self._lacking = True  # a camera needs more dots, over all placements and what it sees now
         self._carried_s = 0.0
-        self._by_itself = False  # what is shown was captured by itself
-        self._good_since: float | None = None
         controller.advice.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
@@ -85,7 +82,7 @@ class PlacementPage(LivePage):
         row = QHBoxLayout()
         self.automatic = option(self.tr("Capture by itself when still"))
         self.automatic.setObjectName("automatic")
-        self.automatic.setToolTip(self.tr("Goes on to the next placement by itself too, where nothing is wrong."))
+        self.automatic.setToolTip(self.tr("Once the ball lies still where it should."))
         row.addWidget(self.automatic)
         row.addStretch(1)
         sets, cameras = self.controller.sets, self.controller.cameras
@@ -174,7 +171,6 @@ class PlacementPage(LivePage):
     def enter(self, step: Step) -> None:
         """Another placement: draw everything again."""
         self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
-        self._by_itself, self._good_since = False, None
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
@@ -259,10 +255,8 @@ class PlacementPage(LivePage):
         taken = waiting and self._trigger.feed(facts.scene, time.monotonic())
         self._show_hold(waiting)
         if taken:
-            self._by_itself = True
             self._take()
         self._carry()
-        self._go_on_by_itself()
 
     def _facts_of(self, scene: Scene) -> PlacementFacts:
         """What is known of this placement now."""
@@ -316,18 +310,6 @@ class PlacementPage(LivePage):
         if now - self._carried_s > _CARRY_S and not guidance.coarse and self.controller.staging.can_put_there:
             self._carried_s = now
             self.controller.staging.put_there()
-
-    def _go_on_by_itself(self) -> None:
-        """On to the next placement, once what was captured by itself has been in sight for a while and is good."""
-        state, standing = self.controller.state, self.standing()
-        after = state.after(state.current) if state is not None else None
-        good = self.is_taken and standing.default == "next" and standing.level == "good"
-        if not (self._by_itself and good and self.automatic.isChecked()) or after is None:
-            self._good_since = None
-        elif self._good_since is None:
-            self._good_since = time.monotonic()
-        elif after.step.kind == "placement" and time.monotonic() - self._good_since > SEEN_S:
-            self.controller.go(after.step.id)
 
     def _show_hold(self, waiting: bool) -> None:
         """How long it must still lie: until it is taken by itself, then until all images are there."""

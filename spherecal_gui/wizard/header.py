@@ -71,6 +71,9 @@ class Header(QFrame):
         self.dark = self._option(self.tr("Dark"), self.tr("Light letters on a dark ground."))
         self.far = self._option(self.tr("Large text"), self.tr("Larger letters, to read from three metres."))
         self.mute = self._option(self.tr("Mute"), self.tr("No sounds for accepted, rejected and done."))
+        self.goes_on = self._option(
+            self.tr("Go on by itself"), self.tr("On to the next step a second after one is done and nothing is wrong.")
+        )
         self.show_log = self._option(self.tr("Log"), self.tr("What the program has done, line by line."))
         self.menu.addMenu(self._languages(language))
         self.menu.addSeparator()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QFocusEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
-from PySide6.QtWidgets import QDialog, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
@@ -23,7 +23,7 @@ from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.bench_editor import show_bench
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
-from spherecal_gui.wizard.keys import Guard, Keys
+from spherecal_gui.wizard.keys import Guard, Keys, Onward
 from spherecal_gui.wizard.limits_viewer import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.workflow import Status, Step
@@ -52,6 +52,7 @@ class WizardWindow(WindowFrame):
         self._alarmed = False
         self._ticks = 0
         self.guard = Guard()
+        self.onward = Onward()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
         self._timed: BackgroundTask | None = None  # the work whose time is shown
@@ -326,6 +327,7 @@ class WizardWindow(WindowFrame):
                 self.page.show_standing()
         task = self.controller.runner.task
         self._show_doing(task)
+        self._go_on()
         live = self.controller.cameras.live
         if live is None:
             return
@@ -382,6 +384,15 @@ class WizardWindow(WindowFrame):
         if after is not None and after.open and self.page is not None and not self.page.said().stay:
             self.banner.hide()
             self.controller.go(after.step.id)
+
+    def _go_on(self) -> None:
+        """On to the next step by itself; not under a dialog, nor under a finger."""
+        if not (self.header.goes_on.isChecked() and self._own) or self.page is None or self._shown_step is None:
+            return
+        busy = self.controller.runner.running is not None or QApplication.activeModalWidget() is not None
+        pressed = QApplication.mouseButtons() != Qt.MouseButton.NoButton
+        if not (busy or pressed) and self.onward.feed(self._shown_step, self.page.standing()):
+            self.go_next()
 
     def go_back(self) -> None:
         """The step before."""

@@ -1663,6 +1663,14 @@ px</translation>
         <translation>Keine Töne für angenommen, abgelehnt und fertig.</translation>
     </message>
     <message>
+        <source>Go on by itself</source>
+        <translation>Von selbst weitergehen</translation>
+    </message>
+    <message>
+        <source>On to the next step a second after one is done and nothing is wrong.</source>
+        <translation>Eine Sekunde nachdem ein Schritt fertig ist und nichts fehlt, weiter zum nächsten.</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>Protokoll</translation>
     </message>
@@ -2384,10 +2392,6 @@ px</translation>
         <translation>Bei Ruhe selbst aufnehmen</translation>
     </message>
     <message>
-        <source>Goes on to the next placement by itself too, where nothing is wrong.</source>
-        <translation>Geht auch von selbst zur nächsten Aufstellung weiter, wenn alles in Ordnung ist.</translation>
-    </message>
-    <message>
         <source>Retake</source>
         <translation>Neu aufnehmen</translation>
     </message>
@@ -2426,6 +2430,10 @@ px</translation>
     <message>
         <source>Fixed again</source>
         <translation>Wieder fest</translation>
+    </message>
+    <message>
+        <source>Once the ball lies still where it should.</source>
+        <translation>Sobald die Kugel dort ruht, wo sie soll.</translation>
     </message>
     <message>
         <source>The cameras that were moved are fixed: they count as they stand now.</source>
@@ -3627,6 +3635,10 @@ mm</translation>
         <translation>Ja, das stimmt</translation>
     </message>
     <message>
+        <source>{cameras}. Is this on the bench?</source>
+        <translation>{cameras}. Stimmen die Messmittel?</translation>
+    </message>
+    <message>
         <source>The images are good</source>
         <translation>Die Bilder sind gut</translation>
     </message>
@@ -3705,6 +3717,10 @@ mm</translation>
     <message>
         <source>The images are there; their dots are being found</source>
         <translation>Die Bilder sind da; ihre Punkte werden gesucht</translation>
+    </message>
+    <message>
+        <source>Retake it, or keep it as it is</source>
+        <translation>Neu aufnehmen oder so behalten</translation>
     </message>
     <message>
         <source>Captured. Press space to go on</source>

@@ -1663,6 +1663,14 @@ px</translation>
         <translation>接受、拒绝和完成时不发声。</translation>
     </message>
     <message>
+        <source>Go on by itself</source>
+        <translation>自动进入下一步</translation>
+    </message>
+    <message>
+        <source>On to the next step a second after one is done and nothing is wrong.</source>
+        <translation>一步完成且无异常时，一秒后进入下一步。</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>日志</translation>
     </message>
@@ -2384,10 +2392,6 @@ px</translation>
         <translation>静止时自动拍摄</translation>
     </message>
     <message>
-        <source>Goes on to the next placement by itself too, where nothing is wrong.</source>
-        <translation>若一切正常，也会自动进入下一次摆放。</translation>
-    </message>
-    <message>
         <source>Retake</source>
         <translation>重拍</translation>
     </message>
@@ -2426,6 +2430,10 @@ px</translation>
     <message>
         <source>Fixed again</source>
         <translation>已重新固定</translation>
+    </message>
+    <message>
+        <source>Once the ball lies still where it should.</source>
+        <translation>球在应在的位置静止后。</translation>
     </message>
     <message>
         <source>The cameras that were moved are fixed: they count as they stand now.</source>
@@ -3627,6 +3635,10 @@ mm</translation>
         <translation>是，一致</translation>
     </message>
     <message>
+        <source>{cameras}. Is this on the bench?</source>
+        <translation>{cameras}。台上放的是这些吗？</translation>
+    </message>
+    <message>
         <source>The images are good</source>
         <translation>图像良好</translation>
     </message>
@@ -3705,6 +3717,10 @@ mm</translation>
     <message>
         <source>The images are there; their dots are being found</source>
         <translation>图像已拍好；正在寻找圆点</translation>
+    </message>
+    <message>
+        <source>Retake it, or keep it as it is</source>
+        <translation>请重拍，或按现状保留</translation>
     </message>
     <message>
         <source>Captured. Press space to go on</source>

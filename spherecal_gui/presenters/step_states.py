@@ -63,6 +63,8 @@ def connect_says(f: ConnectFacts) -> Said:
     else:
         why = translate("State", "It was confirmed already.") if done else ""
     words = translate("State", "Bench confirmed") if done else translate("State", "Yes, this matches")
+    if level == "good" and not why:
+        text = translate("State", "{cameras}. Is this on the bench?").format(cameras=text)
     return Said(level, text, Button(words, "confirm", not why, why, done=done and not f.busy, accepts=True))
 
 
@@ -202,6 +204,7 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
     return _first(
         (f.work == "exposing", "caution", translate("State", "Hold still: images are being captured")),
         (f.work == "computing", "none", translate("State", "The images are there; their dots are being found")),
+        (f.taken and f.flawed, "none", translate("State", "Retake it, or keep it as it is")),
         (f.taken, "good", translate("State", "Captured. Press space to go on")),
         (bool(lost), "bad", reason_text(Reason("cameras lost", scene.lost))),
         (f.recorded and not seen, "bad", translate("State", "The recording shows no targets here")),

@@ -35,9 +35,9 @@ class ClickMap(QObject):
         for window in QApplication.topLevelWidgets():
             buttons: list[QWidget] = [*window.findChildren(QPushButton), *window.findChildren(QCheckBox)]
             for one in buttons:
-                if one.isVisible():
+                key = str(one.property("key") or one.objectName())
+                if one.isVisible() and key:  # one without a key would stand where the count is
                     middle = one.mapToGlobal(one.rect().center())
-                    key = str(one.property("key") or one.objectName())
                     heard = one.isEnabled() and not one.property("quiet")
                     text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
                     found[key] = [middle.x(), middle.y(), heard, text, one.hasFocus()]

@@ -17,7 +17,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QCheckBox, QPushButton, QWidget
 
 from spherecal_gui.click_map import ClickMap
 from spherecal_gui.controllers.camera_controller import CameraController
@@ -98,6 +98,7 @@ def test_the_map_of_buttons_says_that_the_window_has_answered(qtbot, tmp_path):
     around = QWidget()
     one = QPushButton("Next", around)
     one.setProperty("key", "next")
+    QCheckBox("Put it to use now", around)  # it has no key, and stood where the count is: the walk waited for ever
     qtbot.addWidget(around)
     around.show()
     file = tmp_path / "map.json"

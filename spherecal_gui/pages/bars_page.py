@@ -6,6 +6,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.pages.rig_space import RigSpace
 from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.step_states import BarFacts, bar_says, seeing
 from spherecal_gui.standing import Deed, Said
@@ -28,7 +29,8 @@ class ScalePage(LivePage):
         self.poses.setSpacing(18)
         self.column.addLayout(self.poses)
         self.wall = Wall()
-        self.column.addWidget(self.wall, 1)
+        self.space: RigSpace | None = None
+        self._put_wall()
         self.row = QHBoxLayout()
         self.again = button(self.tr("Retake the last pose"), "retake-pose")
         self.again.clicked.connect(self._retake)
@@ -36,6 +38,14 @@ class ScalePage(LivePage):
         self.row.addWidget(self.again)
         self.column.addLayout(self.row)
         self._last: str | None = None
+
+    def _put_wall(self) -> None:
+        """The images, and the scene beside them."""
+        self.space = RigSpace(self.controller)
+        row = QHBoxLayout()
+        row.addWidget(self.wall, 5)
+        row.addWidget(self.space.view, 3)
+        self.column.addLayout(row, 1)
 
     @property
     def headline(self) -> QLabel:
@@ -111,7 +121,27 @@ class ScalePage(LivePage):
         if self.project is None or self.wall.isHidden():
             return
         self.follow()
+        self._follow_space()
         self.show_standing()
+
+    def _follow_space(self) -> None:
+        """The bar as it lies, in the rig as the placements have it."""
+        from spherecal_gui.tasks.ghost import bar_ends  # needs scipy
+
+        known = self.controller.advice.known
+        if self.space is None:
+            return
+        ends = None
+        if known is not None and known.ghost is not None:
+            dots = {name: sight.dots for name, sight in self.sights().items()}
+            ends = bar_ends(known.ghost.lenses, dots, self.bar_targets())
+        self.space.follow({}, *self.tiles_now(), bars=(ends,) if ends is not None else (), with_ball=False)
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        if self.space is not None:
+            self.space.view.close_view()
+        super().close_page()
 
     def bar_facts(self) -> BarFacts:
         """The pose to take next, and who sees the bar."""

@@ -14,6 +14,7 @@ from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.pages.rig_space import LOOK_S
 from spherecal_gui.presenters.guidance_presenter import is_enough, next_text, now_text
 from spherecal_gui.presenters.look_presenter import TileState
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists, need_text
@@ -32,7 +33,6 @@ from spherecal_gui.workflow import Step
 _HOLD_PX = 8
 _TALL_PX = 700  # of a page on a larger screen than 1280 x 800
 _CARRY_S = 5.0  # until it is moved again: where it was last seen may be older than where it lay
-_LOOK_S = 0.25  # between two looks at the ball; one takes 8 to 11 ms (6 cameras, 260 dots each)
 
 
 class PlacementPage(LivePage):
@@ -420,8 +420,9 @@ class PlacementPage(LivePage):
     def _look_at_ball(self) -> None:
         """Where the ball is against its ghost, some times a second."""
         now = time.monotonic()
-        if self.is_taken or self.is_taking or now - self._looked_s < _LOOK_S:
+        if self.is_taken or self.is_taking or now - self._looked_s < LOOK_S:
             return
+        self.controller.advice.survey(self.sights())
         if self.controller.advice.look_at_ball(self.sights()):
             self._looked_s = now
 
@@ -441,10 +442,10 @@ class PlacementPage(LivePage):
 
     def _show_space(self) -> None:
         """The ball as it lies now, the cameras' images and how they are, in the scene."""
-        data, guidance, lying = self.space.data, self.controller.advice.guidance, self.controller.advice.lying
+        data, known, lying = self.space.data, self.controller.advice.known, self.controller.advice.lying
         if data is None or not self.space.isVisible():
             return
-        to_go, ghost = self.controller.advice.to_go, guidance.ghost if guidance is not None else None
+        to_go, ghost = self.controller.advice.to_go, known.ghost if known is not None else None
         ball = live_ball(data, ghost, lying) if ghost is not None and not self.is_taken else None
         levels, images = self.tiles_now()
         self.space.show_live(LiveParts(ball, to_go is not None and to_go.near, (), levels, images))
@@ -467,9 +468,12 @@ class PlacementPage(LivePage):
         """The engine's advice, where it gives one."""
         shown, planning = self.controller.advice.guidance, self.controller.advice.planning
         at = self.tabs.indexOf(self.guidance)
-        if self.space.data is None and shown is None:  # as the cameras stood when they were calibrated last
-            known = rig_in_use(self.controller.profile_folder, self.scene().counts)
-            self.space.show_scene(rig_scene(known) if known is not None else None)
+        known = self.controller.advice.known
+        if self.space.data is None and known is None:  # as the cameras stood when they were calibrated last
+            rig = rig_in_use(self.controller.profile_folder, self.scene().counts)
+            self.space.show_scene(rig_scene(rig) if rig is not None else None)
+        elif shown is None and known is not None and known.scene is not None and self.space.data is None:
+            self.space.show_scene(known.scene)
         if shown is None and not planning and self.space.data is None:
             if at >= 0:
                 self.tabs.removeTab(at)

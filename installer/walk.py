@@ -125,6 +125,7 @@ class Walk:
     def click(self, name: str) -> None:
         """Press a button: by mouse, by the space bar where it is the page's own, else by Tab and Enter."""
         if not self.keys:
+            self.settle()  # a page that is new may still move its buttons
             x, y = self.buttons()[name][:2]
             self.send("mousemove", str(x), str(y), "sleep", "0.1", "click", "1")
         elif name in ("action", "next"):

@@ -107,6 +107,10 @@ class SceneData:
     wanted: DrawnBall | None = None
     room: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy at once: it is sent to the process that renders while the window's thread works out `floor`."""
+        return dict(self.__dict__)
+
     @property
     def link_ends(self) -> list[tuple[FloatArray, FloatArray]]:
         """The centres (3,) of the two cameras of each link."""

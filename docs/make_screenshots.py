@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 SIZE = (1280, 800)
 SIZES = (SIZE, (1920, 1080), (2560, 1440))
 LANGUAGES = ("de", "zh_CN")
-LOOKS = (("light", False, False), ("dark", True, False), ("large", False, True))  # name, dark, large text
+LOOKS = (  # name, dark, large text
+    ("light", False, False), ("dark", True, False), ("large", False, True), ("large-dark", True, True),
+)  # fmt: skip
 _SCENE_S = 30.0
 PATIENCE_S = 600.0
 

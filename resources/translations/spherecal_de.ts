@@ -1683,6 +1683,10 @@ px</translation>
         <translation>Als Befehl kopieren</translation>
     </message>
     <message>
+        <source>Test the sound</source>
+        <translation>Ton prüfen</translation>
+    </message>
+    <message>
         <source>Language</source>
         <translation>Sprache</translation>
     </message>
@@ -3281,6 +3285,17 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>Sounds</name>
+    <message>
+        <source>There is no program that plays sounds; one of these is needed: {names}.</source>
+        <translation>Es fehlt ein Programm, das Töne abspielt; nötig ist eines von: {names}.</translation>
+    </message>
+    <message>
+        <source>The sound device does not work: {why}. Choose one in the system&apos;s settings.</source>
+        <translation>Die Tonausgabe arbeitet nicht: {why}. In den Einstellungen des Systems eine wählen.</translation>
+    </message>
+</context>
+<context>
     <name>Source</name>
     <message>
         <source>SIMULATED</source>
@@ -4714,6 +4729,10 @@ mm</translation>
     <message>
         <source>Copied.</source>
         <translation>Kopiert.</translation>
+    </message>
+    <message>
+        <source>A sound was played. Was it heard?</source>
+        <translation>Ein Ton wurde abgespielt. War er zu hören?</translation>
     </message>
     <message>
         <source>Opening</source>

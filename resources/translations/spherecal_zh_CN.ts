@@ -1683,6 +1683,10 @@ px</translation>
         <translation>复制为命令</translation>
     </message>
     <message>
+        <source>Test the sound</source>
+        <translation>测试声音</translation>
+    </message>
+    <message>
         <source>Language</source>
         <translation>语言</translation>
     </message>
@@ -3281,6 +3285,17 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>Sounds</name>
+    <message>
+        <source>There is no program that plays sounds; one of these is needed: {names}.</source>
+        <translation>没有可播放声音的程序；需要其中之一：{names}。</translation>
+    </message>
+    <message>
+        <source>The sound device does not work: {why}. Choose one in the system&apos;s settings.</source>
+        <translation>声音设备无法工作：{why}。请在系统设置中选择一个。</translation>
+    </message>
+</context>
+<context>
     <name>Source</name>
     <message>
         <source>SIMULATED</source>
@@ -4714,6 +4729,10 @@ mm</translation>
     <message>
         <source>Copied.</source>
         <translation>已复制。</translation>
+    </message>
+    <message>
+        <source>A sound was played. Was it heard?</source>
+        <translation>已播放声音。听到了吗？</translation>
     </message>
     <message>
         <source>Opening</source>

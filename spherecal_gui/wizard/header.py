@@ -25,6 +25,7 @@ class Header(QFrame):
     training = Signal(str)  # with this fault
     studies = Signal()
     bench = Signal()
+    sound_test = Signal()
 
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -79,6 +80,7 @@ class Header(QFrame):
         self.menu.addSeparator()
         self.copy = self._action(self.tr("Copy as command"), "terminal-2", self.copy_command.emit)
         self._action(self.tr("Bench, bars and balls"), "sphere", self.bench.emit)
+        self._action(self.tr("Test the sound"), "volume", self.sound_test.emit)
         self._action(self.tr("Limits"), "ruler-2", self.limits.emit)
         self.menu.addMenu(self._training())
         self._action(self.tr("Compare methods"), "chart-bar", self.studies.emit)

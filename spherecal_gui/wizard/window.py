@@ -16,7 +16,7 @@ from spherecal_gui.presenters.look_presenter import bump_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
-from spherecal_gui.standing import camera_level
+from spherecal_gui.standing import Standing, camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
@@ -49,7 +49,7 @@ class WizardWindow(WindowFrame):
         self._shown_step: Step | None = None
         self._closed = False
         self._lost: tuple[str, ...] = ()
-        self._alarmed = False
+        self._alarmed = self._ready = False
         self._ticks = 0
         self.guard = Guard()
         self.onward = Onward()
@@ -82,6 +82,7 @@ class WizardWindow(WindowFrame):
         self.header.bundle.connect(self.offer_bundle)
         self.header.copy_command.connect(self.copy_command)
         self.header.limits.connect(self._show_limits)
+        self.header.sound_test.connect(self._test_sound)
         self.header.bench.connect(self.edit_bench)
         self.start.bench_wanted.connect(self.edit_bench)
         self.rail.chosen.connect(self._rail_chosen)
@@ -178,6 +179,11 @@ class WizardWindow(WindowFrame):
     def _show_limits(self) -> None:
         show_limits(self.controller, self.projects, self, self.redraw)
 
+    def _test_sound(self) -> None:
+        """Play it where somebody can hear it, or say why not."""
+        wrong = self.sounds.test()
+        self._say("bad" if wrong else "info", wrong or self.tr("A sound was played. Was it heard?"), "")
+
     def edit_bench(self) -> None:
         """Describe ball, bars and limits."""
         self.bench_dialog = show_bench(self.controller, self.projects, self)
@@ -265,7 +271,16 @@ class WizardWindow(WindowFrame):
         self.page.alarmed = self.banner.alarms
         standing = self.page.standing()
         self.rail.show_state(state, standing)
+        self._sound_ready(standing)
         self.footer.show_standing(standing, state, self.controller.runner.running is not None)
+
+    def _sound_ready(self, standing: Standing) -> None:
+        """A tone when ball or bar can be captured: somebody may stand at the rig with the back to the screen."""
+        kind = self._shown_step.kind if self._shown_step is not None else None
+        ready = kind in ("placement", "scale", "verify") and standing.level == "good" and standing.default == "action"
+        if ready and not self._ready:
+            self.sounds.play("ready")
+        self._ready = ready
 
     def _show_status(self) -> None:
         project, connection = self.controller.project, self.controller.cameras.connection
@@ -318,7 +333,9 @@ class WizardWindow(WindowFrame):
             self.controller.look_for_folder()
         if self.page is not None:
             self.page.tick()
-        if self.controller.cameras.lost() != self._lost:
+        if (lost := self.controller.cameras.lost()) != self._lost:
+            if set(lost) - set(self._lost):
+                self.sounds.play("lost")
             self.refresh()
         if self.banner.alarms != self._alarmed:
             self._alarmed = self.banner.alarms

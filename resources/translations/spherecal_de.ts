@@ -1385,6 +1385,25 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>Effects</name>
+    <message>
+        <source>Every lens does what its model says.</source>
+        <translation>Jedes Objektiv tut, was sein Modell sagt.</translation>
+    </message>
+    <message>
+        <source>The lens of {camera} is farthest from its model: {px:.3f} px. It is corrected.</source>
+        <translation>Das Objektiv von {camera} weicht am meisten von seinem Modell ab: {px:.3f} px. Das wird korrigiert.</translation>
+    </message>
+    <message>
+        <source>No camera turned over the placements.</source>
+        <translation>Keine Kamera hat sich über die Aufstellungen gedreht.</translation>
+    </message>
+    <message>
+        <source>{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.</source>
+        <translation>{camera} hat sich über die Aufstellungen am meisten gedreht: {px:.2f} px. Halterung und Kabel ansehen.</translation>
+    </message>
+</context>
+<context>
     <name>ErrorChart</name>
     <message>
         <source>length error, mm</source>
@@ -2913,6 +2932,10 @@ mm</translation>
     <message>
         <source>not placed</source>
         <translation>nicht bestimmt</translation>
+    </message>
+    <message>
+        <source>Lenses</source>
+        <translation>Objektive</translation>
     </message>
     <message>
         <source>{camera}: all images</source>

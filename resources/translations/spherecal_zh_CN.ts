@@ -1385,6 +1385,25 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>Effects</name>
+    <message>
+        <source>Every lens does what its model says.</source>
+        <translation>每个镜头都符合其模型。</translation>
+    </message>
+    <message>
+        <source>The lens of {camera} is farthest from its model: {px:.3f} px. It is corrected.</source>
+        <translation>{camera} 的镜头偏离其模型最多：{px:.3f} px。已作校正。</translation>
+    </message>
+    <message>
+        <source>No camera turned over the placements.</source>
+        <translation>各次摆放期间没有相机转动。</translation>
+    </message>
+    <message>
+        <source>{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.</source>
+        <translation>各次摆放期间 {camera} 转动最多：{px:.2f} px。请检查其支架和电缆。</translation>
+    </message>
+</context>
+<context>
     <name>ErrorChart</name>
     <message>
         <source>length error, mm</source>
@@ -2913,6 +2932,10 @@ mm</translation>
     <message>
         <source>not placed</source>
         <translation>未定位</translation>
+    </message>
+    <message>
+        <source>Lenses</source>
+        <translation>镜头</translation>
     </message>
     <message>
         <source>{camera}: all images</source>

@@ -50,7 +50,8 @@ def _looked() -> list[tuple[str, Level]]:
     """What Camera check says of its images."""
     levels: tuple[tuple[Level, ...], ...] = (("good", "good"), ("good", "caution"), ("good", "bad"), ("good", "none"))
     tiles = [[TileState(f"C0{n}", level, dots=200) for n, level in enumerate(row, 1)] for row in levels]
-    return [summary(states, True) for states in tiles] + [summary(tiles[-1], False)]
+    lost = [replace(tiles[2][1], lost=True), tiles[2][0]]
+    return [summary(states, True) for states in (*tiles, lost)] + [summary(tiles[-1], False)]
 
 
 @functools.cache

@@ -105,6 +105,11 @@ class LookPage(LivePage):
             row.addWidget(one)
         return row
 
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.space.view.dress()
+        super().dress()
+
     def close_page(self) -> None:
         """Let go of the 3-D view."""
         self.space.view.close_view()

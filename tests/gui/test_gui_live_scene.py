@@ -61,6 +61,10 @@ def test_cameras_and_ball_are_in_space_before_anything_was_captured(window: Wiza
     assert isinstance(window.page, LookPage)
     view = window.page.space.view
     pump(lambda: view.isVisible() and view.live.ball is not None)
+    versions = []
+    view.scene_changed = lambda: versions.append(1)  # type: ignore[method-assign]
+    window.header.dark.setChecked(not window.header.dark.isChecked())
+    assert versions, "it is drawn in the new colours: it stayed dark on a light page"
 
 
 def test_the_bar_lies_in_space_on_its_page(window: WizardWindow) -> None:

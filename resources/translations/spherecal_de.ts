@@ -1635,16 +1635,16 @@ px</translation>
         <translation>Jetzt aufhören: noch nicht bestimmt</translation>
     </message>
     <message>
-        <source>If you stop now: {mm:.3f} mm</source>
-        <translation>Jetzt aufhören: {mm:.3f} mm</translation>
+        <source>If you stop now: 500 ± {mm:.3f} mm</source>
+        <translation>Jetzt aufhören: 500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With this placement: {mm:.3f} mm</source>
-        <translation>Mit dieser Aufstellung: {mm:.3f} mm</translation>
+        <source>With this placement: 500 ± {mm:.3f} mm</source>
+        <translation>Mit dieser Aufstellung: 500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With one more placement: {mm:.3f} mm</source>
-        <translation>Mit einer weiteren Aufstellung: {mm:.3f} mm</translation>
+        <source>With one more placement: 500 ± {mm:.3f} mm</source>
+        <translation>Mit noch einer Aufstellung: 500 ± {mm:.3f} mm</translation>
     </message>
 </context>
 <context>

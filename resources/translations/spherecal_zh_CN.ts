@@ -1635,16 +1635,16 @@ px</translation>
         <translation>若现在停止：尚未确定</translation>
     </message>
     <message>
-        <source>If you stop now: {mm:.3f} mm</source>
-        <translation>若现在停止：{mm:.3f} mm</translation>
+        <source>If you stop now: 500 ± {mm:.3f} mm</source>
+        <translation>若现在停止：500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With this placement: {mm:.3f} mm</source>
-        <translation>完成此次摆放后：{mm:.3f} mm</translation>
+        <source>With this placement: 500 ± {mm:.3f} mm</source>
+        <translation>加上这次摆放：500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With one more placement: {mm:.3f} mm</source>
-        <translation>再多一次摆放：{mm:.3f} mm</translation>
+        <source>With one more placement: 500 ± {mm:.3f} mm</source>
+        <translation>再摆放一次：500 ± {mm:.3f} mm</translation>
     </message>
 </context>
 <context>

@@ -275,7 +275,7 @@ def walk(p: Photographer) -> None:
     p.wait(lambda: controller.cameras.live.rounds > seen + 3)  # the ball as it stands now, not as it stood before
     p.live(1.5)
     p.take("placement-ghost")
-    window.page.put_there.click()
+    window.page.small["put-there"].click()
     p.wait(lambda: controller.advice.to_go is not None and controller.advice.to_go.near)
     p.take("placement-there")
     p.reach("placement:P4")

@@ -3146,6 +3146,14 @@ mm</translation>
         <translation>Letzte Lage neu aufnehmen</translation>
     </message>
     <message>
+        <source>Capture by itself when still</source>
+        <translation>Bei Ruhe selbst aufnehmen</translation>
+    </message>
+    <message>
+        <source>Once the bar was moved and lies still where three cameras see it.</source>
+        <translation>Sobald der Stab bewegt wurde und ruht, wo drei Kameras ihn sehen.</translation>
+    </message>
+    <message>
         <source>No pose is captured yet.</source>
         <translation>Noch keine Lage aufgenommen.</translation>
     </message>

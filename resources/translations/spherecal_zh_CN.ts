@@ -3146,6 +3146,14 @@ mm</translation>
         <translation>重拍上一位姿</translation>
     </message>
     <message>
+        <source>Capture by itself when still</source>
+        <translation>静止时自动拍摄</translation>
+    </message>
+    <message>
+        <source>Once the bar was moved and lies still where three cameras see it.</source>
+        <translation>杆移动过并静止在三台相机可见之处后。</translation>
+    </message>
+    <message>
         <source>No pose is captured yet.</source>
         <translation>尚未拍摄任何位姿。</translation>
     </message>

@@ -116,7 +116,7 @@ class VerifyPage(ScalePage):
             self.row.addWidget(one)
 
     def _put_wall(self) -> None:
-        """In a tab, beside the scene with the pose that is asked for."""
+        """In a tab, beside the scene with the pose that is asked for; it has its own way to capture by itself."""
 
     # --- poses -------------------------------------------------------------------------------------------------------
 

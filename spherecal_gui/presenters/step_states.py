@@ -23,6 +23,7 @@ translate = QCoreApplication.translate
 Work = Literal["", "exposing", "computing", "other"]  # computing: the images are there, ball and bar may be moved
 
 _NAMED = 4  # cameras in one sentence
+LEAST_MARKS = 2  # of a bar that a camera must see
 LEAST_CAMERAS, GOOD_CAMERAS = 2, 3  # a mark is found in space by two; a third one shows when one of them is wrong
 
 
@@ -610,4 +611,4 @@ def left_text(elapsed_s: float, share: float, usual_s: float | None) -> str:
 
 def seeing(targets: Mapping[str, int]) -> int:
     """The cameras that see two marks of the bar or more."""
-    return sum(count >= 2 for count in targets.values())
+    return sum(count >= LEAST_MARKS for count in targets.values())

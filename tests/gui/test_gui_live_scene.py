@@ -13,6 +13,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtWidgets import QApplication
 
+from spherecal_gui.coverage import same_place
 from spherecal_gui.pages.bars_page import ScalePage
 from spherecal_gui.pages.connect_page import ConnectPage
 from spherecal_gui.pages.look_page import LookPage
@@ -40,8 +41,9 @@ def test_cameras_and_ball_are_in_space_before_anything_was_captured(window: Wiza
     page, controller = window.page, window.controller
     assert isinstance(page, ConnectPage) and page.space.view.isHidden()
     pump(lambda: controller.advice.known is not None and set(controller.advice.known.cameras) == NAMES)
-    pump(lambda: page.space.view.isVisible() and page.space.view.live.ball is not None)
-    data, live = page.space.view.data, page.space.view.live
+    view = page.space.view
+    pump(lambda: view.isVisible() and view.live.ball is not None and {c.id for c in view.data.scene.cameras} == NAMES)
+    data, live = view.data, view.live
     assert data is not None and live.ball is not None and set(live.images) == NAMES
     assert set(live.levels) == NAMES and not data.scene.placements, "the ball is drawn where it lies now, once"
     places = data.every_place()
@@ -85,3 +87,20 @@ def test_the_bar_lies_in_space_on_its_page(window: WizardWindow) -> None:
     assert lying and view.live.ball is None
     length = float(np.linalg.norm(ends[1] - ends[0]))  # from the outer dots of one mark to those of the other
     assert 0.97 * 500 < length < 1.03 * (500 + 28), length
+
+
+def test_the_scale_bar_is_captured_by_itself_once_it_was_moved_and_lies_still(window: WizardWindow) -> None:
+    """Two poses without a press; the second only after the bar was turned (the training does so)."""
+    controller = window.controller
+    controller.recording.confirm_bench()
+    controller.cameras.accept_look()
+    controller.go("scale")
+    page = window.page
+    assert isinstance(page, ScalePage) and page.by_itself is not None
+    pump(lambda: page.said().level == "good")
+    page.by_itself.setChecked(True)
+    poses = page.pose_ids()
+    pump(lambda: controller.project is not None and set(poses) <= set(controller.project.taken))
+    settle(controller)
+    first, second = (controller.recording.dots[pose] for pose in poses)
+    assert not same_place(first, second), "it was not captured twice as it lay"

@@ -9,7 +9,6 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QTabWidget, QVBoxL
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
-from spherecal_gui.presenters.effects_presenter import CameraEffect
 from spherecal_gui.presenters.results_presenter import (
     CameraResiduals,
     CameraRow,
@@ -25,6 +24,7 @@ from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Deed, Said
+from spherecal_gui.tasks.camera_effects import CameraEffect
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.effects_view import EffectsView

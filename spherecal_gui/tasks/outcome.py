@@ -11,8 +11,8 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
 from spherecal.data.observations import Observations, find_features
-from spherecal_gui.presenters.effects_presenter import CameraEffect, effects_of
 from spherecal_gui.rig_scenes import RigPlanes
+from spherecal_gui.tasks.camera_effects import CameraEffect, effects_of
 from spherecal_gui.tasks.guided_bar import plan_poses_of
 
 if TYPE_CHECKING:

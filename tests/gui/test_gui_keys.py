@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import cast
 
 import pytest
 
@@ -219,16 +220,16 @@ def _is_shown(pid: int) -> bool:
 
 def test_the_window_goes_on_from_a_step_that_was_done_while_it_was_looked_at():
     """A second after it was done well; never from one that was gone back to, that is flawed, or there to be read."""
-    from spherecal_gui.standing import Level, Standing
+    from spherecal_gui.standing import Default, Level, Standing
     from spherecal_gui.wizard.keys import Onward
     from spherecal_gui.workflow import Step, StepKind
 
     now = [0.0]
 
-    def goes(*seen: tuple[str, Level], kind: StepKind = "placement") -> bool:
+    def goes(*seen: tuple[str, str], kind: StepKind = "placement") -> bool:
         onward, went = Onward(lambda: now[0]), False
         for default, level in seen:
-            went = onward.feed(Step("a", kind), Standing(level, "", default))  # type: ignore[arg-type]
+            went = onward.feed(Step("a", kind), Standing(cast("Level", level), "", cast("Default", default)))
             now[0] += SEEN_S / 2
         return went
 

@@ -419,7 +419,7 @@ def checking(p: Photographer) -> None:
     window.page.repair.click()
     p.wait()
     p.take("check-repaired")
-    window.page.use.click()
+    window.page.act()
     p.wait()
     p.take("check-done")
     window.show_start()

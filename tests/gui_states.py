@@ -134,6 +134,7 @@ def _facts(_: str) -> dict[Any, list]:
             reason=("Why.",),  # a step that is blocked, stale or failed has one
             well=ON,
             running=("", "check", "save"),
+            repaired=ON,
         )
         + every(st.CheckFacts, status=(Status.READY, Status.DONE), well=ON),
         st.measure_says: every(

@@ -3989,8 +3989,8 @@ mm</translation>
         <translation>Bericht schreiben</translation>
     </message>
     <message>
-        <source>The calibration is out of date.</source>
-        <translation>Die Kalibrierung ist veraltet.</translation>
+        <source>See what has changed</source>
+        <translation>Zeigen, was sich geändert hat</translation>
     </message>
     <message>
         <source>Save and put to use</source>
@@ -4063,6 +4063,10 @@ mm</translation>
     <message>
         <source>Check again</source>
         <translation>Erneut prüfen</translation>
+    </message>
+    <message>
+        <source>Put the repair to use</source>
+        <translation>Reparatur in Gebrauch nehmen</translation>
     </message>
     <message>
         <source>Ready</source>

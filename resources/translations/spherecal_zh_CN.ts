@@ -3989,8 +3989,8 @@ mm</translation>
         <translation>生成报告</translation>
     </message>
     <message>
-        <source>The calibration is out of date.</source>
-        <translation>标定已过期。</translation>
+        <source>See what has changed</source>
+        <translation>查看变更</translation>
     </message>
     <message>
         <source>Save and put to use</source>
@@ -4063,6 +4063,10 @@ mm</translation>
     <message>
         <source>Check again</source>
         <translation>再次检查</translation>
+    </message>
+    <message>
+        <source>Put the repair to use</source>
+        <translation>启用修复</translation>
     </message>
     <message>
         <source>Ready</source>

@@ -492,9 +492,10 @@ def save_says(f: SaveFacts) -> Said:
             )
         return Said(level, text, cancel, left=f.left)
     report = Button(translate("State", "Write the report"), "report")
-    if f.running or f.stale:
-        why = _busy() if f.running else translate("State", "The calibration is out of date.")
-        return Said(level, text, replace(report, enabled=False, why=why))
+    if f.running:
+        return Said(level, text, replace(report, enabled=False, why=_busy()))
+    if f.stale:
+        return Said(level, text, Button(translate("State", "See what has changed"), "results"))
     if f.saves_first:
         words = translate("State", "Save and put to use") if f.apply else translate("State", "Save in the profile")
         return Said(level, text, Button(words, "save", accepts=f.apply))
@@ -525,7 +526,8 @@ def _saved(f: SaveFacts) -> tuple[Level, str]:
 class CheckFacts:
     """`verdict`: the word and the level of the check that is shown, or that was made; None where there is none.
 
-    `reason`: why it is out of date or cannot be made; `well`: nothing is to be done about the rig.
+    `reason`: why it is out of date or cannot be made; `well`: nothing is to be done about the rig. `repaired`: cameras
+    were repaired, and that can be put to use.
     """
 
     status: Status = Status.READY
@@ -533,6 +535,7 @@ class CheckFacts:
     reason: str = ""
     well: bool = False
     running: str = ""
+    repaired: bool = False
 
 
 def check_says(f: CheckFacts) -> Said:
@@ -547,7 +550,9 @@ def check_says(f: CheckFacts) -> Said:
     if f.verdict is not None and f.status is not Status.STALE:
         finish = Button(translate("State", "Finish"), "finish", accepts=True)
         again = Button(translate("State", "Check again"), "check")
-        return Said(f.verdict[1], f.verdict[0], finish if f.well else again, also=_also({"check-again": f.well}))
+        use = Button(translate("State", "Put the repair to use"), "use")
+        button = finish if f.well else use if f.repaired else again
+        return Said(f.verdict[1], f.verdict[0], button, also=_also({"check-again": f.well or f.repaired}))
     if f.reason:
         text = translate("State", "Not done")
         return Said("bad" if f.status is Status.FAILED else "caution", text, Button(words, "check"))

@@ -463,7 +463,7 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
         pump(lambda: again.runner.running is None)
         page.refresh()
         assert (page.word.text(), page.sentence.text()) == ("REPAIRED", "Not in use yet.")
-        assert "now by 0.00" in page.mended.text() and page.use.isVisibleTo(page)
+        assert "now by 0.00" in page.mended.text() and page.action().does == "use"
         assert again.checks.after is not None
         assert repaired_verdict(again.checks.after, in_use=True).word == "OK"
     finally:

@@ -248,9 +248,9 @@ class ConnectPage(Page):
         column.addWidget(inner)
         column.addStretch(1)
         scroll.setWidget(inside)
-        self.cameras.body.addWidget(scroll, 3)
+        self.cameras.body.addWidget(scroll, 2)
         self.space = RigSpace(controller)
-        self.cameras.body.addWidget(self.space.view, 2)
+        self.cameras.body.addWidget(self.space.view, 3)
         row.addWidget(self.cameras, 5)
         row.addWidget(self._bench(), 2)
 

@@ -214,8 +214,8 @@ class CheckPage(Page):
             levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
             shown = verdict_word(checked.verdict), levels.get(checked.verdict, "bad")
         well = self._in_use or (checked is not None and checked.verdict == "ok")
-        repaired = self._after is not None and not self._in_use and project.repaired is not None
-        usable_now = repaired and usable(project.repaired.verdict) and limits.now().unverified_use
+        waits = project.repaired if self._after is not None and not self._in_use else None
+        usable_now = waits is not None and usable(waits.verdict) and limits.now().unverified_use
         return check_says(CheckFacts(state.status, shown, reason_text(state.reason), well, running, usable_now))
 
     @property

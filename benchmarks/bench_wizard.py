@@ -146,6 +146,48 @@ def overlay(options: argparse.Namespace, home: Path) -> dict[str, object]:
     }
 
 
+def scene(options: argparse.Namespace, home: Path) -> dict[str, object]:
+    """The live scene of Camera check beside six live cameras: pictures a second at rest and turned, stalls."""
+    from PySide6.QtCore import QEvent, QObject, QTimer
+
+    class Painted(QObject):
+        count = 0
+
+        def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+            self.count += event.type() == QEvent.Type.Paint
+            return False
+
+    before = os.environ.pop("SPHERECAL_3D", None)
+    application, window = _window(home)
+    began = time.perf_counter()
+    window.controller.new_project("simulated:demo", home / "scene")
+    _until(application, lambda: window.controller.runner.running is None)
+    window.controller.recording.confirm_bench()
+    window.controller.go("look")
+    view = window.page.space.view
+    _until(application, lambda: view.isVisible() and view.live.ball is not None and view.rendered)
+    shown_s, painted = time.perf_counter() - began, Painted()
+    view.installEventFilter(painted)
+    found: dict[str, object] = {"scene: from the click to ball and cameras in space, s": shown_s}
+    turning = QTimer(view)
+    turning.setInterval(1)
+    turning.timeout.connect(lambda: view.turn(3.0, 0.0))
+    for name in ("at rest", "turned"):
+        if name == "turned":
+            turning.start()
+        painted.count, beat = 0, Heartbeat(application)
+        _live(application, options.seconds)
+        beat.stop()
+        found[f"scene {name}: pictures/s"] = painted.count / options.seconds
+        found[f"scene {name}: stall p95, ms"] = beat.percentile(95)
+        found[f"scene {name}: longest stall, ms"] = beat.percentile(100)
+    turning.stop()
+    window.close()
+    if before is not None:
+        os.environ["SPHERECAL_3D"] = before
+    return found
+
+
 def _still_source() -> Any:
     """12 cameras whose images come from memory: what is measured is the window, not a camera."""
     from spherecal_cameras.in_process import InProcessSource
@@ -342,6 +384,7 @@ PARTS: dict[str, Callable[[argparse.Namespace, Path], dict[str, object]]] = {
     "start": start,
     "wall": wall,
     "overlay": overlay,
+    "scene": scene,
     "calibrate": calibrate,
 }
 

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 SIZE = (1280, 800)
 SIZES = (SIZE, (1920, 1080), (2560, 1440))
 LANGUAGES = ("de", "zh_CN")
-LOOKS = (("light", False, False), ("dark", True, False), ("large", False, True))  # name, dark, large text
+LOOKS = (  # name, dark, large text
+    ("light", False, False), ("dark", True, False), ("large", False, True), ("large-dark", True, True),
+)  # fmt: skip
 _SCENE_S = 30.0
 PATIENCE_S = 600.0
 
@@ -49,6 +51,7 @@ class Photographer:
         self.window: Any = app.make_window(projects)  # each page has widgets of its own
         self.window.showNormal()  # not maximised, as it is at the first start
         self.window.header.dark.setChecked(False)
+        self.window.header.goes_on.setChecked(False)
         self.window.resize(*SIZE)
 
     def live(self, seconds: float) -> None:
@@ -272,7 +275,7 @@ def walk(p: Photographer) -> None:
     p.wait(lambda: controller.cameras.live.rounds > seen + 3)  # the ball as it stands now, not as it stood before
     p.live(1.5)
     p.take("placement-ghost")
-    window.page.put_there.click()
+    window.page.small["put-there"].click()
     p.wait(lambda: controller.advice.to_go is not None and controller.advice.to_go.near)
     p.take("placement-there")
     p.reach("placement:P4")
@@ -416,7 +419,7 @@ def checking(p: Photographer) -> None:
     window.page.repair.click()
     p.wait()
     p.take("check-repaired")
-    window.page.use.click()
+    window.page.act()
     p.wait()
     p.take("check-done")
     window.show_start()

@@ -20,6 +20,7 @@ from pathlib import Path
 PATIENCE_S = 600.0
 SIZE = "1280x800x24"
 SEEN_S = 1.1  # a page must have been in sight for a second before the space bar acts on it
+GOES_ON_S = 5.0  # a second after a step was done well the window goes on by itself, where it is not there to be read
 MOST_TABS = 80
 FOCUS = ("search", "--onlyvisible", "--limit", "1", "--name", "SphereCal", "windowfocus")  # there is no window manager
 # What the large button says while the step's work runs: pressing it then would end the work.
@@ -124,6 +125,7 @@ class Walk:
     def click(self, name: str) -> None:
         """Press a button: by mouse, by the space bar where it is the page's own, else by Tab and Enter."""
         if not self.keys:
+            self.settle()  # a page that is new may still move its buttons
             x, y = self.buttons()[name][:2]
             self.send("mousemove", str(x), str(y), "sleep", "0.1", "click", "1")
         elif name in ("action", "next"):
@@ -198,7 +200,7 @@ class Walk:
     def step(self) -> None:
         """Press the large button until what the step is for is there, then go on."""
         now = self.project()["step"]
-        if self.by_itself and now.startswith(("placement:", "verify")):
+        if (self.by_itself and now.startswith("placement:")) or (now == "verify" and not self.keys):
             self.let_it_capture(now)
         else:
             while not self.is_done(now):
@@ -207,7 +209,10 @@ class Walk:
                     self.click("action")
         self.settle()
         self.picture(now)
-        if self.project()["step"] == now and not (self.by_itself and now in self.placements()[:-1]):
+        until = time.monotonic() + GOES_ON_S
+        while self.project()["step"] == now and time.monotonic() < until:
+            time.sleep(0.1)
+        if self.project()["step"] == now:
             self.press("next")
         self.wait(lambda: self.project().get("step") != now, f"a step after {now}")
         self.say(now)

@@ -39,6 +39,11 @@ class Dots:
         """How many targets they belong to."""
         return len(np.unique(self.target))
 
+    def of_targets(self, known: Collection[int]) -> "Dots":
+        """Those of these targets alone."""
+        own = np.isin(self.target, list(known))
+        return Dots(self.target[own], self.point[own], self.uv[own], self.image_size)
+
     def targets_among(self, known: Collection[int]) -> int:
         """How many of these targets they belong to; with none given, how many targets."""
         return len(set(self.target.tolist()) & set(known)) if known else self.targets

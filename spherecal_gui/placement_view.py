@@ -28,3 +28,8 @@ class GuidanceView:
     ghost: "Ghost | None" = None
     scene: SceneData | None = None
     coarse: bool = False
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras of which it is known where they are."""
+        return tuple(camera.id for camera in self.scene.scene.cameras) if self.scene is not None else ()

@@ -94,6 +94,12 @@ def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLi
     return replace(data, scene=replace(data.scene, placements=balls), wanted=wanted)
 
 
+def without_balls(data: SceneData) -> SceneData:
+    """The rig alone, for a ball that is drawn where it lies now."""
+    bare = replace(data, scene=replace(data.scene, placements=()), wanted=None)
+    return replace(bare, room=replace(data, wanted=None).every_place())
+
+
 @dataclass(frozen=True, eq=False)
 class LiveParts:
     """What changes in a scene while it is looked at; places in the scene's frame, mm.

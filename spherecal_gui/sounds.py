@@ -8,14 +8,19 @@ import wave
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QProcess
+from PySide6.QtCore import QCoreApplication, QProcess
 
 from spherecal.base.filesystem import remove_below
 from spherecal.base.working_folder import find_program
 
+translate = QCoreApplication.translate
+
 _RATE = 22_050
-# Up: good. Down: not good. Three up: all done. Told apart without looking.
-_TONES = {"good": (660, 990), "bad": (440, 294), "done": (523, 659, 784)}
+# Up: captured. Down: not good. Three up: all done. One: ready. Three times low: a camera is lost. Told apart by ear.
+_TONES = {
+    "good": (660, 990), "bad": (440, 294), "done": (523, 659, 784), "ready": (880,), "lost": (294, 220, 294, 220),
+}  # fmt: skip
+_TEST_MS = 5_000
 _PLAYERS = (("paplay",), ("pw-play",), ("aplay", "-q"), ("afplay",))
 
 
@@ -59,6 +64,26 @@ class Sounds:
             return False
         started = QProcess.startDetached(self._player[0], [*self._player[1:], str(path)])
         return bool(started[0] if isinstance(started, tuple) else started)
+
+    def test(self) -> str:
+        """Play a sound and wait until it was played; why it cannot be, empty where it was. Nobody hears of a mute."""
+        if sys.platform == "win32":
+            self.play("done")
+            return ""
+        if self._player is None:
+            return translate(
+                "Sounds", "There is no program that plays sounds; one of these is needed: {names}."
+            ).format(names=", ".join(name for name, *_ in _PLAYERS))
+        playing = QProcess()
+        playing.start(self._player[0], [*self._player[1:], str(self._file("done"))])
+        ended = playing.waitForFinished(_TEST_MS)
+        if ended and playing.exitStatus() == QProcess.ExitStatus.NormalExit and playing.exitCode() == 0:
+            return ""
+        playing.kill()
+        said = bytes(playing.readAllStandardError().data()).decode(errors="replace").strip().splitlines()
+        return translate(
+            "Sounds", "The sound device does not work: {why}. Choose one in the system's settings."
+        ).format(why=said[-1].rstrip(".") if said else self._player[0])
 
     def _file(self, kind: str) -> Path:
         if kind not in self._files:

@@ -9,7 +9,7 @@ import sys
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -208,6 +208,16 @@ def _live_images_leave_the_processors_to_the_tests() -> None:
     """Two rounds a second where a test asks for no other rate: detection would fill a processor all the while."""
     if control := sys.modules.get("spherecal_gui.controllers.camera_controller"):
         control.CameraController.live_hz = 2.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _next_by_hand(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Windows under test stay at a step that is done until somebody goes on."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name == "gui":
+            with suppress(ImportError):  # without Qt these tests are skipped
+                patch.setattr("spherecal_gui.wizard.frame.WindowFrame.goes_on_at_first", False)
+        yield
 
 
 @pytest.fixture(scope="module")

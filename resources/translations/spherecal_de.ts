@@ -1393,6 +1393,25 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>Effects</name>
+    <message>
+        <source>Every lens does what its model says.</source>
+        <translation>Jedes Objektiv tut, was sein Modell sagt.</translation>
+    </message>
+    <message>
+        <source>The lens of {camera} is farthest from its model: {px:.3f} px. It is corrected.</source>
+        <translation>Das Objektiv von {camera} weicht am meisten von seinem Modell ab: {px:.3f} px. Das wird korrigiert.</translation>
+    </message>
+    <message>
+        <source>No camera turned over the placements.</source>
+        <translation>Keine Kamera hat sich über die Aufstellungen gedreht.</translation>
+    </message>
+    <message>
+        <source>{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.</source>
+        <translation>{camera} hat sich über die Aufstellungen am meisten gedreht: {px:.2f} px. Halterung und Kabel ansehen.</translation>
+    </message>
+</context>
+<context>
     <name>ErrorChart</name>
     <message>
         <source>length error, mm</source>
@@ -1624,16 +1643,16 @@ px</translation>
         <translation>Jetzt aufhören: noch nicht bestimmt</translation>
     </message>
     <message>
-        <source>If you stop now: {mm:.3f} mm</source>
-        <translation>Jetzt aufhören: {mm:.3f} mm</translation>
+        <source>If you stop now: 500 ± {mm:.3f} mm</source>
+        <translation>Jetzt aufhören: 500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With this placement: {mm:.3f} mm</source>
-        <translation>Mit dieser Aufstellung: {mm:.3f} mm</translation>
+        <source>With this placement: 500 ± {mm:.3f} mm</source>
+        <translation>Mit dieser Aufstellung: 500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With one more placement: {mm:.3f} mm</source>
-        <translation>Mit einer weiteren Aufstellung: {mm:.3f} mm</translation>
+        <source>With one more placement: 500 ± {mm:.3f} mm</source>
+        <translation>Mit noch einer Aufstellung: 500 ± {mm:.3f} mm</translation>
     </message>
 </context>
 <context>
@@ -1671,6 +1690,14 @@ px</translation>
         <translation>Keine Töne für angenommen, abgelehnt und fertig.</translation>
     </message>
     <message>
+        <source>Go on by itself</source>
+        <translation>Von selbst weitergehen</translation>
+    </message>
+    <message>
+        <source>On to the next step a second after one is done and nothing is wrong.</source>
+        <translation>Eine Sekunde nachdem ein Schritt fertig ist und nichts fehlt, weiter zum nächsten.</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>Protokoll</translation>
     </message>
@@ -1681,6 +1708,10 @@ px</translation>
     <message>
         <source>Copy as command</source>
         <translation>Als Befehl kopieren</translation>
+    </message>
+    <message>
+        <source>Test the sound</source>
+        <translation>Ton prüfen</translation>
     </message>
     <message>
         <source>Language</source>
@@ -2392,10 +2423,6 @@ px</translation>
         <translation>Bei Ruhe selbst aufnehmen</translation>
     </message>
     <message>
-        <source>Goes on to the next placement by itself too, where nothing is wrong.</source>
-        <translation>Geht auch von selbst zur nächsten Aufstellung weiter, wenn alles in Ordnung ist.</translation>
-    </message>
-    <message>
         <source>Retake</source>
         <translation>Neu aufnehmen</translation>
     </message>
@@ -2434,6 +2461,10 @@ px</translation>
     <message>
         <source>Fixed again</source>
         <translation>Wieder fest</translation>
+    </message>
+    <message>
+        <source>Once the ball lies still where it should.</source>
+        <translation>Sobald die Kugel dort ruht, wo sie soll.</translation>
     </message>
     <message>
         <source>The cameras that were moved are fixed: they count as they stand now.</source>
@@ -2911,6 +2942,10 @@ mm</translation>
         <translation>nicht bestimmt</translation>
     </message>
     <message>
+        <source>Lenses</source>
+        <translation>Objektive</translation>
+    </message>
+    <message>
         <source>{camera}: all images</source>
         <translation>{camera}: alle Bilder</translation>
     </message>
@@ -3119,6 +3154,14 @@ mm</translation>
         <translation>Letzte Lage neu aufnehmen</translation>
     </message>
     <message>
+        <source>Capture by itself when still</source>
+        <translation>Bei Ruhe selbst aufnehmen</translation>
+    </message>
+    <message>
+        <source>Once the bar was moved and lies still where three cameras see it.</source>
+        <translation>Sobald der Stab bewegt wurde und ruht, wo drei Kameras ihn sehen.</translation>
+    </message>
+    <message>
         <source>No pose is captured yet.</source>
         <translation>Noch keine Lage aufgenommen.</translation>
     </message>
@@ -3278,6 +3321,17 @@ mm</translation>
     <message>
         <source>The rig with its cameras {names}</source>
         <translation>Der Aufbau mit den Kameras {names}</translation>
+    </message>
+</context>
+<context>
+    <name>Sounds</name>
+    <message>
+        <source>There is no program that plays sounds; one of these is needed: {names}.</source>
+        <translation>Es fehlt ein Programm, das Töne abspielt; nötig ist eines von: {names}.</translation>
+    </message>
+    <message>
+        <source>The sound device does not work: {why}. Choose one in the system&apos;s settings.</source>
+        <translation>Die Tonausgabe arbeitet nicht: {why}. In den Einstellungen des Systems eine wählen.</translation>
     </message>
 </context>
 <context>
@@ -3635,6 +3689,10 @@ mm</translation>
         <translation>Ja, das stimmt</translation>
     </message>
     <message>
+        <source>{cameras}. Is this on the bench?</source>
+        <translation>{cameras}. Stimmen die Messmittel?</translation>
+    </message>
+    <message>
         <source>The images are good</source>
         <translation>Die Bilder sind gut</translation>
     </message>
@@ -3713,6 +3771,10 @@ mm</translation>
     <message>
         <source>The images are there; their dots are being found</source>
         <translation>Die Bilder sind da; ihre Punkte werden gesucht</translation>
+    </message>
+    <message>
+        <source>Retake it, or keep it as it is</source>
+        <translation>Neu aufnehmen oder so behalten</translation>
     </message>
     <message>
         <source>Captured. Press space to go on</source>
@@ -3935,8 +3997,8 @@ mm</translation>
         <translation>Bericht schreiben</translation>
     </message>
     <message>
-        <source>The calibration is out of date.</source>
-        <translation>Die Kalibrierung ist veraltet.</translation>
+        <source>See what has changed</source>
+        <translation>Zeigen, was sich geändert hat</translation>
     </message>
     <message>
         <source>Save and put to use</source>
@@ -4009,6 +4071,10 @@ mm</translation>
     <message>
         <source>Check again</source>
         <translation>Erneut prüfen</translation>
+    </message>
+    <message>
+        <source>Put the repair to use</source>
+        <translation>Reparatur in Gebrauch nehmen</translation>
     </message>
     <message>
         <source>Ready</source>
@@ -4706,6 +4772,10 @@ mm</translation>
     <message>
         <source>Copied.</source>
         <translation>Kopiert.</translation>
+    </message>
+    <message>
+        <source>A sound was played. Was it heard?</source>
+        <translation>Ein Ton wurde abgespielt. War er zu hören?</translation>
     </message>
     <message>
         <source>Opening</source>

@@ -1393,6 +1393,25 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>Effects</name>
+    <message>
+        <source>Every lens does what its model says.</source>
+        <translation>每个镜头都符合其模型。</translation>
+    </message>
+    <message>
+        <source>The lens of {camera} is farthest from its model: {px:.3f} px. It is corrected.</source>
+        <translation>{camera} 的镜头偏离其模型最多：{px:.3f} px。已作校正。</translation>
+    </message>
+    <message>
+        <source>No camera turned over the placements.</source>
+        <translation>各次摆放期间没有相机转动。</translation>
+    </message>
+    <message>
+        <source>{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.</source>
+        <translation>各次摆放期间 {camera} 转动最多：{px:.2f} px。请检查其支架和电缆。</translation>
+    </message>
+</context>
+<context>
     <name>ErrorChart</name>
     <message>
         <source>length error, mm</source>
@@ -1624,16 +1643,16 @@ px</translation>
         <translation>若现在停止：尚未确定</translation>
     </message>
     <message>
-        <source>If you stop now: {mm:.3f} mm</source>
-        <translation>若现在停止：{mm:.3f} mm</translation>
+        <source>If you stop now: 500 ± {mm:.3f} mm</source>
+        <translation>若现在停止：500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With this placement: {mm:.3f} mm</source>
-        <translation>完成此次摆放后：{mm:.3f} mm</translation>
+        <source>With this placement: 500 ± {mm:.3f} mm</source>
+        <translation>加上这次摆放：500 ± {mm:.3f} mm</translation>
     </message>
     <message>
-        <source>With one more placement: {mm:.3f} mm</source>
-        <translation>再多一次摆放：{mm:.3f} mm</translation>
+        <source>With one more placement: 500 ± {mm:.3f} mm</source>
+        <translation>再摆放一次：500 ± {mm:.3f} mm</translation>
     </message>
 </context>
 <context>
@@ -1671,6 +1690,14 @@ px</translation>
         <translation>接受、拒绝和完成时不发声。</translation>
     </message>
     <message>
+        <source>Go on by itself</source>
+        <translation>自动进入下一步</translation>
+    </message>
+    <message>
+        <source>On to the next step a second after one is done and nothing is wrong.</source>
+        <translation>一步完成且无异常时，一秒后进入下一步。</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>日志</translation>
     </message>
@@ -1681,6 +1708,10 @@ px</translation>
     <message>
         <source>Copy as command</source>
         <translation>复制为命令</translation>
+    </message>
+    <message>
+        <source>Test the sound</source>
+        <translation>测试声音</translation>
     </message>
     <message>
         <source>Language</source>
@@ -2392,10 +2423,6 @@ px</translation>
         <translation>静止时自动拍摄</translation>
     </message>
     <message>
-        <source>Goes on to the next placement by itself too, where nothing is wrong.</source>
-        <translation>若一切正常，也会自动进入下一次摆放。</translation>
-    </message>
-    <message>
         <source>Retake</source>
         <translation>重拍</translation>
     </message>
@@ -2434,6 +2461,10 @@ px</translation>
     <message>
         <source>Fixed again</source>
         <translation>已重新固定</translation>
+    </message>
+    <message>
+        <source>Once the ball lies still where it should.</source>
+        <translation>球在应在的位置静止后。</translation>
     </message>
     <message>
         <source>The cameras that were moved are fixed: they count as they stand now.</source>
@@ -2911,6 +2942,10 @@ mm</translation>
         <translation>未定位</translation>
     </message>
     <message>
+        <source>Lenses</source>
+        <translation>镜头</translation>
+    </message>
+    <message>
         <source>{camera}: all images</source>
         <translation>{camera}：所有图像</translation>
     </message>
@@ -3119,6 +3154,14 @@ mm</translation>
         <translation>重拍上一位姿</translation>
     </message>
     <message>
+        <source>Capture by itself when still</source>
+        <translation>静止时自动拍摄</translation>
+    </message>
+    <message>
+        <source>Once the bar was moved and lies still where three cameras see it.</source>
+        <translation>杆移动过并静止在三台相机可见之处后。</translation>
+    </message>
+    <message>
         <source>No pose is captured yet.</source>
         <translation>尚未拍摄任何位姿。</translation>
     </message>
@@ -3278,6 +3321,17 @@ mm</translation>
     <message>
         <source>The rig with its cameras {names}</source>
         <translation>系统及其相机 {names}</translation>
+    </message>
+</context>
+<context>
+    <name>Sounds</name>
+    <message>
+        <source>There is no program that plays sounds; one of these is needed: {names}.</source>
+        <translation>没有可播放声音的程序；需要其中之一：{names}。</translation>
+    </message>
+    <message>
+        <source>The sound device does not work: {why}. Choose one in the system&apos;s settings.</source>
+        <translation>声音设备无法工作：{why}。请在系统设置中选择一个。</translation>
     </message>
 </context>
 <context>
@@ -3635,6 +3689,10 @@ mm</translation>
         <translation>是，一致</translation>
     </message>
     <message>
+        <source>{cameras}. Is this on the bench?</source>
+        <translation>{cameras}。台上放的是这些吗？</translation>
+    </message>
+    <message>
         <source>The images are good</source>
         <translation>图像良好</translation>
     </message>
@@ -3713,6 +3771,10 @@ mm</translation>
     <message>
         <source>The images are there; their dots are being found</source>
         <translation>图像已拍好；正在寻找圆点</translation>
+    </message>
+    <message>
+        <source>Retake it, or keep it as it is</source>
+        <translation>请重拍，或按现状保留</translation>
     </message>
     <message>
         <source>Captured. Press space to go on</source>
@@ -3935,8 +3997,8 @@ mm</translation>
         <translation>生成报告</translation>
     </message>
     <message>
-        <source>The calibration is out of date.</source>
-        <translation>标定已过期。</translation>
+        <source>See what has changed</source>
+        <translation>查看变更</translation>
     </message>
     <message>
         <source>Save and put to use</source>
@@ -4009,6 +4071,10 @@ mm</translation>
     <message>
         <source>Check again</source>
         <translation>再次检查</translation>
+    </message>
+    <message>
+        <source>Put the repair to use</source>
+        <translation>启用修复</translation>
     </message>
     <message>
         <source>Ready</source>
@@ -4706,6 +4772,10 @@ mm</translation>
     <message>
         <source>Copied.</source>
         <translation>已复制。</translation>
+    </message>
+    <message>
+        <source>A sound was played. Was it heard?</source>
+        <translation>已播放声音。听到了吗？</translation>
     </message>
     <message>
         <source>Opening</source>

@@ -16,7 +16,8 @@ from spherecal_gui.controllers.recording_controller import RecordingController
 from spherecal_gui.coverage import SetDots
 from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next
+from spherecal_gui.rig_scenes import without_balls
+from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next, survey
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # ghosts and live images need scipy, for which the window does not wait
@@ -27,6 +28,8 @@ translate = QCoreApplication.translate
 
 _PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
 _CARRIED = 0.3  # of its radius: a ball as far from where it lay has been lifted
+# Dots of a camera from which a first look at the rig is worth it, and the pause after one that gave nothing.
+_LEAST_DOTS, _SURVEY_AGAIN_S = 40, 5.0
 _KEPT = 8  # answers, for placements that are deleted and brought back
 
 
@@ -47,6 +50,8 @@ class AdviceController(ControllerPart):
         self.planner, self.seer = Runner(self), Runner(self)
         self.lying: Lying | None = None  # where the ball is now
         self.guidance: GuidanceView | None = None
+        self._known: GuidanceView | None = None
+        self._surveyed_s = -_SURVEY_AGAIN_S
         self._planned_for: tuple[tuple[str, str], ...] | None = None
         self._asked: tuple[tuple[str, str], ...] | None = None
         self._answers: dict[object, GuidanceView] = {}
@@ -57,7 +62,7 @@ class AdviceController(ControllerPart):
         self.planner.abandon(_PATIENCE_MS)
         self.seer.abandon(_PATIENCE_MS)
         self.lying = None
-        self.guidance, self._planned_for = None, None
+        self.guidance, self._planned_for, self._known = None, None, None
         self._answers.clear()
         self.guidance_changed.emit()
 
@@ -69,7 +74,8 @@ class AdviceController(ControllerPart):
         if project.by_board or project.source.startswith("replay"):  # a recorded ball goes nowhere
             return
         if not self._is_wanted:
-            self.planner.cancel()
+            if self.planner.running != "survey":
+                self.planner.cancel()
             return
         known = self._recording.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
@@ -130,17 +136,52 @@ class AdviceController(ControllerPart):
         task = self.planner.task
         return time.perf_counter() - task.began_s if task is not None else None
 
+    @property
+    def known(self) -> GuidanceView | None:
+        """The last that is known of rig and ball: by the placements, before the first one by what is in sight."""
+        if self.guidance is not None and self.guidance.scene is not None:
+            self._known = self.guidance
+        return self._known
+
+    def survey(self, sights: Mapping[str, "Sight"]) -> None:
+        """Before the first placement: work out where cameras and ball are from the ball that lies in sight."""
+        project, connection, now = self.project, self._cameras.connection, time.monotonic()
+        dots = {name: sight.dots for name, sight in sights.items() if len(sight.dots) >= _LEAST_DOTS and sight.still}
+        if project is None or connection is None or self.planner.running is not None:
+            return
+        new = set(dots) - set(self.known.cameras if self.known is not None else ())
+        if project.by_board or project.taken or len(dots) < 2 or not new or now - self._surveyed_s < _SURVEY_AGAIN_S:
+            return
+        self._surveyed_s = now
+        document, target_set = self._recording.outline(), connection.plan.target_set
+
+        def done(found: GuidanceView | None) -> None:
+            if found is not None and found.scene is not None and self.guidance is None:
+                self._known = replace(found, scene=without_balls(found.scene))
+            again()
+
+        def failed(error: BaseException) -> None:
+            self.main.note(f"survey: {error}")
+            again()
+
+        def again() -> None:
+            self._plan_again()  # what was asked for meanwhile
+            self.guidance_changed.emit()
+
+        work = self.planner.start
+        work("survey", lambda context: survey(document, target_set, dots, context), done, failed, again)
+
     def look_at_ball(self, sights: Mapping[str, "Sight"]) -> bool:
         """Work out where the ball is now against its ghost, beside the window; whether that was begun."""
         from spherecal_gui.tasks.ghost import lying_ball  # needs scipy
 
-        guidance = self.guidance
-        if guidance is None or guidance.ghost is None or self.seer.running is not None:
+        known = self.known
+        if known is None or known.ghost is None or self.seer.running is not None:
             return False
-        ghost, dots = guidance.ghost, {name: sight.dots for name, sight in sights.items()}
+        ghost, dots = known.ghost, {name: sight.dots for name, sight in sights.items()}
 
         def seen(lying: "Lying | None") -> None:
-            if self.guidance is guidance:
+            if self.known is known:
                 self.lying = lying
                 self.ball_seen.emit()
 

@@ -14,7 +14,7 @@ from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.project import Project, Rectangle
-from spherecal_gui.project_folder import taken_in
+from spherecal_gui.project_folder import Document, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 
@@ -91,6 +91,18 @@ class RecordingController(ControllerPart):
             self.session = self.check_session = None
             self.main.failed("connect")(error)
         self.main.changed.emit()
+
+    def outline(self) -> Document:
+        """What session.json says, or would say, of cameras and bench."""
+        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
+
+        project, connection = self.project, self._cameras.connection
+        assert project is not None and connection is not None
+        plan = jobs.calibration_plan(connection.plan, project.sets)
+        session = self.session or RecordedSession(
+            project.folder, plan, _masked_cameras(project, connection), connection.source
+        )
+        return session.document()
 
     def _open_checks(self, project: Project, connection: "Connection") -> None:
         """Make or take up the session folder of the check bars."""

@@ -1,15 +1,19 @@
 """Bars: the poses of the bar that gives the scale."""
 
+import time
 from collections.abc import Callable, Mapping
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.coverage import same_place
 from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.pages.rig_space import RigSpace
 from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
-from spherecal_gui.presenters.step_states import BarFacts, bar_says, seeing
+from spherecal_gui.presenters.placement_presenter import HOLD_S
+from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing
 from spherecal_gui.standing import Deed, Said
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
 
@@ -28,14 +32,30 @@ class ScalePage(LivePage):
         self.poses.setSpacing(18)
         self.column.addLayout(self.poses)
         self.wall = Wall()
-        self.column.addWidget(self.wall, 1)
+        self.space: RigSpace | None = None
+        self.by_itself: QCheckBox | None = None
+        self._still_s: float | None = None
+        self._put_wall()
         self.row = QHBoxLayout()
         self.again = button(self.tr("Retake the last pose"), "retake-pose")
         self.again.clicked.connect(self._retake)
+        if self.by_itself is not None:
+            self.row.addWidget(self.by_itself)
         self.row.addStretch(1)
         self.row.addWidget(self.again)
         self.column.addLayout(self.row)
         self._last: str | None = None
+
+    def _put_wall(self) -> None:
+        """The images, and the scene beside them."""
+        self.space = RigSpace(self.controller)
+        row = QHBoxLayout()
+        row.addWidget(self.wall, 5)
+        row.addWidget(self.space.view, 3)
+        self.column.addLayout(row, 1)
+        self.by_itself = option(self.tr("Capture by itself when still"))
+        self.by_itself.setObjectName("automatic-scale")
+        self.by_itself.setToolTip(self.tr("Once the bar was moved and lies still where three cameras see it."))
 
     @property
     def headline(self) -> QLabel:
@@ -111,7 +131,52 @@ class ScalePage(LivePage):
         if self.project is None or self.wall.isHidden():
             return
         self.follow()
+        self._follow_space()
         self.show_standing()
+        if self.by_itself is not None and self.by_itself.isChecked():
+            self._take_by_itself(time.monotonic())
+
+    def _take_by_itself(self, now_s: float) -> None:
+        """Take a bar that was moved since the last pose and has lain still for a while."""
+        own, sights = self.bar_targets(), self.sights()
+        seen = {name: sight for name, sight in sights.items() if sight.dots.targets_among(own) >= LEAST_MARKS}
+        dots = {name: sight.dots.of_targets(own) if own else sight.dots for name, sight in seen.items()}
+        before = self.controller.recording.dots.get(self._last or "")
+        moved = before is None or not same_place(before, dots)
+        button = self.said().button
+        may = button is not None and button.enabled and button.does == "capture"
+        if not (may and moved and len(seen) >= GOOD_CAMERAS and all(sight.still for sight in seen.values())):
+            self._still_s = None
+        elif self._still_s is None:
+            self._still_s = now_s
+        elif now_s - self._still_s >= HOLD_S:
+            self._still_s = None
+            self._take()
+
+    def _follow_space(self) -> None:
+        """The bar as it lies, in the rig as the placements have it."""
+        from spherecal_gui.tasks.ghost import bar_ends  # needs scipy
+
+        known = self.controller.advice.known
+        if self.space is None:
+            return
+        ends = None
+        if known is not None and known.ghost is not None:
+            dots = {name: sight.dots for name, sight in self.sights().items()}
+            ends = bar_ends(known.ghost.lenses, dots, self.bar_targets())
+        self.space.follow({}, *self.tiles_now(), bars=(ends,) if ends is not None else (), with_ball=False)
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        if self.space is not None:
+            self.space.view.dress()
+        super().dress()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        if self.space is not None:
+            self.space.view.close_view()
+        super().close_page()
 
     def bar_facts(self) -> BarFacts:
         """The pose to take next, and who sees the bar."""

@@ -112,9 +112,9 @@ class CheckPage(Page):
         self.repair.setText(self.tr("Repair {cameras}").format(cameras=", ".join(moved)))
         self.repair.setVisible(bool(moved) and not repaired)
         self.repair.setEnabled(idle)
-        self.use.setVisible(repaired and not in_use)
         good = repaired_run is not None and usable(repaired_run.verdict)
         allowed = limits.now().unverified_use
+        self.use.setVisible(repaired and not in_use and not (good and allowed))  # else the large button does it
         bad = self.tr("The repair is not valid: calibrate the rig.")
         forbidden = self.tr("No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.")
         why = "" if good and allowed else bad if not good else forbidden
@@ -214,9 +214,11 @@ class CheckPage(Page):
             levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
             shown = verdict_word(checked.verdict), levels.get(checked.verdict, "bad")
         well = self._in_use or (checked is not None and checked.verdict == "ok")
-        return check_says(CheckFacts(state.status, shown, reason_text(state.reason), well, running))
+        waits = project.repaired if self._after is not None and not self._in_use else None
+        usable_now = waits is not None and usable(waits.verdict) and limits.now().unverified_use
+        return check_says(CheckFacts(state.status, shown, reason_text(state.reason), well, running, usable_now))
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Check."""
-        return {"check": self.controller.checks.check}
+        """Check, or put the repair to use."""
+        return {"check": self.controller.checks.check, "use": self.controller.checks.use_repair}

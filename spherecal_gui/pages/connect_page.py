@@ -20,6 +20,7 @@ from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.pages.drivers_panel import DriversPanel
+from spherecal_gui.pages.rig_space import RigSpace
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.connect_presenter import (
     LENSES_MM,
@@ -53,6 +54,7 @@ from spherecal_gui.widgets.bench_view import BenchView
 from spherecal_gui.widgets.thumbnail import Thumbnail
 
 _ROOMY_PX = 1200
+_BESIDE_SCENE = 4  # ... that leave room for the scene below them
 _ONE_COLUMN = 7  # rows of cameras that a screen of 800 px shows one below the other
 
 
@@ -212,6 +214,7 @@ class ConnectPage(Page):
         super().__init__(controller, parent)
         self.dialog: CameraDialog | None = None
         self._shown: list[CameraLine] = []
+        self._columns = 1
         row = QHBoxLayout(self)
         self.cameras = Card(self.tr("Cameras"))
         self.summary = label("", "big")
@@ -245,8 +248,14 @@ class ConnectPage(Page):
         column.addWidget(inner)
         column.addStretch(1)
         scroll.setWidget(inside)
-        self.cameras.body.addWidget(scroll, 1)
+        self.cameras.body.addWidget(scroll, 2)
+        self.space = RigSpace(controller)
+        self.cameras.body.addWidget(self.space.view, 3)
         row.addWidget(self.cameras, 5)
+        row.addWidget(self._bench(), 2)
+
+    def _bench(self) -> Card:
+        """What should lie on the bench, and how that is chosen."""
         self.bench = Card(self.tr("On the bench"))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
@@ -268,7 +277,7 @@ class ConnectPage(Page):
         self.describe.clicked.connect(self.bench_wanted)
         self.bench.body.addWidget(self.describe)
         self.bench.body.addWidget(self.choose)
-        row.addWidget(self.bench, 2)
+        return self.bench
 
     @property
     def headline(self) -> QLabel:
@@ -320,6 +329,32 @@ class ConnectPage(Page):
                 self.refresh()
             for row in self._rows.values():
                 row.follow()
+            if self.has_room:
+                seen = self.space.view.isHidden()
+                self._follow_space()
+                if seen != self.space.view.isHidden():
+                    self.refresh()
+
+    def _follow_space(self) -> None:
+        """The rig in space, once it is known where its cameras are."""
+        live = self.controller.cameras.live
+        rows = {row.line.name: row for row in self._rows.values() if row.line.in_rig}
+        found = {name: live.sight(row.line.serial) for name, row in rows.items()} if live is not None else {}
+        self.space.follow(
+            {name: sight for name, sight in found.items() if sight is not None},
+            {name: row.line.level for name, row in rows.items()},
+            {name: row.picture.image for name, row in rows.items() if row.picture.image is not None},
+        )
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.space.view.dress()
+        super().dress()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.space.view.close_view()
+        super().close_page()
 
     def pictures(self) -> tuple[Thumbnail, ...]:
         """The images of the rig's cameras, in the order of the list."""
@@ -340,9 +375,11 @@ class ConnectPage(Page):
 
     def _show_lines(self, lines: list[CameraLine]) -> None:
         self._shown = lines
-        if [line.serial for line in lines] != list(self._rows):
+        most = _ONE_COLUMN if self.space.view.isHidden() else _BESIDE_SCENE
+        columns = 1 if theme.is_far() or len(lines) <= most else 2
+        if [line.serial for line in lines] != list(self._rows) or columns != self._columns:
             clear(self._grid)
-            columns = 1 if theme.is_far() or len(lines) <= _ONE_COLUMN else 2
+            self._columns = columns
             self._rows = {line.serial: CameraRow(self, line, narrow=columns > 1) for line in lines}
             below = -(-len(lines) // columns)
             self._grid.setVerticalSpacing(theme.SMALL if columns == 1 else theme.TIGHT)

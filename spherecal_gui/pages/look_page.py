@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QV
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import MOST_GAIN_DB
 from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.pages.rig_space import RigSpace
 from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_text
 from spherecal_gui.presenters.step_states import LookFacts, look_says
 from spherecal_gui.standing import Deed, Level, Said
@@ -40,7 +41,11 @@ class LookPage(LivePage):
         self.wall.masked.connect(self.controller.recording.mask)
         self.wall.renamed.connect(self.controller.tuning.name_camera)
         column.addLayout(self._mask_row())
-        column.addWidget(self.wall, 1)
+        self.space = RigSpace(controller)
+        row = QHBoxLayout()
+        row.addWidget(self.wall, 5)
+        row.addWidget(self.space.view, 3)
+        column.addLayout(row, 1)
         self._states: list[TileState] = []
 
     def _top_row(self) -> QHBoxLayout:
@@ -100,6 +105,16 @@ class LookPage(LivePage):
             row.addWidget(one)
         return row
 
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.space.view.dress()
+        super().dress()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.space.view.close_view()
+        super().close_page()
+
     @property
     def headline(self) -> QLabel:
         """The label with the state of the page."""
@@ -157,6 +172,7 @@ class LookPage(LivePage):
     def tick(self) -> None:
         """Follow the cameras."""
         self._states = self.follow()
+        self.space.follow(self.sights(), *self.tiles_now())
         self._show_warm_up()
         self.show_standing()
         self.fixed.setVisible("fixed-again" in self.said().also)

@@ -14,6 +14,7 @@ from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.pages.rig_space import LOOK_S
 from spherecal_gui.presenters.guidance_presenter import is_enough, next_text, now_text
 from spherecal_gui.presenters.look_presenter import TileState
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists, need_text
@@ -27,13 +28,11 @@ from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.tile import Wall
-from spherecal_gui.wizard.keys import SEEN_S
 from spherecal_gui.workflow import Step
 
 _HOLD_PX = 8
 _TALL_PX = 700  # of a page on a larger screen than 1280 x 800
 _CARRY_S = 5.0  # until it is moved again: where it was last seen may be older than where it lay
-_LOOK_S = 0.25  # between two looks at the ball; one takes 8 to 11 ms (6 cameras, 260 dots each)
 
 
 class PlacementPage(LivePage):
@@ -50,8 +49,6 @@ class PlacementPage(LivePage):
         self._drawn: object = None
         self._lacking = True  # a camera needs more dots, over all placements and what it sees now
         self._carried_s = 0.0
-        self._by_itself = False  # what is shown was captured by itself
-        self._good_since: float | None = None
         controller.advice.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
@@ -85,7 +82,7 @@ class PlacementPage(LivePage):
         row = QHBoxLayout()
         self.automatic = option(self.tr("Capture by itself when still"))
         self.automatic.setObjectName("automatic")
-        self.automatic.setToolTip(self.tr("Goes on to the next placement by itself too, where nothing is wrong."))
+        self.automatic.setToolTip(self.tr("Once the ball lies still where it should."))
         row.addWidget(self.automatic)
         row.addStretch(1)
         sets, cameras = self.controller.sets, self.controller.cameras
@@ -174,7 +171,6 @@ class PlacementPage(LivePage):
     def enter(self, step: Step) -> None:
         """Another placement: draw everything again."""
         self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
-        self._by_itself, self._good_since = False, None
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
@@ -259,10 +255,8 @@ class PlacementPage(LivePage):
         taken = waiting and self._trigger.feed(facts.scene, time.monotonic())
         self._show_hold(waiting)
         if taken:
-            self._by_itself = True
             self._take()
         self._carry()
-        self._go_on_by_itself()
 
     def _facts_of(self, scene: Scene) -> PlacementFacts:
         """What is known of this placement now."""
@@ -316,18 +310,6 @@ class PlacementPage(LivePage):
         if now - self._carried_s > _CARRY_S and not guidance.coarse and self.controller.staging.can_put_there:
             self._carried_s = now
             self.controller.staging.put_there()
-
-    def _go_on_by_itself(self) -> None:
-        """On to the next placement, once what was captured by itself has been in sight for a while and is good."""
-        state, standing = self.controller.state, self.standing()
-        after = state.after(state.current) if state is not None else None
-        good = self.is_taken and standing.default == "next" and standing.level == "good"
-        if not (self._by_itself and good and self.automatic.isChecked()) or after is None:
-            self._good_since = None
-        elif self._good_since is None:
-            self._good_since = time.monotonic()
-        elif after.step.kind == "placement" and time.monotonic() - self._good_since > SEEN_S:
-            self.controller.go(after.step.id)
 
     def _show_hold(self, waiting: bool) -> None:
         """How long it must still lie: until it is taken by itself, then until all images are there."""
@@ -438,8 +420,9 @@ class PlacementPage(LivePage):
     def _look_at_ball(self) -> None:
         """Where the ball is against its ghost, some times a second."""
         now = time.monotonic()
-        if self.is_taken or self.is_taking or now - self._looked_s < _LOOK_S:
+        if self.is_taken or self.is_taking or now - self._looked_s < LOOK_S:
             return
+        self.controller.advice.survey(self.sights())
         if self.controller.advice.look_at_ball(self.sights()):
             self._looked_s = now
 
@@ -459,10 +442,10 @@ class PlacementPage(LivePage):
 
     def _show_space(self) -> None:
         """The ball as it lies now, the cameras' images and how they are, in the scene."""
-        data, guidance, lying = self.space.data, self.controller.advice.guidance, self.controller.advice.lying
+        data, known, lying = self.space.data, self.controller.advice.known, self.controller.advice.lying
         if data is None or not self.space.isVisible():
             return
-        to_go, ghost = self.controller.advice.to_go, guidance.ghost if guidance is not None else None
+        to_go, ghost = self.controller.advice.to_go, known.ghost if known is not None else None
         ball = live_ball(data, ghost, lying) if ghost is not None and not self.is_taken else None
         levels, images = self.tiles_now()
         self.space.show_live(LiveParts(ball, to_go is not None and to_go.near, (), levels, images))
@@ -485,9 +468,12 @@ class PlacementPage(LivePage):
         """The engine's advice, where it gives one."""
         shown, planning = self.controller.advice.guidance, self.controller.advice.planning
         at = self.tabs.indexOf(self.guidance)
-        if self.space.data is None and shown is None:  # as the cameras stood when they were calibrated last
-            known = rig_in_use(self.controller.profile_folder, self.scene().counts)
-            self.space.show_scene(rig_scene(known) if known is not None else None)
+        known = self.controller.advice.known
+        if self.space.data is None and known is None:  # as the cameras stood when they were calibrated last
+            rig = rig_in_use(self.controller.profile_folder, self.scene().counts)
+            self.space.show_scene(rig_scene(rig) if rig is not None else None)
+        elif shown is None and known is not None and known.scene is not None and self.space.data is None:
+            self.space.show_scene(known.scene)
         if shown is None and not planning and self.space.data is None:
             if at >= 0:
                 self.tabs.removeTab(at)

@@ -24,8 +24,10 @@ from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Deed, Said
+from spherecal_gui.tasks.camera_effects import CameraEffect
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
+from spherecal_gui.widgets.effects_view import EffectsView
 from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
@@ -99,6 +101,7 @@ class ResultsPage(Page):
         self.tabs.addTab(self.findings, self.tr("What to do"))
         self.tabs.addTab(self.table, self.tr("Cameras"))
         self.tabs.addTab(residuals, self.tr("Residuals"))
+        self.effects = EffectsView()
         return self.tabs
 
     def _image_row(self) -> QVBoxLayout:
@@ -156,8 +159,17 @@ class ResultsPage(Page):
         self.table.fill([_cells(row, middle, self.tr("not placed"), row.camera == guilty) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
         self.panel.show_scene(outcome_scene(outcome))
+        self._show_effects(outcome.effects)
         if rows:
             self._show_worst(culprit(outcome.result), rows[0].camera)
+
+    def _show_effects(self, effects: tuple[CameraEffect, ...]) -> None:
+        """A tab for fields of lenses and drifts of cameras, where there are any."""
+        self.effects.show_effects(effects)
+        if (at := self.tabs.indexOf(self.effects)) >= 0 and not effects:
+            self.tabs.removeTab(at)
+        elif at < 0 and effects:
+            self.tabs.addTab(self.effects, self.tr("Lenses"))
 
     def _show_worst(self, accused: tuple[str, str | None] | None, largest: str) -> None:
         """The camera that the findings accuse, in the image they name; else the one with the largest residuals."""

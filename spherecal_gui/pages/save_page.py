@@ -389,8 +389,12 @@ class SavePage(Page):
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Save, or write the report."""
-        return {"save": self._save_profile, "report": self._write_report}
+        """Save, write the report, or see why what was saved is out of date."""
+        return {
+            "save": self._save_profile,
+            "report": self._write_report,
+            "results": lambda: self.controller.go("calibrate"),
+        }
 
     def _write_report(self) -> None:
         self._opens = True

@@ -52,7 +52,6 @@ class VerifyPage(ScalePage):
         self._was_taking = False
         self._drawn: Outcome | None = None  # the outcome whose bars the scene shows
         controller.bars.seen.connect(self._bar_seen)
-        self.column.removeWidget(self.wall)
         self.pose_box = QWidget()
         self.grid = QGridLayout(self.pose_box)
         self.grid.setContentsMargins(0, 0, 0, 0)
@@ -115,6 +114,9 @@ class VerifyPage(ScalePage):
         self.row.insertWidget(0, self.automatic)
         for one in (self.as_it_lies, self.enough, self.more):
             self.row.addWidget(one)
+
+    def _put_wall(self) -> None:
+        """In a tab, beside the scene with the pose that is asked for; it has its own way to capture by itself."""
 
     # --- poses -------------------------------------------------------------------------------------------------------
 

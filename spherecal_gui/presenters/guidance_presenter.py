@@ -22,7 +22,7 @@ def now_text(shown: GuidanceView) -> tuple[str, Level]:
         return translate("Guidance", "If you stop now: being worked out"), "none"
     if shown.now_mm is None or not np.isfinite(shown.now_mm) or shown.now_mm > NOT_YET_MM:
         return translate("Guidance", "If you stop now: not determined yet"), "bad"
-    text = translate("Guidance", "If you stop now: {mm:.3f} mm").format(mm=shown.now_mm)
+    text = translate("Guidance", "If you stop now: 500 ± {mm:.3f} mm").format(mm=shown.now_mm)
     gain = shown.next_mm is not None and shown.next_mm < (1 - WORTH) * shown.now_mm
     return text, "caution" if gain else "good"
 
@@ -31,7 +31,7 @@ def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:
     """What the next placement would give, or one more than was planned."""
     if shown.next_mm is None or not np.isfinite(shown.next_mm):
         return ""
-    text = translate("Guidance", "With this placement: {mm:.3f} mm")
+    text = translate("Guidance", "With this placement: 500 ± {mm:.3f} mm")
     if planned_taken:
-        text = translate("Guidance", "With one more placement: {mm:.3f} mm")
+        text = translate("Guidance", "With one more placement: 500 ± {mm:.3f} mm")
     return text.format(mm=shown.next_mm)

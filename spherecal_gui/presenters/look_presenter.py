@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.coverage import Level
-from spherecal_gui.texts import camera_details, camera_trouble
+from spherecal_gui.texts import camera_details, camera_trouble, reason_text
+from spherecal_gui.workflow import Reason
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
     from spherecal_cameras.protocol import CameraStatus, Frame
@@ -179,6 +180,9 @@ def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Le
     unsure = [state.name for state in states if state.level == "caution"]
     waiting = [state.name for state in states if state.level == "none"]
     alone = {state.name: state.summed for state in states if [state.name] in (bad, unsure)}
+    lost = tuple(state.name for state in states if state.lost)
+    if bad and len(lost) == len(bad):
+        return reason_text(Reason("cameras lost", lost)), "bad"
     if bad:
         message = translate("Look", "Check {names}.").format(names=", ".join(bad))
         return alone.get(bad[0]) or message, "bad"

@@ -23,6 +23,7 @@ translate = QCoreApplication.translate
 Work = Literal["", "exposing", "computing", "other"]  # computing: the images are there, ball and bar may be moved
 
 _NAMED = 4  # cameras in one sentence
+LEAST_MARKS = 2  # of a bar that a camera must see
 LEAST_CAMERAS, GOOD_CAMERAS = 2, 3  # a mark is found in space by two; a third one shows when one of them is wrong
 
 
@@ -63,6 +64,8 @@ def connect_says(f: ConnectFacts) -> Said:
     else:
         why = translate("State", "It was confirmed already.") if done else ""
     words = translate("State", "Bench confirmed") if done else translate("State", "Yes, this matches")
+    if level == "good" and not why:
+        text = translate("State", "{cameras}. Is this on the bench?").format(cameras=text)
     return Said(level, text, Button(words, "confirm", not why, why, done=done and not f.busy, accepts=True))
 
 
@@ -202,6 +205,7 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
     return _first(
         (f.work == "exposing", "caution", translate("State", "Hold still: images are being captured")),
         (f.work == "computing", "none", translate("State", "The images are there; their dots are being found")),
+        (f.taken and f.flawed, "none", translate("State", "Retake it, or keep it as it is")),
         (f.taken, "good", translate("State", "Captured. Press space to go on")),
         (bool(lost), "bad", reason_text(Reason("cameras lost", scene.lost))),
         (f.recorded and not seen, "bad", translate("State", "The recording shows no targets here")),
@@ -488,9 +492,10 @@ def save_says(f: SaveFacts) -> Said:
             )
         return Said(level, text, cancel, left=f.left)
     report = Button(translate("State", "Write the report"), "report")
-    if f.running or f.stale:
-        why = _busy() if f.running else translate("State", "The calibration is out of date.")
-        return Said(level, text, replace(report, enabled=False, why=why))
+    if f.running:
+        return Said(level, text, replace(report, enabled=False, why=_busy()))
+    if f.stale:
+        return Said(level, text, Button(translate("State", "See what has changed"), "results"))
     if f.saves_first:
         words = translate("State", "Save and put to use") if f.apply else translate("State", "Save in the profile")
         return Said(level, text, Button(words, "save", accepts=f.apply))
@@ -521,7 +526,8 @@ def _saved(f: SaveFacts) -> tuple[Level, str]:
 class CheckFacts:
     """`verdict`: the word and the level of the check that is shown, or that was made; None where there is none.
 
-    `reason`: why it is out of date or cannot be made; `well`: nothing is to be done about the rig.
+    `reason`: why it is out of date or cannot be made; `well`: nothing is to be done about the rig. `repaired`: cameras
+    were repaired, and that can be put to use.
     """
 
     status: Status = Status.READY
@@ -529,6 +535,7 @@ class CheckFacts:
     reason: str = ""
     well: bool = False
     running: str = ""
+    repaired: bool = False
 
 
 def check_says(f: CheckFacts) -> Said:
@@ -543,7 +550,9 @@ def check_says(f: CheckFacts) -> Said:
     if f.verdict is not None and f.status is not Status.STALE:
         finish = Button(translate("State", "Finish"), "finish", accepts=True)
         again = Button(translate("State", "Check again"), "check")
-        return Said(f.verdict[1], f.verdict[0], finish if f.well else again, also=_also({"check-again": f.well}))
+        use = Button(translate("State", "Put the repair to use"), "use")
+        button = finish if f.well else use if f.repaired else again
+        return Said(f.verdict[1], f.verdict[0], button, also=_also({"check-again": f.well or f.repaired}))
     if f.reason:
         text = translate("State", "Not done")
         return Said("bad" if f.status is Status.FAILED else "caution", text, Button(words, "check"))
@@ -607,4 +616,4 @@ def left_text(elapsed_s: float, share: float, usual_s: float | None) -> str:
 
 def seeing(targets: Mapping[str, int]) -> int:
     """The cameras that see two marks of the bar or more."""
-    return sum(count >= 2 for count in targets.values())
+    return sum(count >= LEAST_MARKS for count in targets.values())

@@ -1,6 +1,6 @@
 """The ball where it should go, as every camera would see it, and the ball where it is now."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -187,6 +187,17 @@ def live_points(lenses: Lenses, dots: Mapping[str, Dots]) -> tuple[IntArray, Flo
     np.maximum.at(worst, feature, np.nan_to_num(np.linalg.norm(found.residual, axis=1), nan=np.inf))
     good = np.isfinite(found.points[:, 0]) & (found.views >= 2) & found.in_front & (worst < _MISFIT_PX)
     return keys[good], found.points[good]
+
+
+def bar_ends(lenses: Lenses, dots: Mapping[str, Dots], targets: Collection[int]) -> FloatArray | None:
+    """The two ends (2, 3) mm of a bar by the outermost of its marks that two cameras see; None where none are."""
+    own = {name: one.of_targets(targets) for name, one in dots.items()}
+    _, points = live_points(lenses, own)
+    if len(points) < 2:
+        return None
+    away = np.linalg.norm(points[:, None] - points[None], axis=2)
+    first, last = np.unravel_index(int(np.argmax(away)), away.shape)
+    return points[[first, last]]
 
 
 def _middle(points: FloatArray, radius_mm: float) -> FloatArray | None:

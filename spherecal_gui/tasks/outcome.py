@@ -12,6 +12,7 @@ from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
 from spherecal.data.observations import Observations, find_features
 from spherecal_gui.rig_scenes import RigPlanes
+from spherecal_gui.tasks.camera_effects import CameraEffect, effects_of
 from spherecal_gui.tasks.guided_bar import plan_poses_of
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class Outcome:
 
     `plan` (verify.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
     `places` (export.frame) are those that a user's frame may be defined by, `images` the last image of each camera,
-    small, (height, width) uint8.
+    small, (height, width) uint8. `effects` of lenses and mounts, () where none were estimated.
     """
 
     result: "Result"
@@ -52,6 +53,7 @@ class Outcome:
     planes: RigPlanes | None = None
     places: "Mapping[str, Place]" = field(default_factory=dict)
     images: "Mapping[str, NDArray[np.uint8]]" = field(default_factory=dict)
+    effects: tuple[CameraEffect, ...] = ()
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:
@@ -68,7 +70,16 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar
     plan = plan_poses_of(folder, result.rig, bars)
     planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
     context.report("reading the result", 0.9)
-    return Outcome(result, compared, links, plan, planes, _places(folder, session), _last_images(session))
+    return Outcome(
+        result,
+        compared,
+        links,
+        plan,
+        planes,
+        _places(folder, session),
+        _last_images(session),
+        effects_of(result.rig, folder),
+    )
 
 
 def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":

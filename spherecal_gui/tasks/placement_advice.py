@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 # Dots of a camera from which the first answer is worked out: with 80 the cameras are known to some px (demo rig).
 _COARSE_DOTS = 160
+_IN_SIGHT = "live"
 
 
 def plan_coarse(
@@ -54,6 +55,15 @@ def plan_coarse(
     calibration = calibrate(session, quick, context)
     found = first_guess(session, calibration, round(share * limits.now().needed_dots))
     return _shown(session, calibration, found, coarse=True)
+
+
+def survey(document: Document, target_set: TargetSet | None, dots: SetDots, context: Context) -> GuidanceView | None:
+    """Where cameras and ball are, as far as what is in sight says, in millimetres of the print.
+
+    `target_set` None where the session has none.
+    """
+    alone: Document = {**document, "placements": [{"id": _IN_SIGHT}]}
+    return plan_coarse(alone, target_set, {_IN_SIGHT: dots}, context)
 
 
 def _dots_in(sets: Mapping[str, SetDots]) -> int:

@@ -42,6 +42,11 @@ class Thumbnail(QWidget):
         self._image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s
         self.update()
 
+    @property
+    def image(self) -> QImage | None:
+        """What is shown; None where there is no image yet."""
+        return self._image
+
     def show_dots(self, uv: np.ndarray, size: tuple[int, int]) -> None:
         """Show where dots were found.
 

@@ -38,7 +38,7 @@ class Footer(QFrame):
         self._cancelled = False
         self._quiet = QTimer(self)
         self._quiet.setSingleShot(True)
-        self._quiet.timeout.connect(self.settled)
+        self._quiet.timeout.connect(self._settle)
         self.next = once(button(self.tr("Next"), "next", "primary"))
         for one in (self.action, self.next):  # the others keep their places when one goes
             policy = one.sizePolicy()
@@ -98,11 +98,16 @@ class Footer(QFrame):
             quiet_s = AFTER_CANCEL_S if self._meaning[1] == "cancel" else QUIET_S
             self._meaning, self._cancelled = meaning, self._meaning[1] == "cancel"
             self._quiet.start(round(1000 * quiet_s))
+            self.action.setProperty("quiet", True)
         if button is None:
             return
         self.action.setText(button.text)
         self.action.setAccessibleName(button.text)
         enable(self.action, button.enabled and not (self._cancelled and self.is_quiet), button.why)
+
+    def _settle(self) -> None:
+        self.action.setProperty("quiet", False)
+        self.settled.emit()
 
     @property
     def is_quiet(self) -> bool:

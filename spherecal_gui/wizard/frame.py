@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtGui import QAction, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
@@ -74,6 +74,7 @@ class WindowFrame(QMainWindow):
     """All parts of the window around the page; what they do is connected by the window itself."""
 
     language_chosen = Signal(str)
+    goes_on_at_first = True  # unless the settings say otherwise
 
     def __init__(self, projects: Path | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -163,19 +164,22 @@ class WindowFrame(QMainWindow):
         if geometry is None or not self.restoreGeometry(geometry):
             self.resize(1280, 800)
             self.setWindowState(Qt.WindowState.WindowMaximized)
-        head = self.header
-        for one, name, default in ((head.dark, "dark", True), (head.far, "far", False), (head.mute, "mute", False)):
+        for name, one in self._options().items():
             one.blockSignals(True)
-            one.setChecked(self.settings.flag(name, default))
+            one.setChecked(self.settings.flag(name, name == "dark" or (name == "goes-on" and self.goes_on_at_first)))
             one.blockSignals(False)
         self._dress()
 
     # --- look --------------------------------------------------------------------------------------------------------
 
-    def _toggled(self) -> None:
+    def _options(self) -> dict[str, QAction]:
+        """The options that are remembered, by the name in the settings."""
         head = self.header
-        self.log_dock.setVisible(head.show_log.isChecked())
-        for one, name in ((head.dark, "dark"), (head.far, "far"), (head.mute, "mute")):
+        return {"dark": head.dark, "far": head.far, "mute": head.mute, "goes-on": head.goes_on}
+
+    def _toggled(self) -> None:
+        self.log_dock.setVisible(self.header.show_log.isChecked())
+        for name, one in self._options().items():
             self.settings.set_flag(name, one.isChecked())
         self._dress()
 

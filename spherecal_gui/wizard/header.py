@@ -25,6 +25,7 @@ class Header(QFrame):
     training = Signal(str)  # with this fault
     studies = Signal()
     bench = Signal()
+    sound_test = Signal()
 
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -71,11 +72,15 @@ class Header(QFrame):
         self.dark = self._option(self.tr("Dark"), self.tr("Light letters on a dark ground."))
         self.far = self._option(self.tr("Large text"), self.tr("Larger letters, to read from three metres."))
         self.mute = self._option(self.tr("Mute"), self.tr("No sounds for accepted, rejected and done."))
+        self.goes_on = self._option(
+            self.tr("Go on by itself"), self.tr("On to the next step a second after one is done and nothing is wrong.")
+        )
         self.show_log = self._option(self.tr("Log"), self.tr("What the program has done, line by line."))
         self.menu.addMenu(self._languages(language))
         self.menu.addSeparator()
         self.copy = self._action(self.tr("Copy as command"), "terminal-2", self.copy_command.emit)
         self._action(self.tr("Bench, bars and balls"), "sphere", self.bench.emit)
+        self._action(self.tr("Test the sound"), "volume", self.sound_test.emit)
         self._action(self.tr("Limits"), "ruler-2", self.limits.emit)
         self.menu.addMenu(self._training())
         self._action(self.tr("Compare methods"), "chart-bar", self.studies.emit)

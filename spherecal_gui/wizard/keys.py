@@ -16,8 +16,13 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from spherecal_gui.standing import Standing
+from spherecal_gui.workflow import Step, StepKind
+
 # Somebody who presses twice means the page that was in sight at the first press; to read a new one takes a second.
 SEEN_S = 1.0
+# Steps at which there is nothing more to do or to read once they are done well; Verify is there to be read.
+GOES_ON: tuple[StepKind, ...] = ("connect", "look", "placement", "scale", "calibrate", "results")
 _FIELDS = (QLineEdit, QAbstractSpinBox, QPlainTextEdit, QTextEdit)
 
 
@@ -41,6 +46,28 @@ class Guard:
     def allows(self) -> bool:
         """Whether a press acts now."""
         return self._clock() - self._seen_from_s >= SEEN_S
+
+
+class Onward:
+    """Whether the window goes on by itself: from a step that was done well while it was in sight, after a second."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._step = ""
+        self._open = False  # it was not done yet when it came into sight: nobody is sent on from a step gone back to
+        self._done_s: float | None = None
+
+    def feed(self, step: Step, standing: Standing) -> bool:
+        """Whether to go on now; called while nothing runs."""
+        done = standing.default == "next" and standing.level == "good"
+        if step.id != self._step:
+            self._step, self._open, self._done_s = step.id, False, None
+        self._open = self._open or not done
+        if not (done and self._open and step.kind in GOES_ON):
+            self._done_s = None
+        elif self._done_s is None:
+            self._done_s = self._clock()
+        return self._done_s is not None and self._clock() - self._done_s >= SEEN_S
 
 
 class Keys(QObject):

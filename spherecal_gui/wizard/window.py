@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QFocusEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
-from PySide6.QtWidgets import QDialog, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
@@ -16,14 +16,14 @@ from spherecal_gui.presenters.look_presenter import bump_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
-from spherecal_gui.standing import camera_level
+from spherecal_gui.standing import Standing, camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.bench_editor import show_bench
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
-from spherecal_gui.wizard.keys import Guard, Keys
+from spherecal_gui.wizard.keys import Guard, Keys, Onward
 from spherecal_gui.wizard.limits_viewer import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.workflow import Status, Step
@@ -49,9 +49,10 @@ class WizardWindow(WindowFrame):
         self._shown_step: Step | None = None
         self._closed = False
         self._lost: tuple[str, ...] = ()
-        self._alarmed = False
+        self._alarmed = self._ready = False
         self._ticks = 0
         self.guard = Guard()
+        self.onward = Onward()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
         self._timed: BackgroundTask | None = None  # the work whose time is shown
@@ -81,6 +82,7 @@ class WizardWindow(WindowFrame):
         self.header.bundle.connect(self.offer_bundle)
         self.header.copy_command.connect(self.copy_command)
         self.header.limits.connect(self._show_limits)
+        self.header.sound_test.connect(self._test_sound)
         self.header.bench.connect(self.edit_bench)
         self.start.bench_wanted.connect(self.edit_bench)
         self.rail.chosen.connect(self._rail_chosen)
@@ -177,6 +179,11 @@ class WizardWindow(WindowFrame):
     def _show_limits(self) -> None:
         show_limits(self.controller, self.projects, self, self.redraw)
 
+    def _test_sound(self) -> None:
+        """Play it where somebody can hear it, or say why not."""
+        wrong = self.sounds.test()
+        self._say("bad" if wrong else "info", wrong or self.tr("A sound was played. Was it heard?"), "")
+
     def edit_bench(self) -> None:
         """Describe ball, bars and limits."""
         self.bench_dialog = show_bench(self.controller, self.projects, self)
@@ -264,7 +271,16 @@ class WizardWindow(WindowFrame):
         self.page.alarmed = self.banner.alarms
         standing = self.page.standing()
         self.rail.show_state(state, standing)
+        self._sound_ready(standing)
         self.footer.show_standing(standing, state, self.controller.runner.running is not None)
+
+    def _sound_ready(self, standing: Standing) -> None:
+        """A tone when ball or bar can be captured: somebody may stand at the rig with the back to the screen."""
+        kind = self._shown_step.kind if self._shown_step is not None else None
+        ready = kind in ("placement", "scale", "verify") and standing.level == "good" and standing.default == "action"
+        if ready and not self._ready:
+            self.sounds.play("ready")
+        self._ready = ready
 
     def _show_status(self) -> None:
         project, connection = self.controller.project, self.controller.cameras.connection
@@ -317,7 +333,9 @@ class WizardWindow(WindowFrame):
             self.controller.look_for_folder()
         if self.page is not None:
             self.page.tick()
-        if self.controller.cameras.lost() != self._lost:
+        if (lost := self.controller.cameras.lost()) != self._lost:
+            if set(lost) - set(self._lost):
+                self.sounds.play("lost")
             self.refresh()
         if self.banner.alarms != self._alarmed:
             self._alarmed = self.banner.alarms
@@ -326,6 +344,7 @@ class WizardWindow(WindowFrame):
                 self.page.show_standing()
         task = self.controller.runner.task
         self._show_doing(task)
+        self._go_on()
         live = self.controller.cameras.live
         if live is None:
             return
@@ -382,6 +401,15 @@ class WizardWindow(WindowFrame):
         if after is not None and after.open and self.page is not None and not self.page.said().stay:
             self.banner.hide()
             self.controller.go(after.step.id)
+
+    def _go_on(self) -> None:
+        """On to the next step by itself; not under a dialog, nor under a finger."""
+        if not (self.header.goes_on.isChecked() and self._own) or self.page is None or self._shown_step is None:
+            return
+        busy = self.controller.runner.running is not None or QApplication.activeModalWidget() is not None
+        pressed = QApplication.mouseButtons() != Qt.MouseButton.NoButton
+        if not (busy or pressed) and self.onward.feed(self._shown_step, self.page.standing()):
+            self.go_next()
 
     def go_back(self) -> None:
         """The step before."""

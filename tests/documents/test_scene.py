@@ -391,3 +391,16 @@ def test_a_scene_without_axes_or_reference_is_shown(qtbot: QtBot) -> None:
     rig = SimpleNamespace(cameras=(SimpleNamespace(id="C01", centre=one.centre, corners=one.corners),), placements=())
     view = shown(qtbot, PaintedScene(), SceneData(rig, np.empty((0, 3)), np.empty(0)))
     assert not view.grab().toImage().isNull()
+
+
+def test_a_scene_is_sent_while_the_window_works_out_its_floor(data: SceneData) -> None:
+    """Sent from a thread of its own; what is worked out meanwhile made its pickling fail, and no picture came."""
+    import pickle
+
+    class Meanwhile:
+        def __reduce__(self) -> tuple[type, tuple[()]]:
+            assert sent.radius > 0 and sent.floor is not None
+            return str, ()
+
+    sent = replace(data, images={"C01": Meanwhile()})
+    assert len(pickle.loads(pickle.dumps(sent)).points) == len(data.points)

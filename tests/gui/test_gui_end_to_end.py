@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from installer.walk import virtual_screen
+from installer.walk import GOES_ON_S, virtual_screen
 from spherecal_gentl.producer.feed import RigFeed
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
@@ -92,8 +92,15 @@ class Driver:
         button = self.buttons().get(key)
         return bool(button and button[2])
 
+    def settle(self) -> None:
+        """Until the window has dealt with what was pressed and told twice since what can be pressed now."""
+        for _ in range(2):
+            ticks = self.buttons().get("", [0])[0]
+            self.wait(lambda ticks=ticks: self.buttons().get("", [0])[0] != ticks, "the window answers")
+
     def click(self, key: str) -> None:
         """Move the mouse there and press."""
+        self.settle()
         self.wait(lambda: self.enabled(key), f"{key} can be pressed")
         x, y = self.buttons()[key][:2]
         words = ["xdotool", "mousemove", str(x), str(y), "sleep", "0.1", "click", "1"]
@@ -119,7 +126,12 @@ class Driver:
         return found
 
     def go_on(self, step: str) -> None:
-        self.click("next")
+        """The window goes on by itself from what is done well; from what is there to be read it is asked to."""
+        until = time.monotonic() + GOES_ON_S
+        while self.project().get("step") != step and time.monotonic() < until:
+            time.sleep(0.05)
+        if self.project().get("step") != step:
+            self.click("next")
         self.wait(lambda: self.project().get("step") == step, step)
 
     def take(self, name: str) -> None:

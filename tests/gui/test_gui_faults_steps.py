@@ -122,7 +122,7 @@ def lose_a_camera(opened: WizardWindow) -> None:
     if step == "connect":
         pump(lambda: "5 of 6 cameras ready" in told_on(opened))
     elif step == "look":
-        pump(lambda: "Check C04" in told_on(opened))
+        pump(lambda: "No images from C04" in told_on(opened))
     elif step == "placement:P2":
         page = opened.page
         assert isinstance(page, PlacementPage)
@@ -207,7 +207,7 @@ def test_the_camera_process_killed_is_said_and_all_cameras_come_back(real):
     if step == "connect":
         pump(lambda: "0 of 6 cameras ready" in told_on(window))
     elif step == "look":
-        pump(lambda: "Check C01, C02" in told_on(window))
+        pump(lambda: "No images from C01, C02" in told_on(window))
     pump(lambda: "without" not in window.source.text)
     assert source.service_pid not in (None, pid)
     assert controller.state.current == step

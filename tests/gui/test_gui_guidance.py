@@ -52,7 +52,7 @@ def test_every_placement_is_said_to_help_and_stopping_gets_better(demo):
     assert names == ["P1", "P2", "P3"], "every place of the ball"
     assert 100 < told[1].ghost.body.radius_mm < 400, "a bar gives the scale later; until then the printed targets do"
     assert now_text(told[0]) == ("If you stop now: not determined yet", "bad")
-    assert now_text(told[1])[0] == f"If you stop now: {told[1].now_mm:.3f} mm"
+    assert now_text(told[1])[0] == f"If you stop now: 500 ± {told[1].now_mm:.3f} mm"
 
 
 def test_the_session_behind_it_is_that_of_the_images(demo):
@@ -83,7 +83,7 @@ BASE = GuidanceView(0.2, 0.1)
 
 
 def test_the_forecast_turns_green_when_more_would_not_help():
-    assert now_text(BASE) == ("If you stop now: 0.200 mm", "caution")
+    assert now_text(BASE) == ("If you stop now: 500 ± 0.200 mm", "caution")
     assert now_text(replace(BASE, next_mm=0.19))[1] == "good"
-    assert next_text(BASE) == "With this placement: 0.100 mm"
+    assert next_text(BASE) == "With this placement: 500 ± 0.100 mm"
     assert next_text(replace(BASE, next_mm=None)) == ""

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import cast
 
 import pytest
 
@@ -215,3 +216,58 @@ def _is_shown(pid: int) -> bool:
     except OSError:
         return False
     return bool(int(caught.split()[1], 16) & (1 << (signal.SIGTERM - 1)))
+
+
+def test_the_window_goes_on_from_a_step_that_was_done_while_it_was_looked_at():
+    """A second after it was done well; never from one that was gone back to, that is flawed, or there to be read."""
+    from spherecal_gui.standing import Default, Level, Standing
+    from spherecal_gui.wizard.keys import Onward
+    from spherecal_gui.workflow import Step, StepKind
+
+    now = [0.0]
+
+    def goes(*seen: tuple[str, str], kind: StepKind = "placement") -> bool:
+        onward, went = Onward(lambda: now[0]), False
+        for default, level in seen:
+            went = onward.feed(Step("a", kind), Standing(cast("Level", level), "", cast("Default", default)))
+            now[0] += SEEN_S / 2
+        return went
+
+    doing, done = ("action", "good"), ("next", "good")
+    assert goes(doing, done, done, done)
+    assert not goes(doing, done, done), "it was in sight for half a second"
+    assert not goes(done, done, done, done), "somebody went back to it"
+    assert not goes(doing, ("next", "caution"), ("next", "caution"), ("next", "caution"))
+    assert not goes(doing, done, doing, done, done), "it was undone meanwhile"
+    assert not goes(doing, done, done, done, kind="verify")
+    onward = Onward(lambda: now[0])
+    onward.feed(Step("a", "look"), Standing("good", "", "action"))
+    assert not onward.feed(Step("b", "look"), Standing("good", "", "next")), "another step begins anew"
+
+
+def test_the_window_goes_on_by_itself_from_connect_to_the_images(tmp_path, monkeypatch, qapp):
+    """One click confirms the bench; the option in the menu turns it off."""
+    from spherecal_gui.wizard.frame import WindowFrame
+    from tests.gui_walking import pump, settle
+
+    monkeypatch.setattr(WindowFrame, "goes_on_at_first", True)
+    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
+    window = WizardWindow(tmp_path / "projects")
+    try:
+        window.show()
+        window.new_project("simulated:demo")
+        settle(window.controller)
+
+        def step() -> str:
+            return window.controller.project.step if window.controller.project is not None else ""
+
+        assert step() == "connect"
+        pump(lambda: window.footer.action.isEnabled() and not window.footer.is_quiet)
+        window.footer.action.click()
+        pump(lambda: step() == "look")
+        window.header.goes_on.setChecked(False)
+        again = WizardWindow(tmp_path / "projects")
+        assert not again.header.goes_on.isChecked(), "it is remembered"
+        again.close()
+    finally:
+        window.close()

@@ -1,7 +1,6 @@
 """One state: what each step says over all its inputs, and that no page makes a sentence about its state beside it."""
 
 import ast
-import functools
 import itertools
 import os
 from dataclasses import replace
@@ -17,116 +16,8 @@ from spherecal_gui.presenters import step_states as st
 from spherecal_gui.presenters.placement_presenter import Scene
 from spherecal_gui.standing import Said
 from spherecal_gui.tasks.ghost import ToGo
-from spherecal_gui.workflow import Status
 from tests.conftest import ROOT
-
-ON = (False, True)
-SCENES = tuple(
-    Scene(counts, still, lost, board, made_up)
-    for counts in ({}, {"C01": 0, "C02": 0}, {"C01": 200, "C02": 30}, {"C01": 200, "C02": 300})
-    for still in (None, False, True)
-    for lost in ((), ("C02",))
-    for board in ON
-    for made_up in ON
-)
-FAR = ToGo(560.0, 45.0, near=False, level_mm=500.0, up_mm=200.0, towards="C02")
-WORKS = ("", "exposing", "computing", "other")
-VERDICTS = ("valid", "use with care", "not valid")
-
-
-def every(facts: Any, **values: tuple) -> list:
-    """The facts with every combination of these values."""
-    return [facts(**dict(zip(values, row, strict=True))) for row in itertools.product(*values.values())]
-
-
-BARS = every(
-    st.BarFacts,
-    pose=(None, "Pose 1 of 2"),
-    seeing=(0, 2, 3),
-    work=WORKS,
-    connected=ON,
-    guide=(None, ("Lay it", "caution", False), ("Ready", "good", True)),
-    recorded=ON,
-)
-
-
-@functools.cache
-def all_facts() -> dict[Any, list]:
-    """Every input of every step, by the function that says what it is."""
-    summaries = (("", "none"), ("2 of 2 cameras ready", "good"), ("Could be better", "caution"), ("No cameras", "bad"))
-    return {
-        st.connect_says: every(st.ConnectFacts, summary=summaries, cameras=ON, confirmed=ON, busy=ON),
-        st.look_says: [
-            st.LookFacts(("", "none")),
-            *every(st.LookFacts, summary=summaries[1:], images=ON, searched=ON, accepted=ON, moved=ON),
-        ],
-        st.placement_says: every(
-            st.PlacementFacts,
-            scene=SCENES,
-            taken=ON,
-            flawed=ON,
-            work=WORKS,
-            connected=ON,
-            as_before=ON,
-            to_go=(None, ToGo(10.0, 3.0, near=True), FAR),
-            enough=ON,
-            recorded=ON,
-        )
-        + every(st.PlacementFacts, taken=ON, work=WORKS, spare=ON, moved=ON, undo=ON, movable=ON, to_go=(None, FAR)),
-        st.bar_says: BARS,
-        st.verify_says: every(
-            st.VerifyFacts,
-            bar=tuple(BARS),
-            outcome=(None, ("PASS", "good"), ("FAIL", "bad")),
-            measuring=ON,
-            current=ON,
-            taken=ON,
-        ),
-        st.calibrate_says: every(
-            st.CalibrateFacts,
-            status=tuple(Status),
-            reason=("A reason.",),
-            error=ON,
-            verdict=("", *VERDICTS),
-            run=("", "running", "stopping", "keeping"),
-            busy=ON,
-            taken=(2, 4),
-            planned=(4,),
-            left=("9 s",),
-        ),
-        st.results_says: every(
-            st.ResultFacts,
-            verdict=(None, ("VALID", "good", True), ("NOT VALID", "bad", False)),
-            stale=ON,
-            accepted=ON,
-            running=("", "calibrate", "save"),
-        ),
-        st.save_says: every(
-            st.SaveFacts,
-            status=tuple(Status),
-            calibration=VERDICTS,
-            verified=ON,
-            kept=ON,
-            stale=ON,
-            apply=ON,
-            why_not=("", "Not verified."),
-            report=ON,
-            running=("", "save", "verify"),
-            stopping=ON,
-        ),
-        st.check_says: every(
-            st.CheckFacts,
-            status=tuple(Status),
-            verdict=(None, ("OK", "good"), ("WATCH", "caution")),
-            reason=("Why.",),  # a step that is blocked, stale or failed has one
-            well=ON,
-            running=("", "check", "save"),
-        )
-        + every(st.CheckFacts, status=(Status.READY, Status.DONE), well=ON),
-        st.measure_says: every(
-            st.MeasureFacts, trust=(("", "none"), ("Agree.", "good")), measuring=ON, recorded=(None, 0, 9)
-        ),
-    }
+from tests.gui_states import all_facts
 
 
 def said_of(says) -> list[tuple[Any, Said]]:
@@ -233,6 +124,18 @@ def test_the_time_left_falls():
     """A run of 20 s that took 20 s before, seen every second: it never says "of about" and never rises."""
     left = [st.seconds_left(t, t / 20, 20.0) or 0.0 for t in range(1, 20)]
     assert all(b < a for a, b in itertools.pairwise(left))
+
+
+def test_the_table_of_all_states_is_current():
+    """docs/states.md: every state with its one instruction, in three languages, none of which lacks a word."""
+    from docs.make_states import PAGE, made_page
+
+    text = made_page()
+    assert text == PAGE.read_text(encoding="utf-8"), "not current: python docs/make_states.py"
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| ") and "instruction" not in line]
+    assert len(rows) > 60
+    for row in rows:
+        assert all(row[1:4]) or not any(cell.strip() for cell in row[1:4]), row
 
 
 def test_no_page_makes_a_sentence_about_its_state():

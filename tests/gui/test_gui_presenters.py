@@ -224,7 +224,9 @@ def test_a_lost_camera_says_so_before_anything_else():
 def test_the_wall_in_one_sentence():
     good, bad = tile_state("C01", status(), sight()), tile_state("C02", status(CameraState.LOST), None)
     assert summary([good]) == ("All 1 cameras: sharp, dots found.", "good")
-    assert summary([good, bad]) == ("Check C02.", "bad")
+    assert summary([good, bad]) == ("No images from C02: check cable, power and network.", "bad")
+    dark = tile_state("C03", status(), sight(blur=3.0))
+    assert summary([good, bad, dark]) == ("Check C02, C03.", "bad"), "each tile says what is wrong with it"
     assert summary([good, tile_state("C05", status(), sight(blur=3.0))]) == ("C05 is out of focus.", "bad")
     assert summary([good, tile_state("C05", status(), sight(saturated=0.2))]) == ("C05 is too bright.", "caution")
 

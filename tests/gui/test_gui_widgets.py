@@ -1,6 +1,7 @@
 """The parts of pages, each alone."""
 
 import os
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -326,8 +327,24 @@ def test_a_camera_in_a_list_of_needs_can_be_clicked(qtbot):
 
 
 def test_sounds_differ_and_can_be_muted():
-    assert len({sounds.tone_bytes(kind) for kind in ("good", "bad", "done")}) == 3
+    assert len({sounds.tone_bytes(kind) for kind in ("good", "bad", "done", "ready", "lost")}) == 5
     assert sounds.tone_bytes("good").startswith(b"RIFF")
     player = sounds.Sounds()
     player.muted = True
     assert not player.play("good")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows plays sounds itself")
+def test_the_sound_device_can_be_tested(tmp_path):
+    """The players' own answer: somebody who hears nothing learns why."""
+    player = sounds.Sounds()
+    player._player = None
+    assert "paplay" in player.test()
+    for code, words in ((1, "Connection refused"), (0, "")):
+        fake = tmp_path / f"player{code}"
+        fake.write_text(f"#!/bin/sh\ntest -s $1 || exit 2\necho '{words}.' >&2\nexit {code}\n")
+        fake.chmod(0o755)
+        player._player = [str(fake)]
+        said = player.test()
+        assert (words in said and said.endswith("settings.")) if code else said == "", said
+    player.close()

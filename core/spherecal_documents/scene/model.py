@@ -83,7 +83,7 @@ class SceneData:
     coverage factor and `map_length_mm` the length. `links`: steps of the paths by which the cameras were joined.
     `ellipsoids` (e, 3, 3): half axes by row, mm, of one standard deviation, at `ellipsoid_places` (e, 3). `images`
     (height, width) uint8: the last image of each camera, by id. `origin_mm` (3,): the scene's origin in the world.
-    `wanted`: where the ball should go next.
+    `wanted`: where the ball should go next. `room` (n, 3): more that must be in the picture.
     """
 
     scene: Any
@@ -105,6 +105,11 @@ class SceneData:
     images: Mapping[str, Any] = field(default_factory=dict)
     origin_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
     wanted: DrawnBall | None = None
+    room: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy at once: it is sent to the process that renders while the window's thread works out `floor`."""
+        return dict(self.__dict__)
 
     @property
     def link_ends(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -146,7 +151,7 @@ class SceneData:
         parts = [np.vstack([camera.centre, camera.corners]) for camera in self.scene.cameras]
         for camera in self.scene.cameras:  # bodies and lenses lie behind the centre
             parts.append((camera.centre + _BODY * (camera.centre - camera.corners.mean(axis=0)))[None])
-        parts += [self.points, self.map_places, *(np.vstack([bar.start, bar.end]) for bar in self.bars)]
+        parts += [self.points, self.map_places, self.room, *(np.vstack([bar.start, bar.end]) for bar in self.bars)]
         parts += [np.vstack(ends) for ends, _ in self.reference_axes]
         for placement in self.scene.placements:
             if placement.ball_centre is not None:

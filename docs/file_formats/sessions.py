@@ -23,7 +23,7 @@ from file_formats.vocabulary import (
 from spherecal.files.bar_registry import FIGURES, SERIAL
 from spherecal.files.bundle_file import BUNDLE
 from spherecal.files.capture_file import CAPTURE
-from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE
+from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
 from spherecal.files.target_set_file import TARGETS, given
 
 _FIGURES: dict[str, Schema] = {one.key: one.kind.schema for one in FIGURES}
@@ -46,6 +46,7 @@ SESSION = written(
         "cameras": CAMERAS.schema,
         "target_set?": path("The file with the target set, mostly `targets.json`."),
         "sphere?": SPHERE.schema,
+        "wanted_uncertainty_mm?": WANTED.schema,
         "placements?": PLACEMENTS.schema,
         "scale?": SCALE.schema,
         "bars?": items("The reference bars.", _BAR),

@@ -192,6 +192,22 @@ def test_all_findings_are_plain_words() -> None:
                 assert finding.hint
 
 
+def test_accuracy_that_is_wanted_decides_the_verdict() -> None:
+    """Of one recording: VALID where lengths are as certain as the session wants them, with care where they are not."""
+    session = simulated("demo", 1, targets=80, bar_poses=6, scale="bar")[0]
+    rig = calibrate(session).rig
+    assert rig.quality.verdict == "valid" and rig.length_map is not None and rig.length_map.worst is not None
+    worst_mm = rig.length_map.worst[0]
+    reached = calibrate(replace(session, wanted_uncertainty_mm=1.01 * worst_mm)).rig.quality
+    assert reached.verdict == "valid" and "accuracy-missed" not in {f.code for f in reached.findings}
+    missed = calibrate(replace(session, wanted_uncertainty_mm=0.99 * worst_mm)).rig.quality
+    assert missed.verdict == "use-with-care" and [a.region_mm is not None for a in missed.affected] == [True]
+    finding = of(missed.findings, "accuracy-missed")
+    assert finding.values["worst_mm"] == worst_mm and finding.severity == "warning"
+    lost = calibrate(replace(session, scale=None, wanted_uncertainty_mm=worst_mm)).rig.quality
+    assert {"accuracy-missed", "no-scale"} <= {f.code for f in lost.findings if f.severity == "warning"}
+
+
 def test_errors_come_first() -> None:
     findings = calibrate(unseen(placements(small_rig(), 2))).rig.quality.findings
     rank = {"error": 0, "warning": 1, "info": 2}

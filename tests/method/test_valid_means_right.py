@@ -401,7 +401,7 @@ def test_severities_are_effects() -> None:
 def test_care_names_what_it_concerns_and_widens_it() -> None:
     cameras = ["C01", "C02", "C03"]
     held, lens = (as_written("warning", code, "", "", ("C02", "P1")) for code in ("intrinsics-held", "lens-misfit"))
-    weak = as_written("warning", "placements-clustered", "", "")
+    weak = as_written("warning", "accuracy-missed", "", "")
     box = Affected(region_mm=((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)))
     assert affected([held], cameras) == (Affected(camera="C02"),)
     assert affected([weak], cameras, box) == (box,)

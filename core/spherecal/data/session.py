@@ -168,6 +168,7 @@ class Session(ByValue):
     the order of `cameras`. `input_sha256` covers session.json and every file it names. `recorded_at`: when its last
     placement was taken, where the cameras noted it. `sphere_sd_mm`: standard uncertainty of the diameter, over the
     targets, where it was measured. `struck`: sources of scale (`print`, `ball`) that say nothing, by the user's wish.
+    `wanted_uncertainty_mm`: the expanded one (k = 2) that lengths are wanted with.
     """
 
     folder: Path
@@ -184,6 +185,7 @@ class Session(ByValue):
     recorded_at: datetime.datetime | None = None
     sphere_sd_mm: float | None = None
     struck: tuple[str, ...] = ()
+    wanted_uncertainty_mm: float | None = None
 
     @classmethod
     def from_arrays(

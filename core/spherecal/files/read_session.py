@@ -17,7 +17,7 @@ from spherecal.files.capture_file import last_taken, read_captured_sets
 from spherecal.files.json_file import JsonValue, read_json, unique
 from spherecal.files.observations_file import read_observations
 from spherecal.files.read_bars import read_bars
-from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE
+from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
 from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.board_grid import board_grid
 from spherecal.targets.target_set import TargetSet
@@ -27,7 +27,7 @@ VERSION = 1
 SESSION_FILE = "session.json"
 OBSERVATIONS_FILE = "observations.csv"
 
-_OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "target_set")
+_OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "target_set", "wanted_uncertainty_mm")
 _MOST_BYTES = 1 << 30  # of one file; images of 150 MP with 16 bits have 300 MB
 
 
@@ -75,6 +75,7 @@ def read_session(folder: Path) -> Session:
         input_sha256=files.sha256(),
         recorded_at=_recorded_at(folder, placements),
         sphere_sd_mm=sphere_sd,
+        wanted_uncertainty_mm=WANTED.read(f["wanted_uncertainty_mm"]) if "wanted_uncertainty_mm" in f else None,
     )
 
 

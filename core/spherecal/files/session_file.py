@@ -176,6 +176,8 @@ SPHERE = record(
     optional("coverage_factor", positive("The factor k of that; 2 where absent.")),
 )
 
+WANTED = positive("The expanded uncertainty (k = 2) that lengths are wanted with; absent: any.", "mm")
+
 # --- scale -----------------------------------------------------------------------------------------------------------
 
 

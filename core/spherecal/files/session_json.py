@@ -30,6 +30,8 @@ def session_json(session: Session, folder: Path) -> dict[str, Any]:
         document["sphere"] = {"nominal_diameter_mm": session.sphere_diameter_mm}
         if session.sphere_sd_mm is not None:
             document["sphere"]["expanded_uncertainty_mm"] = 2 * session.sphere_sd_mm
+    if session.wanted_uncertainty_mm is not None:
+        document["wanted_uncertainty_mm"] = session.wanted_uncertainty_mm
     if session.scale is not None:
         document["scale"] = _scale(session.scale)
     return document

@@ -103,7 +103,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     lengths = _length_map(cameras, covariance, adjusted, solution, observations)
     uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     motions = image_motions(session, observations.placements, corrections)
-    findings += (*_said_of(lengths), *effects_findings(cameras, motions, uv))
+    said = [*_said_of(lengths), *_missed(lengths, session.wanted_uncertainty_mm)]
+    findings = ruled([*findings, *said, *effects_findings(cameras, motions, uv)])
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(
@@ -112,7 +113,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         mean_px=float(size.mean()) if len(size) else None,
         sigma0=sigma0,
         findings=findings,
-        affected=affected(findings, names, _weak_region(lengths)),
+        affected=affected(findings, names, _weak_region(lengths, session.wanted_uncertainty_mm)),
     )
     rig = Rig(
         session.cameras[reference].id if placed[reference] else None,
@@ -284,12 +285,11 @@ def _of_either_size(
     return tuple(wider), covariance
 
 
-def _weak_region(lengths: LengthMap | None) -> Affected | None:
-    """The box about the places of the map where lengths are twice as uncertain as usual, or not seen at all."""
-    if lengths is None or lengths.typical_mm is None:
+def _weak_region(lengths: LengthMap | None, wanted_mm: float | None) -> Affected | None:
+    """The box about the places of the map where lengths are more uncertain than is wanted, or not seen at all."""
+    if lengths is None or wanted_mm is None:
         return None
-    worst = np.where(np.isfinite(lengths.expanded_mm), lengths.expanded_mm, np.inf).max(axis=1)
-    weak = lengths.places_mm[worst > WEAK * lengths.typical_mm]
+    weak = lengths.places_mm[~(lengths.expanded_mm <= wanted_mm).all(axis=1)]
     if not len(weak):
         weak = lengths.places_mm
     low, high = ([float(x) for x in corner.round(3)] for corner in (weak.min(axis=0), weak.max(axis=0)))
@@ -471,6 +471,18 @@ def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
         "worst_mm": worst, "place_mm": place,
     }  # fmt: skip
     return (Finding("length-uncertainty", "info", values),)
+
+
+def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> tuple[Finding, ...]:
+    """The finding where some lengths of the map, or all if there is none, are less certain than is wanted."""
+    if wanted_mm is None or (lengths is not None and lengths.worst is not None and lengths.worst[0] <= wanted_mm):
+        return ()
+    known = lengths is not None and lengths.typical_mm is not None and lengths.worst is not None
+    if not known:
+        return (Finding("accuracy-missed", "warning", {"wanted_mm": wanted_mm}, kind="unknown"),)
+    share = float((lengths.expanded_mm > wanted_mm).any(axis=1).mean())
+    values = {"wanted_mm": wanted_mm, "worst_mm": lengths.worst[0], "percent": 100 * share}
+    return (Finding("accuracy-missed", "warning", {**values, "length_mm": lengths.length_mm}, kind="volume"),)
 
 
 def dot_noise_px(observations: Observations, adjusted: Adjustment) -> float:

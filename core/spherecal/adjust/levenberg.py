@@ -58,15 +58,16 @@ class Damping:
     """How the damping follows the steps: Nielsen's rule, or tenfold up and down where `by_gain` is False.
 
     Nielsen's rule needs the gain, decrease over predicted decrease, which means little where the weights follow the
-    state.
+    state. `fastest`: by it, a step lowers the damping to no less than this share.
     """
 
     least: float = 0.0
     by_gain: bool = True
+    fastest: float = 1 / 10
 
     def after_success(self, damping: float, gain: float) -> float:
         """The damping after a step that lowered the cost."""
-        return damping * max(1 / 10, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
+        return damping * max(self.fastest, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
 
     def after_failure(self, damping: float, failures: int) -> float:
         """The damping after a step that did not lower the cost."""

@@ -221,13 +221,13 @@ def bundle_adjustment(start: StartValues, settings: CalibrationSettings, context
     used = observed_points(start)
     state = plain_state(start)
     problem, rows = network.problem(used, network.free, placed, weighted=True)
+
+    def watched(iteration: int, cost: float) -> None:
+        context.report_iteration("bundle adjustment", iteration / MOST_STEPS, iteration, cost)
+
     if settings.damping == "identity":
-        minimum = minimise_with_identity(problem, state, most_steps=MOST_STEPS)
+        minimum = minimise_with_identity(problem, state, MOST_STEPS, watched)
     else:
-
-        def watched(iteration: int, cost: float) -> None:
-            context.report_iteration("bundle adjustment", iteration / MOST_STEPS, iteration, cost)
-
         minimum = minimise(problem, state, Settings(max_iterations=MOST_STEPS), watched)
     known = network.views(used) > 0
     final = replace(minimum.state, points=np.where(known[:, None], minimum.state.points, np.nan))

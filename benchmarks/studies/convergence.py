@@ -136,7 +136,7 @@ def _whole(simulated: Simulated, known: FloatArray, rng: np.random.Generator) ->
 def _displaced(simulated: Simulated, known: FloatArray, rng: np.random.Generator) -> _End:
     """Triples, paths and the adjustment, whose first points are chained through the triples and displaced."""
     network, features = simulated.network, simulated.features
-    local = reconstruct_locally(simulated.observations, features, known, "opt", 0, Context())
+    local = reconstruct_locally(simulated.observations, features, known, 0, Context())
     start = grow(local, network, known, local.keep, Context())
     first = [(camera, path.triples[0]) for camera, path in local.paths.items() if path.triples]
     sources = [(_in_scale(local.triples[number], local.graph.scale[number]), camera) for camera, number in first]

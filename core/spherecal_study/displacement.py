@@ -18,11 +18,11 @@ from spherecal.data.session import Session
 from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise.camera_path import Path, Search, find_paths
 from spherecal.initialise.local import LocalNetwork
+from spherecal.initialise.view_graph import edges_of
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import StartValues
 from spherecal.steps.tao2021 import (
     bundle_adjustment,
-    edges_of,
     grouped_points,
     local_reconstruction,
     optimal_path_transformation,

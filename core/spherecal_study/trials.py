@@ -30,7 +30,7 @@ from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
 from spherecal_study.wand import errors_and_bounds
 
-PathNumbers = Sequence[float | None]  # xi1, xi2, TH_er in px (None: by the data), b
+PathNumbers = Sequence[float]  # xi1, xi2, TH_er in px, b
 
 BAR_POSES = 20  # of each bar, as in the paper
 
@@ -51,8 +51,8 @@ def ball(
 ) -> dict[str, Any]:
     """One calibration with the ball: residuals, bars, errors of the calibration alone.
 
-    `sigma_px` None takes rendered images; `cameras` None is all; `paths`: xi1, xi2, TH_er in px (None: by the data) and
-    b; None leaves all to the method.
+    `sigma_px` None takes rendered images; `cameras` None is all; `paths`: xi1, xi2, TH_er in px and b; None leaves all
+    to the method.
     """
     session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
     session = _with_known(session, truth.cameras) if known else session
@@ -139,8 +139,7 @@ def paths(
 ) -> dict[str, Any]:
     """The graph, the paths of one search, and how good the chained start is, before anything else is done with it.
 
-    `sigma_px` None takes rendered images; `paths`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to
-    the method.
+    `sigma_px` None takes rendered images; `paths`: xi1, xi2, TH_er in px and b; None leaves all to the method.
     """
     session, truth = _session(preset, seed, sigma_px, None, "spread")
     session = _with_known(session, truth.cameras) if known else session
@@ -156,7 +155,7 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
     `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (13). `changed_by_count`: of how
     many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
 
-    `numbers`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
+    `numbers`: xi1, xi2, TH_er in px and b; None leaves all to the method.
     """
     settings = CalibrationSettings(method="tao2021", search=search, **_of_paths(numbers))
     recording = Recording.of(session)
@@ -288,9 +287,7 @@ def _of_paths(numbers: PathNumbers | None) -> dict[str, Any]:
     """The settings of a calibration for xi1, xi2, TH_er and b; none where they are left to the method."""
     if numbers is None:
         return {}
-    error, count, threshold, base = numbers
-    assert error is not None and count is not None and base is not None
-    return {"weights": EdgeWeights(error, count, threshold), "base": base}
+    return {"weights": EdgeWeights(*numbers[:3]), "base": numbers[3]}
 
 
 def _with_known(session: Session, cameras: Sequence[TrueCamera]) -> Session:

@@ -2,26 +2,17 @@
 
 import heapq
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
 from spherecal.initialise.triple import Triple
-from spherecal.initialise.view_graph import CameraGraph, EdgeWeights
+from spherecal.initialise.view_graph import CameraGraph
 
 Search = Literal["opt", "dijkstra", "first", "first-listed"]
 
 # How much a path's length counts more for every further camera on it; the paper's example value.
 BASE = 1.1
-
-
-@dataclass(frozen=True)
-class PathSettings:
-    """How edges are weighted, (10)-(13), and paths are searched; `base` is b of f = b^m g + h, 1 or more."""
-
-    search: Search = "opt"
-    weights: EdgeWeights = field(default_factory=EdgeWeights)
-    base: float = BASE
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
 def local_network(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:
     """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors; [Tao21] (3)-(14)."""
     observations, features = recording.observations, recording.features
-    local = reconstruct_locally(observations, features, recording.priors, settings.paths, settings.seed, context)
+    local = reconstruct_locally(observations, features, recording.priors, settings.seed, context)
     release_freed()
     return lasting_reference(local, recording.session)
 

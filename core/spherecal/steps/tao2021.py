@@ -31,21 +31,17 @@ from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.initialise.triple import Triple, factorised
 from spherecal.initialise.view_graph import (
     CameraGraph,
-    Edge,
     EdgeWeights,
     candidate_triples,
     common_counts,
-    edge_weight,
+    edges_of,
+    lightest_edges,
 )
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, in_millimetres
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import StartValues, describe_network, run_of
 
-# TH_er where none is asked for. The text gives no value. On rigs A and B groups of 30 common points and more stay below
-# 190 px with nominal intrinsics, failed ones reach thousands. Rig B's adjustments ended in the optimum in 11 of 12 runs
-# with it, in 9 without any.
-TH_ER_PX = 250.0
 # Steps at most: from starts of hundreds of pixels the slowest that arrived took 96.
 MOST_STEPS = 200
 
@@ -122,25 +118,8 @@ def adjacency(groups: list[Triple], counts: IntArray, weights: EdgeWeights) -> C
 
     `counts`: common features, (c,c).
     """
-    edges: list[dict[int, Edge]] = [{} for _ in counts]
-    shared = np.zeros(len(counts), dtype=int)
-    for number, group in enumerate(groups):
-        shared[list(group.cameras)] += 1
-        for j, g, weight in edges_of(group, counts, weights):
-            if np.isfinite(weight) and (g not in edges[j] or weight < edges[j][g].weight):
-                edges[j][g] = edges[g][j] = Edge(number, weight)
-    return CameraGraph(tuple(edges), shared, np.ones(len(groups)))
-
-
-def edges_of(group: Triple, counts: IntArray, weights: EdgeWeights) -> list[tuple[int, int, float]]:
-    """A group's three pairs of cameras with their weights (10)-(13)."""
-    threshold = TH_ER_PX if weights.threshold_px is None else weights.threshold_px
-    pairs = [(a, b, int(counts[group.cameras[a], group.cameras[b]])) for a, b in ((0, 1), (0, 2), (1, 2))]
-    error = group.error_px
-    return [
-        (group.cameras[a], group.cameras[b], edge_weight(error[a], error[b], common, threshold, weights))
-        for a, b, common in pairs
-    ]
+    edges, shared = lightest_edges(groups, counts, weights)
+    return CameraGraph(edges, shared, np.ones(len(groups)))
 
 
 def grouped_points(

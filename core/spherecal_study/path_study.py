@@ -56,8 +56,7 @@ def trials(options: Options) -> list[Trial]:
     ]
     adjusted = [
         Trial("published", {**_plain(options, rig), "seed": s, **({"known": True} if known else {}), **more})
-        for rig, more in _published(options)
-        for known in _known(options)
+        for rig, known, more in _published(options)
         for s in options.seeds
     ]
     return starts + adjusted + ends
@@ -67,11 +66,14 @@ def trials(options: Options) -> list[Trial]:
 _WEAK: dict[str, Any] = {"th_pt": 8, "paths": [1.0, 1.0, 1e6, 1.1]}
 
 
-def _published(options: Options) -> list[tuple[str, dict[str, Any]]]:
-    """Rigs and settings from whose starts the paper's adjustment is run; by weak groups on the last rig too."""
+def _published(options: Options) -> list[tuple[str, bool, dict[str, Any]]]:
+    """Rigs, whether intrinsics are known, and settings from whose starts the paper's adjustment is run.
+
+    On the last rig by weak groups too.
+    """
     rigs = [rig for rig in _rigs(options) if not rig_design(rig).walk]
-    weak = [(rigs[-1], _WEAK)] if rigs and options.paths is None else []
-    return [*((rig, {}) for rig in rigs), *weak]
+    weak = [(rigs[-1], options.known, _WEAK)] if rigs and options.paths is None else []
+    return [*((rig, known, {}) for rig in rigs for known in _known(options)), *weak]
 
 
 def _plain(options: Options, rig: str) -> dict[str, Any]:
@@ -138,22 +140,19 @@ _WAYS = (
 def _ends(document: Document, both: Sequence[tuple[Trial, dict[str, Any]]], options: Options) -> list[PaperComparison]:
     """What the paper's adjustment makes of every variant of its start, as a table and as lines."""
     lines = []
-    for rig, more in _published(options):
-        for known in _known(options):
-            runs = [
-                r for t, r in both if t.kind == "published" and _is_of(t.settings, rig, more, known or options.known)
-            ]
-            if not runs:
-                continue
-            words = f"{rig}, {'known' if known else 'nominal'} intrinsics" + (
-                ", weak groups (TH_pt 8, any error)" if more else ""
-            )
-            document.begin_section(f"The adjustment from each start: {words}")
-            heads = ("start", "converged", "other minimum", "not settled", "unplaced", "start px", "steps", "CPU ms")
-            rows = [[name, *_ended([_case(r, s, spo) for r in runs], runs[0]["cameras"])] for name, s, spo in _WAYS]
-            table(document, heads, rows)
-            lines.append(_line(words, runs, options))
-            lines += [] if known or more else [_search_line(rig, runs)]
+    for rig, known, more in _published(options):
+        runs = [r for t, r in both if t.kind == "published" and _is_of(t.settings, rig, more, known)]
+        if not runs:
+            continue
+        words = f"{rig}, {'known' if known else 'nominal'} intrinsics" + (
+            ", weak groups (TH_pt 8, any error)" if more else ""
+        )
+        document.begin_section(f"The adjustment from each start: {words}")
+        heads = ("start", "converged", "other minimum", "not settled", "unplaced", "start px", "steps", "CPU ms")
+        rows = [[name, *_ended([_case(r, s, spo) for r in runs], runs[0]["cameras"])] for name, s, spo in _WAYS]
+        table(document, heads, rows)
+        lines.append(_line(words, runs, options))
+        lines += [] if known or more else [_search_line(rig, runs)]
     document.caption(
         "Converged: the rms of the same observations' optimum within 5 %, all cameras placed. Not settled: stopped at "
         "200 steps. Start px: median residual of the start; steps and time of the adjustment: medians."

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt: the one minimiser of the project.
 
-Marquardt's damping (of the diagonal) keeps steps independent of units; the identity damping of older programs is what
-makes poor starts fail ([Tao21] Table II). Damping control after H. B. Nielsen, IMM-REP-1999-05.
+Marquardt's damping (of the diagonal) keeps steps independent of units, unlike the identity of older programs
+(identity_damping.py). Damping control after H. B. Nielsen, IMM-REP-1999-05.
 """
 
 from collections.abc import Callable

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Estimate, below, estimate, like, ordered
@@ -28,7 +29,7 @@ TITLE = "This method, a board and a bar (Figs. 16 to 19, Table III)"
 RUNS = 3
 _RIG = "rigA"
 
-_BALL, _BOARD, _FRAMES = 4, 20, 3000  # as in the paper: four placements, some 3,000 frames
+_BOARD, _FRAMES = 20, 3000  # as in the paper: some 3,000 frames
 # What can be rendered in some minutes; thousands of frames cannot.
 _RENDERED = {"board": 12, "bar": 40}
 # The paper's Assumption 3: a dot is within 0.1 mm of its place; the standard deviation of an even spread over that.
@@ -141,7 +142,7 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
     for name, some in found.items():
         row = _ROWS[name]
         amounts = _RENDERED if options.images else {"board": _BOARD, "bar": _FRAMES}
-        images = amounts.get(row.kind, _BALL) * options.cameras(_RIG)
+        images = amounts.get(row.kind, STANDARD_PLACEMENTS) * options.cameras(_RIG)
         cpu = sum(local_and_global_s(some))
         px = estimate([r["mean_px"] for r in some]).mean
         rows.append(

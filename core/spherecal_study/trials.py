@@ -12,7 +12,7 @@ from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
-from spherecal.data.session import Session
+from spherecal.data.session import STANDARD_PLACEMENTS, Session
 from spherecal.detect.session_images import observed
 from spherecal.initialise.camera_path import Search, find_paths
 from spherecal.initialise.local import LocalNetwork
@@ -39,7 +39,7 @@ def ball(
     preset: str,
     seed: int,
     sigma_px: float | None,
-    placements: int = 4,
+    placements: int = STANDARD_PLACEMENTS,
     layout: Layout = "spread",
     method: Method = "auto",
     search: Search = "opt",
@@ -192,7 +192,7 @@ def displaced(
 
     `sigma_px` None takes rendered images.
     """
-    session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
     return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping))
 
@@ -209,7 +209,7 @@ def published(
 
     `sigma_px` None takes rendered images; `th_pt` None and `paths` None: as the method has them.
     """
-    session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
     settings = CalibrationSettings(method="tao2021", **_of_paths(paths))
     done = published_cases(session, truth, settings if th_pt is None else replace(settings, th_pt=th_pt))

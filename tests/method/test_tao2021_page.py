@@ -5,12 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.initialise.camera_path import BASE
 from spherecal.initialise.view_graph import TH_ER_PX, EdgeWeights
 from spherecal.steps.settings import TH_PT, CalibrationSettings
 from spherecal.steps.tao2021 import MOST_STEPS
 from spherecal_app.cli.options import make_parser
-from spherecal_sim.rigs import CA050, G319B
+from spherecal_rigs.bench_file import Bench
+from spherecal_sim.rigs import CA050, G319B, rig_design
 from spherecal_study.compare_methods import ASSUMPTION_3_SD_MM
 
 ROOT = Path(__file__).parents[2]
@@ -55,6 +57,12 @@ def test_functions_options_and_tests_exist(row: list[str]) -> None:
 )
 def test_numbers_of_a_row(row: str, value: str) -> None:
     assert value in next(cells[-1] for cells in ROWS if cells[0] == row)
+
+
+def test_four_placements_are_the_default_by_name() -> None:
+    assert STANDARD_PLACEMENTS == 4 and "four placements, the paper's standard (`STANDARD_PLACEMENTS`)" in PAGE
+    assert rig_design("rigA").placements == rig_design("rigB").placements == STANDARD_PLACEMENTS
+    assert Bench.placements == STANDARD_PLACEMENTS
 
 
 def test_other_numbers() -> None:

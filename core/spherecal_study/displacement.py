@@ -1,7 +1,7 @@
 """What the paper's plain adjustment makes of its starts: OPT and SPO against none, and points displaced (22)."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -85,7 +85,9 @@ def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) 
     return length
 
 
-def displaced_cases(session: Session, truth: Truth, seed: int, settings: CalibrationSettings) -> dict[str, Any]:
+def displaced_cases(
+    session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int] = PERCENT
+) -> dict[str, Any]:
     """How adjustments end whose points are displaced by a share of the ball's radius, with SPO and without (22).
 
     The start is the paper's, in millimetres: by the ball's true radius over that of the spheres fitted to the points.
@@ -99,17 +101,17 @@ def displaced_cases(session: Session, truth: Truth, seed: int, settings: Calibra
     best = _optimum(start, truth, settings)
     cases = [
         {"percent": percent, "way": way, **_ended(displaced, best, settings)}
-        for percent, way, displaced in _displaced(recording, start, radius, seed)
+        for percent, way, displaced in _displaced(recording, start, radius, seed, percents)
     ]
     ids = [camera.id for camera in session.cameras]
     return {"cases": cases, "best_rms_px": best["rms_px"], "best_mean_px": best["mean_px"], "ids": ids}
 
 
 def _displaced(
-    recording: Recording, start: StartValues, radius: float, seed: int
+    recording: Recording, start: StartValues, radius: float, seed: int, percents: Sequence[int]
 ) -> Iterator[tuple[int, str, StartValues]]:
     assert start.points is not None
-    for percent in PERCENT:
+    for percent in percents:
         rng = np.random.default_rng([seed, percent * 100])
         moved = start.points + percent / 100 * radius * _within_one(rng, start.points.shape)
         displaced = replace(start, points=moved)

@@ -22,6 +22,7 @@ from spherecal_study.study_page import (
 TITLE = "Spherical projection and displaced points (Table II)"
 RUNS = 3
 _RIG, _WIDE = "rigA", "rigB"
+_FAR = (50, 100)  # %: beyond the paper's
 _WAYS = (("spo", "SPO"), ("none", "none-SPO"))
 # The rig, how the adjustment is damped, and whether intrinsics are known before.
 _CASES = (
@@ -44,9 +45,12 @@ def trials(options: Options) -> list[Trial]:
                 "seed": s,
                 "damping": damping,
                 **({"known": True} if known else {}),
+                **far,
             },
         )
         for rig, damping, known, *_ in _cases(options)
+        for far in ({}, {"percents": list(_FAR)})
+        if not far or (damping, known) == ("diagonal", options.known)
         for s in options.seeds
     ]
 
@@ -89,7 +93,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     rows = []
     for rig, damping, known, text, _ in _cases(options):
         for way, name in _WAYS:
-            rows += [_row(f"{name}, {text}", p, cases(rig, damping, known, way, p)) for p in PERCENT]
+            percents = (*PERCENT, *_FAR) if (damping, known) == ("diagonal", options.known) else PERCENT
+            rows += [_row(f"{name}, {text}", p, cases(rig, damping, known, way, p)) for p in percents]
     table(
         document,
         ("start and adjustment", "a", "converged", "95 %", "in 50 steps", "start px", "steps", "final px"),
@@ -178,10 +183,14 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 )
             )
     wide = []
-    for known in (False, True):
-        with_spo, without = (runs(_WIDE, "diagonal", known, way, 25) for way in ("spo", "none"))
+    for rig, known, percent in (
+        (_WIDE, False, 25),
+        (_WIDE, True, 25),
+        *((rig, options.known, percent) for percent in _FAR for rig in (_RIG, _WIDE)),
+    ):
+        with_spo, without = (runs(rig, "diagonal", known, way, percent) for way in ("spo", "none"))
         if with_spo[1]:
-            what = f"rig B, {'known' if known else 'nominal'} intrinsics, 25 %, runs that converge"
+            what = f"{rig}, {'known' if known else 'nominal'} intrinsics, {percent} %, diagonal, runs that converge"
             ours = f"{with_spo[0]} of {with_spo[1]} with SPO, {without[0]} of {without[1]} without"
             wide.append(PaperComparison(what, "not in the paper", ours, None, "", "", with_spo[1]))
     return paper_table(

@@ -24,7 +24,7 @@ from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch_of_sessions import calibrate_session
-from spherecal_study.displacement import displaced_cases, path_length, published_cases
+from spherecal_study.displacement import PERCENT, displaced_cases, path_length, published_cases
 from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
@@ -186,15 +186,20 @@ def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, 
 
 
 def displaced(
-    preset: str, seed: int, sigma_px: float | None, damping: Literal["diagonal", "identity"], known: bool = False
+    preset: str,
+    seed: int,
+    sigma_px: float | None,
+    damping: Literal["diagonal", "identity"],
+    known: bool = False,
+    percents: Sequence[int] = PERCENT,
 ) -> dict[str, Any]:
-    """How the paper's adjustment ends from displaced start points, [Tao21] (22); see displacement.py.
+    """How the paper's adjustment ends from points displaced by a % of the radius, [Tao21] (22); see displacement.py.
 
     `sigma_px` None takes rendered images.
     """
     session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
-    return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping))
+    return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping), percents)
 
 
 def published(

@@ -72,7 +72,7 @@ def recalibrate(
     watch.lap("start values")
 
     run = Run(before.intrinsics, reference, context=context, watch=watch)
-    fit = solve_free(network, start, None, local.keep & start.placed[network.camera], run)
+    fit = solve_free(network, start, local.keep & start.placed[network.camera], run)
     choice = ModelChoice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
         ball = ball_network(recording, network, local, fit)

@@ -28,6 +28,7 @@ from spherecal.steps.tao2021 import (
     optimal_path_transformation,
     plain_state,
     spherical_projection,
+    with_points,
 )
 from spherecal_sim.truth import Truth
 
@@ -95,9 +96,9 @@ def displaced_cases(
     recording = Recording.of(session)
     recording, local, _ = grouped_points(recording, local_reconstruction(recording, settings, Context()), settings)
     start = optimal_path_transformation(recording, local, settings)
-    assert start.points is not None
     radius = truth.options.ball_radius_mm
-    start = _scaled(start, radius / _radius(start.points, recording.features.placement))
+    scaled = start.poses.state.scaled(radius / _radius(start.poses.state.points, recording.features.placement))
+    start = replace(start, poses=replace(start.poses, state=scaled))
     best = _optimum(start, truth, settings)
     cases = [
         {"percent": percent, "way": way, **_ended(displaced, best, settings)}
@@ -110,27 +111,19 @@ def displaced_cases(
 def _displaced(
     recording: Recording, start: StartValues, radius: float, seed: int, percents: Sequence[int]
 ) -> Iterator[tuple[int, str, StartValues]]:
-    assert start.points is not None
+    points = start.poses.state.points
     for percent in percents:
         rng = np.random.default_rng([seed, percent * 100])
-        moved = start.points + percent / 100 * radius * _within_one(rng, start.points.shape)
-        displaced = replace(start, points=moved)
+        displaced = with_points(start, points + percent / 100 * radius * _within_one(rng, points.shape))
         yield percent, "spo", spherical_projection(recording, displaced)
         yield percent, "none", displaced
 
 
-def _scaled(start: StartValues, factor: float) -> StartValues:
-    assert start.points is not None
-    poses = replace(start.poses, state=start.poses.state.scaled(factor))
-    return replace(start, poses=poses, points=start.points * factor)
-
-
 def _optimum(start: StartValues, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
     """Where the adjustment of the same observations ends from the true cameras."""
-    assert start.points is not None
     state = _true_state(start.network, truth)
-    points = np.where(np.isfinite(start.points), state.points, np.nan)
-    known = replace(start, poses=replace(start.poses, state=state), points=points)
+    points = np.where(np.isfinite(start.poses.state.points), state.points, np.nan)
+    known = with_points(replace(start, poses=replace(start.poses, state=state)), points)
     return _figures(bundle_adjustment(known, replace(settings, damping="diagonal"), Context()))
 
 

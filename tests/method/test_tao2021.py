@@ -92,10 +92,8 @@ def test_every_stage_equals_another_implementation(preset, seed, known):
             start.poses.state.translation[c], pose[:3, 3], atol=1e-5 * np.abs(pose[:3, 3]).max(initial=1.0)
         )
     size = np.nanmax(np.abs(other.points))
-    assert start.points is not None
-    np.testing.assert_allclose(start.points, other.points, atol=1e-5 * size)
-    moved = tao2021.spherical_projection(recording, start).points
-    assert moved is not None
+    np.testing.assert_allclose(start.poses.state.points, other.points, atol=1e-5 * size)
+    moved = tao2021.spherical_projection(recording, start).poses.state.points
     np.testing.assert_allclose(moved, other.projected, atol=1e-5 * size)
 
 
@@ -146,7 +144,7 @@ def ends(preset, seed, known=False):
         for spo in (True, False):
             begun = tao2021.spherical_projection(of_groups, start) if spo else start
             adjusted = tao2021.bundle_adjustment(begun, settings, Context())
-            found[search, spo] = begun.points, np.sqrt(2 * adjusted.minimum.cost / len(adjusted.problem.uv))
+            found[search, spo] = begun.poses.state.points, np.sqrt(2 * adjusted.minimum.cost / len(adjusted.problem.uv))
     return found
 
 

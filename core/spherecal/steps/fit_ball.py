@@ -135,6 +135,6 @@ def solve_others(
         candidates = local.keep & start.placed[part.camera]
         first, *others = local.graph.references
         alone = replace(run, reference=first, next_references=tuple(others))
-        groups.append(solve_free(part, start, None, candidates, alone))
+        groups.append(solve_free(part, start, candidates, alone))
         rest &= ~start.placed
     return groups

@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.adjust.network import Network, free_network
 from spherecal.ball.calibration_run import Run
-from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.values import Phrase
@@ -46,15 +46,14 @@ def local_network(recording: Recording, settings: CalibrationSettings, context: 
 
 @dataclass(frozen=True)
 class StartValues:
-    """What the adjustment starts from: the network, its local reconstructions, poses, and points (m,3).
+    """What the adjustment starts from: the network, its local reconstructions, and poses.
 
-    `points` None: to be triangulated.
+    With `tao2021` their state has the points too, NaN where there are none.
     """
 
     network: Network
     local: LocalNetwork
     poses: InitialPoses
-    points: FloatArray | None
 
     @property
     def candidates(self) -> BoolArray:
@@ -70,7 +69,7 @@ def start_values(
     network = replace(describe_network(recording, settings), turning=turning)
     poses = grow(local, network, recording.priors, local.keep, context)
     release_freed()
-    return StartValues(network, local, poses, None)
+    return StartValues(network, local, poses)
 
 
 def run_of(

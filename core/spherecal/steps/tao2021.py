@@ -23,11 +23,11 @@ from spherecal.data.observations import find_features, seen_matrix
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import undistort_views
+from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise.camera_path import find_paths
 from spherecal.initialise.chain import chain_points, chain_poses
 from spherecal.initialise.incremental import InitialPoses
 from spherecal.initialise.local import LocalNetwork, lasting_reference
-from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.initialise.triple import Triple, factorised
 from spherecal.initialise.view_graph import (
     CameraGraph,
@@ -158,7 +158,7 @@ def optimal_path_transformation(
     placed = np.isfinite(translation[:, 0])
     points = chain_points(point_sources(local, settings), rotation, translation, len(features))
     state = State(rotation, translation, intrinsics, points)
-    return StartValues(network, local, InitialPoses(state, placed), points)
+    return StartValues(network, local, InitialPoses(state, placed))
 
 
 def point_sources(local: LocalNetwork, settings: CalibrationSettings) -> list[tuple[Triple, int]]:
@@ -186,9 +186,24 @@ def point_sources(local: LocalNetwork, settings: CalibrationSettings) -> list[tu
 
 
 def spherical_projection(recording: Recording, start: StartValues) -> StartValues:
-    """The start with every placement's points on the sphere fitted to them."""
-    assert start.points is not None
-    return replace(start, points=project_to_spheres(start.points, recording.features.placement))
+    """The start with every placement's points moved radially onto the sphere fitted to them.
+
+    Only an initial value: a real ball is off by a millimetre, and the adjustment must be free to leave the sphere.
+    """
+    points, placement = start.poses.state.points.copy(), recording.features.placement
+    for p in np.unique(placement):
+        own = np.flatnonzero((placement == p) & np.isfinite(points[:, 0]))
+        sphere = fit_sphere_geometrically(points[own])
+        if sphere is None:
+            continue
+        ray = points[own] - sphere.centre
+        points[own] = sphere.centre + ray * (sphere.radius / np.linalg.norm(ray, axis=1))[:, None]
+    return with_points(start, points)
+
+
+def with_points(start: StartValues, points: FloatArray) -> StartValues:
+    """The start with other points (m,3)."""
+    return replace(start, poses=replace(start.poses, state=replace(start.poses.state, points=points)))
 
 
 # --- Bundle adjustment, (2) -------------------------------------------------------------------------------------------
@@ -217,15 +232,13 @@ def bundle_adjustment(start: StartValues, settings: CalibrationSettings, context
 def plain_state(start: StartValues) -> State:
     """The start's values, with numbers also where a camera or a point has none: those take no part."""
     state, placed = start.poses.state, start.poses.placed
-    assert start.points is not None
     rotation = np.where(placed[:, None, None], state.rotation, np.eye(3))
     translation = np.where(placed[:, None], state.translation, 0.0)
-    return State(rotation, translation, state.intrinsics, np.nan_to_num(start.points))
+    return State(rotation, translation, state.intrinsics, np.nan_to_num(state.points))
 
 
 def observed_points(start: StartValues) -> BoolArray:
     """Observations (n,) of cameras with a pose, of points with a start value that two such cameras see."""
-    assert start.points is not None
     network = start.network
-    used = start.candidates & np.isfinite(start.points[network.feature, 0])
+    used = start.candidates & np.isfinite(start.poses.state.points[network.feature, 0])
     return used & (network.views(used) >= 2)[network.feature]

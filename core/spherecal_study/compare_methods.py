@@ -54,10 +54,7 @@ _ROWS = {
     "rigid-print": _Row("ball", "ball, rigid, +-0.1 mm", method="rigid", print_sd_mm=ASSUMPTION_3_SD_MM),
     "board-chained": _Row("board", "board, chained", joint=False),
     "board-chained-print": _Row("board", "board, chained, 0.02 mm", joint=False, print_sd_mm=_PRINT_MM),
-    "board": _Row("board", "board, joint"),
-    "board-print": _Row("board", "board, joint, 0.02 mm", print_sd_mm=_PRINT_MM),
     "bar-chained": _Row("bar", "bar, chained", joint=False, known=True),
-    "bar": _Row("bar", "bar, joint"),
 }
 _SUB_BARS = ("A1A2", "A3A4", "B1B2", "B1B3", "B1B4")
 
@@ -103,9 +100,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             "letter, and our free and rigid forms), by a board of 8 x 11 dots 33 mm apart in "
             "twenty tilts, and by a bar of two marks 300 mm apart in 3,000 frames. Chained: groups of four cameras "
             "(board) or pairs (bar) are adjusted alone and joined over common cameras, as the paper's rivals are; the "
-            "chained bar has exact intrinsics given, which is more than any user has. Joint: then adjusted "
-            "together, which is ours. All are judged by the same two reference bars in 20 poses each, and by the "
-            "errors of perfect images: the calibration alone.",
+            "bar has exact intrinsics given, which is more than any user has. All are judged by the same two reference "
+            "bars in 20 poses each, and by the errors of perfect images: the calibration alone.",
             "Prints: stickers are perfect, or off by the paper's Assumption 3 (+-0.1 mm, evenly spread: standard "
             f"deviation {ASSUMPTION_3_SD_MM:g} mm a coordinate); the board is perfect, or off by {_PRINT_MM:g} mm.",
         ],
@@ -178,9 +174,7 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
 def _residuals(document: Document, found: _Found) -> None:
     """Fig. 16: mean absolute residuals and standard deviations in x and y."""
     document.begin_section("Residuals (Fig. 16)")
-    chosen = [
-        name for name in ("tao", "free", "rigid", "board-chained", "board", "bar-chained", "bar") if name in found
-    ]
+    chosen = [name for name in ("tao", "free", "rigid", "board-chained", "bar-chained") if name in found]
     groups = ["mean |x|", "mean |y|", "sd x", "sd y"]
     series, errors = {}, {}
     for name in chosen:
@@ -281,19 +275,6 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
                     of(name).n,
                 )
             )
-    for name in ("board", "board-print", "bar"):
-        if name in found:
-            rows.append(
-                PaperComparison(
-                    f"bars, sd: {_ROWS[name].text}",
-                    "not in the paper",
-                    f"{of(name).words(4)} mm",
-                    None,
-                    "strengthened by our joint adjustment.",
-                    "",
-                    of(name).n,
-                )
-            )
     if {"tao", "board-chained-print", "bar-chained"} <= found.keys():
         steps = [
             _difference(found["bar-chained"], found["tao"]),
@@ -347,7 +328,7 @@ def _pipeline(what: str) -> str:
     row = next((row for row in _ROWS.values() if what.endswith(f": {row.text}")), None)
     if row is None:
         return "tao2021 and rivals"
-    return row.settings.get("method") or f"{row.kind}{'' if row.settings.get('joint', True) else ' --no-joint'}"
+    return row.settings.get("method") or f"{row.kind} --no-joint"
 
 
 def _rivals(found: _Found) -> list[PaperComparison]:

@@ -36,13 +36,12 @@ PERCENT = (10, 15, 20, 25)
 # Converged: within this of the optimum's rms, the rest of a few slow steps; other minima are ten times off and more.
 SAME_RMS = 1.05
 _SEARCHES: tuple[Search, ...] = ("opt", "dijkstra", "first", "first-listed")
-_SEARCHED = 21
 
 
 def published_cases(session: Session, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
     """How the paper's adjustment ends from every variant of its start: OPT, Dijkstra, none-OPT; SPO, none-SPO.
 
-    Seconds are the processor's: `search_s` of one path search, the median of `_SEARCHED`; `adjust_s` of the adjustment.
+    `adjust_s` is the adjustment's processor time.
     """
     cases: list[dict[str, Any]] = []
     best: dict[str, Any] | None = None
@@ -50,7 +49,7 @@ def published_cases(session: Session, truth: Truth, settings: CalibrationSetting
     groups = local_reconstruction(whole, settings, Context())
     for search in _SEARCHES:
         chosen = replace(settings, search=search)
-        seconds, paths = _searched(groups, chosen)
+        paths = find_paths(groups.graph, groups.triples, search, settings.base)
         recording, local, _ = grouped_points(whole, replace(groups, paths=paths), chosen)
         chained = optimal_path_transformation(recording, local, chosen)
         best = best or _optimum(chained, truth, chosen)
@@ -59,22 +58,12 @@ def published_cases(session: Session, truth: Truth, settings: CalibrationSetting
             "search": search,
             "placed": int(chained.poses.placed.sum()),
             "length": float(np.mean(lengths)) if lengths and np.isfinite(lengths).all() else None,
-            "search_s": seconds,
         }
         for spo in (True, False):
             start = spherical_projection(recording, chained) if spo else chained
             cases.append({**known, "spo": spo, **_ended(start, best, chosen)})
     assert best is not None
     return {"cases": cases, "best_rms_px": best["rms_px"], "cameras": len(session.cameras)}
-
-
-def _searched(groups: LocalNetwork, settings: CalibrationSettings) -> tuple[float, dict[int, Path]]:
-    """The processor time of a search of all paths, the median of `_SEARCHED`, and the paths."""
-    times, paths = [time.process_time()], {}
-    for _ in range(_SEARCHED):
-        paths = find_paths(groups.graph, groups.triples, settings.search, settings.base)
-        times.append(time.process_time())
-    return float(np.median(np.diff(times))), paths
 
 
 def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) -> float:

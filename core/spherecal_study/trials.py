@@ -33,6 +33,7 @@ from spherecal_study.wand import errors_and_bounds
 PathNumbers = Sequence[float]  # xi1, xi2, TH_er in px, b
 
 BAR_POSES = 20  # of each bar, as in the paper
+_SEARCHED = 21
 
 
 def ball(
@@ -154,6 +155,7 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
 
     `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (13). `changed_by_count`: of how
     many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
+    `search_s`: processor time of a search of all paths, the median of some.
 
     `numbers`: xi1, xi2, TH_er in px and b; None leaves all to the method.
     """
@@ -166,7 +168,12 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
     size = size[np.isfinite(size)]
     graph, lengths = local.graph, {c: path_length(local, path, settings) for c, path in local.paths.items()}
     of_count, changed = _part_of_count(local, settings)
+    times = [time.process_time()]
+    for _ in range(_SEARCHED if local.triples else 0):
+        find_paths(graph, local.triples, search, settings.base)
+        times.append(time.process_time())
     return {
+        "search_s": float(np.median(np.diff(times))) if len(times) > 1 else None,
         "count_share": of_count,
         "changed_by_count": changed,
         "start_px": float(np.median(size)) if len(size) else None,

@@ -220,7 +220,7 @@ def _line(words: str, runs: Results, options: Options) -> PaperComparison:
 def _search_line(rig: str, opt: Results, dijkstra: Results) -> PaperComparison:
     """The time of A* against Dijkstra's."""
     both = pairs(opt, dijkstra)
-    ms = [estimate([1e3 * run["search_s"] for run in some]) for some in zip(*both, strict=True)]
+    ms = [estimate([1e3 * pair[way]["search_s"] for pair in both]) for way in (0, 1)]
     same = sum(a["paths"] == b["paths"] for a, b in both)
     return PaperComparison(
         f"time of the search of all paths, A* and Dijkstra, {rig}",

@@ -50,9 +50,7 @@ def start_of(session: Session, name: str) -> Start:
     recording = Recording.of(session)
     network = describe_network(recording, settings)
     known = np.array([camera.prior for camera in session.cameras])
-    local = reconstruct_locally(
-        recording.observations, recording.features, known, settings.search, settings.seed, Context()
-    )
+    local = reconstruct_locally(recording.observations, recording.features, known, settings.seed, Context())
     grown = grow(local, network, known, local.keep, Context())
     candidates = local.keep & grown.placed[network.camera]
     points, good = usable_features(network, grown.state, candidates)

@@ -133,7 +133,7 @@ def _adjust(session: Session, task: _Task) -> Calibration:
         start = start_values(recording, local, settings, context, turning)  # poses chained along the paths, resection
         watch.lap("start values")
         run = run_of(recording, start, settings, context, watch)
-        free = solve_free(start.network, start.poses, start.points, start.candidates, run)  # every dot at every place
+        free = solve_free(start.network, start.poses, start.candidates, run)  # every dot at every place
         watch.lap("bundle adjustment")
         if settings.lens == "auto" and lens is None and (lens := best_lens_model(free, run)) is not None:
             session = lens.applied(session)

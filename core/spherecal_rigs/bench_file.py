@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from spherecal.base.messages.values import Phrase
-from spherecal.data.session import Bar
+from spherecal.data.session import STANDARD_PLACEMENTS, Bar
 from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.bar_registry import figures_entry
 from spherecal.files.json_file import json_bytes
@@ -37,7 +37,7 @@ class Bench:
 
     ball: RegisteredBall
     bars: tuple[BenchBar, ...] = ()
-    placements: int = 4
+    placements: int = STANDARD_PLACEMENTS
     bars_celsius: float | None = None
 
 

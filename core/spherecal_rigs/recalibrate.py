@@ -62,7 +62,7 @@ def recalibrate(
     before = _state(session, rig)
     recording = Recording.of(session)
     observations, features = recording.observations, recording.features
-    local = reconstruct_locally(observations, features, before.intrinsics, settings.paths, settings.seed, context)
+    local = reconstruct_locally(observations, features, before.intrinsics, settings.seed, context)
     if not local.triples:
         return build_failed_result(recording, local, settings.method, watch.seconds)
     reference = next(i for i, camera in enumerate(session.cameras) if camera.id == rig.reference_camera)
@@ -72,7 +72,7 @@ def recalibrate(
     watch.lap("start values")
 
     run = Run(before.intrinsics, reference, context=context, watch=watch)
-    fit = solve_free(network, start, None, local.keep & start.placed[network.camera], run)
+    fit = solve_free(network, start, local.keep & start.placed[network.camera], run)
     choice = ModelChoice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
         ball = ball_network(recording, network, local, fit)

@@ -11,6 +11,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation
 
@@ -53,7 +54,7 @@ class RigDesign:
     up: FloatArray
     volume_mm: FloatArray
     ball_box_mm: FloatArray
-    placements: int = 4
+    placements: int = STANDARD_PLACEMENTS
     walk: bool = False
 
 

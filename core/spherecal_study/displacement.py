@@ -1,7 +1,7 @@
 """What the paper's plain adjustment makes of its starts: OPT and SPO against none, and points displaced (22)."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,55 +16,52 @@ from spherecal.base.context import Context
 from spherecal.data.recording import Recording
 from spherecal.data.session import Session
 from spherecal.geometry.sphere import fit_sphere_geometrically
-from spherecal.initialise.camera_path import Path, Search
+from spherecal.initialise.camera_path import Path, Search, find_paths
 from spherecal.initialise.local import LocalNetwork
+from spherecal.initialise.view_graph import edges_of
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import StartValues
 from spherecal.steps.tao2021 import (
     bundle_adjustment,
-    edges_of,
     grouped_points,
     local_reconstruction,
     optimal_path_transformation,
     plain_state,
     spherical_projection,
+    with_points,
 )
 from spherecal_sim.truth import Truth
 
 PERCENT = (10, 15, 20, 25)
 # Converged: within this of the optimum's rms, the rest of a few slow steps; other minima are ten times off and more.
 SAME_RMS = 1.05
-# Every variant of the paper's start: its search, and whether points are projected.
 _SEARCHES: tuple[Search, ...] = ("opt", "dijkstra", "first", "first-listed")
-WAYS = tuple((search, spo) for search in _SEARCHES for spo in (True, False))
 
 
 def published_cases(session: Session, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
     """How the paper's adjustment ends from every variant of its start: OPT, Dijkstra, none-OPT; SPO, none-SPO.
 
-    Seconds are the processor's: `search_s` of the local stage with the path search, `adjust_s` of the adjustment.
+    `adjust_s` is the adjustment's processor time.
     """
     cases: list[dict[str, Any]] = []
     best: dict[str, Any] | None = None
-    for search, spo in WAYS:
+    whole = Recording.of(session)
+    groups = local_reconstruction(whole, settings, Context())
+    for search in _SEARCHES:
         chosen = replace(settings, search=search)
-        began = time.process_time()
-        recording = Recording.of(session)
-        local = local_reconstruction(recording, chosen, Context())
-        local_s = time.process_time() - began
-        recording, local, _ = grouped_points(recording, local, chosen)
-        start = optimal_path_transformation(recording, local, chosen)
-        best = best or _optimum(start, truth, chosen)
-        start = spherical_projection(recording, start) if spo else start
+        paths = find_paths(groups.graph, groups.triples, search, settings.base)
+        recording, local, _ = grouped_points(whole, replace(groups, paths=paths), chosen)
+        chained = optimal_path_transformation(recording, local, chosen)
+        best = best or _optimum(chained, truth, chosen)
         lengths = [path_length(local, path, chosen) for path in local.paths.values() if path.triples]
         known = {
             "search": search,
-            "spo": spo,
-            "placed": int(start.poses.placed.sum()),
+            "placed": int(chained.poses.placed.sum()),
             "length": float(np.mean(lengths)) if lengths and np.isfinite(lengths).all() else None,
-            "local_s": local_s,
         }
-        cases.append({**known, **_ended(start, best, chosen)})
+        for spo in (True, False):
+            start = spherical_projection(recording, chained) if spo else chained
+            cases.append({**known, "spo": spo, **_ended(start, best, chosen)})
     assert best is not None
     return {"cases": cases, "best_rms_px": best["rms_px"], "cameras": len(session.cameras)}
 
@@ -78,7 +75,9 @@ def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) 
     return length
 
 
-def displaced_cases(session: Session, truth: Truth, seed: int, settings: CalibrationSettings) -> dict[str, Any]:
+def displaced_cases(
+    session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int] = PERCENT
+) -> dict[str, Any]:
     """How adjustments end whose points are displaced by a share of the ball's radius, with SPO and without (22).
 
     The start is the paper's, in millimetres: by the ball's true radius over that of the spheres fitted to the points.
@@ -86,42 +85,34 @@ def displaced_cases(session: Session, truth: Truth, seed: int, settings: Calibra
     recording = Recording.of(session)
     recording, local, _ = grouped_points(recording, local_reconstruction(recording, settings, Context()), settings)
     start = optimal_path_transformation(recording, local, settings)
-    assert start.points is not None
     radius = truth.options.ball_radius_mm
-    start = _scaled(start, radius / _radius(start.points, recording.features.placement))
+    scaled = start.poses.state.scaled(radius / _radius(start.poses.state.points, recording.features.placement))
+    start = replace(start, poses=replace(start.poses, state=scaled))
     best = _optimum(start, truth, settings)
     cases = [
         {"percent": percent, "way": way, **_ended(displaced, best, settings)}
-        for percent, way, displaced in _displaced(recording, start, radius, seed)
+        for percent, way, displaced in _displaced(recording, start, radius, seed, percents)
     ]
     ids = [camera.id for camera in session.cameras]
     return {"cases": cases, "best_rms_px": best["rms_px"], "best_mean_px": best["mean_px"], "ids": ids}
 
 
 def _displaced(
-    recording: Recording, start: StartValues, radius: float, seed: int
+    recording: Recording, start: StartValues, radius: float, seed: int, percents: Sequence[int]
 ) -> Iterator[tuple[int, str, StartValues]]:
-    assert start.points is not None
-    for percent in PERCENT:
+    points = start.poses.state.points
+    for percent in percents:
         rng = np.random.default_rng([seed, percent * 100])
-        moved = start.points + percent / 100 * radius * _within_one(rng, start.points.shape)
-        displaced = replace(start, points=moved)
+        displaced = with_points(start, points + percent / 100 * radius * _within_one(rng, points.shape))
         yield percent, "spo", spherical_projection(recording, displaced)
         yield percent, "none", displaced
 
 
-def _scaled(start: StartValues, factor: float) -> StartValues:
-    assert start.points is not None
-    poses = replace(start.poses, state=start.poses.state.scaled(factor))
-    return replace(start, poses=poses, points=start.points * factor)
-
-
 def _optimum(start: StartValues, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
     """Where the adjustment of the same observations ends from the true cameras."""
-    assert start.points is not None
     state = _true_state(start.network, truth)
-    points = np.where(np.isfinite(start.points), state.points, np.nan)
-    known = replace(start, poses=replace(start.poses, state=state), points=points)
+    points = np.where(np.isfinite(start.poses.state.points), state.points, np.nan)
+    known = with_points(replace(start, poses=replace(start.poses, state=state)), points)
     return _figures(bundle_adjustment(known, replace(settings, damping="diagonal"), Context()))
 
 

@@ -31,7 +31,7 @@ Result = dict[str, Any]
 # A trial that takes its worker down this often is at fault itself.
 _ATTEMPTS = 3
 # Raise it whenever a trial of the same settings gives another result, so that older ones are not taken for it.
-_RESULTS = 4
+_RESULTS = 5
 _PARENT_S = 2.0  # between looks at whether the program that started a worker still lives
 _SCHEDULER_S = 10.0  # for a Dask scheduler to answer
 _PATIENCE_S = 0.1  # between looks at the user's wish to stop

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.measures import all_errors
@@ -20,15 +21,22 @@ from spherecal_study.study_page import (
 
 TITLE = "Number of placements (Fig. 8)"
 RUNS = 5
-_COUNTS = range(1, 8)
-USUAL = 4  # placements, the trials' own number
+_COUNTS = (1, 2, 4, 7)
 _METHODS = ("free", "rigid")
 
 
 def trials(options: Options) -> list[Trial]:
-    """Calibrations with every number of placements from one to seven, free and (from two on) rigid."""
+    """Calibrations with one, two, four and seven placements, free and (from two on) rigid."""
     return [
-        Trial("ball", {**options.plain("rigA"), "seed": s, "method": m, **({"placements": n} if n != USUAL else {})})
+        Trial(
+            "ball",
+            {
+                **options.plain("rigA"),
+                "seed": s,
+                "method": m,
+                **({"placements": n} if n != STANDARD_PLACEMENTS else {}),
+            },
+        )
         for m in _METHODS
         for n in _COUNTS
         for s in options.seeds
@@ -42,7 +50,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         TITLE,
         options,
         [
-            f"{options.rig_words('rigA')} is calibrated with the ball at one to seven places, spread evenly. "
+            f"{options.rig_words('rigA')} is calibrated with the ball at one, two, four or seven places. "
             "Reprojection errors tell how well the model fits, errors of bars how well the rig measures: 20 poses "
             "each of two bars, three lengths each. Free: every dot at every placement is a point of its own, as in the "
             "paper. Rigid: the ball is one object.",
@@ -51,8 +59,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     px, bars, exact = {}, {}, {}
     for method in _METHODS:
         own = [(t.settings, r) for t, r in zip(listed, results, strict=True) if t.settings["method"] == method]
-        counts = sorted({s.get("placements", USUAL) for s, _ in own})
-        chosen = {n: [r for s, r in own if s.get("placements", USUAL) == n] for n in counts}
+        counts = sorted({s.get("placements", STANDARD_PLACEMENTS) for s, _ in own})
+        chosen = {n: [r for s, r in own if s.get("placements", STANDARD_PLACEMENTS) == n] for n in counts}
         px[method] = {n: estimate([r["mean_px"] for r in some]) for n, some in chosen.items()}
         bars[method] = {n: estimate([pooled_rms([all_errors(r)]) for r in some]) for n, some in chosen.items()}
         exact[method] = {n: estimate([pooled_rms([r["exact_errors_mm"]]) for r in some]) for n, some in chosen.items()}
@@ -82,7 +90,7 @@ def _curves(document: Document, found: dict[str, _ByCount], label: str, **more: 
 def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) -> StudyPage:
     free, rigid, none = bars["free"], bars["rigid"], estimate([])
     worst = max(px.values(), key=lambda e: e.mean, default=none)
-    at = {n: free.get(n, none) for n in (1, USUAL, _COUNTS[-1])}
+    at = {n: free.get(n, none) for n in (1, STANDARD_PLACEMENTS, _COUNTS[-1])}
     levels = ", ".join(f"{e.words(3)} mm at {n}" for n, e in at.items())
     return paper_table(
         document,
@@ -99,11 +107,11 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
             PaperComparison(
                 "bar error at 4 placements",
                 "settles near 0.1 mm",
-                f"{at[USUAL].words(4)} mm",
-                like(at[USUAL], 0.1),
+                f"{at[STANDARD_PLACEMENTS].words(4)} mm",
+                like(at[STANDARD_PLACEMENTS], 0.1),
                 "the simulation has no lens errors beyond the model, no vibration and no errors of the print.",
                 "value",
-                at[USUAL].n,
+                at[STANDARD_PLACEMENTS].n,
             ),
             PaperComparison(
                 "bar error falls",
@@ -118,11 +126,11 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
             PaperComparison(
                 "the rigid form, 4 placements",
                 "not in the paper",
-                f"{rigid.get(USUAL, none).words(4)} mm",
+                f"{rigid.get(STANDARD_PLACEMENTS, none).words(4)} mm",
                 None,
-                f"against {at[USUAL].words(4)} mm of the free form at the same placements.",
+                f"against {at[STANDARD_PLACEMENTS].words(4)} mm of the free form at the same placements.",
                 "",
-                rigid.get(USUAL, none).n,
+                rigid.get(STANDARD_PLACEMENTS, none).n,
                 "rigid",
             ),
         ],

@@ -22,6 +22,8 @@ from spherecal_study.study_page import (
 TITLE = "Spherical projection and displaced points (Table II)"
 RUNS = 3
 _RIG, _WIDE = "rigA", "rigB"
+_FAR = (100,)  # %: beyond the paper's
+_ENDS = (PERCENT[0], PERCENT[-1])  # of the identity, whose steps take most of the time
 _WAYS = (("spo", "SPO"), ("none", "none-SPO"))
 # The rig, how the adjustment is damped, and whether intrinsics are known before.
 _CASES = (
@@ -44,9 +46,13 @@ def trials(options: Options) -> list[Trial]:
                 "seed": s,
                 "damping": damping,
                 **({"known": True} if known else {}),
+                **({"percents": list(percents)} if percents != PERCENT else {}),
             },
         )
         for rig, damping, known, *_ in _cases(options)
+        for percents in (
+            (_ENDS,) if damping == "identity" else (PERCENT, _FAR) if known == options.known else (PERCENT,)
+        )
         for s in options.seeds
     ]
 
@@ -89,18 +95,19 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     rows = []
     for rig, damping, known, text, _ in _cases(options):
         for way, name in _WAYS:
-            rows += [_row(f"{name}, {text}", p, cases(rig, damping, known, way, p)) for p in PERCENT]
+            percents = _ENDS if damping == "identity" else (*PERCENT, *_FAR) if known == options.known else PERCENT
+            rows += [_row(f"{name}, {text}", p, cases(rig, damping, known, way, p)) for p in percents]
     table(
         document,
         ("start and adjustment", "a", "converged", "95 %", "in 50 steps", "start px", "steps", "final px"),
         rows,
     )
     series = {
-        f"{name}, {short}": [_share(cases(rig, damping, known, way, p)) for p in PERCENT]
+        f"{name}, {short}": [_share(cases(rig, damping, known, way, p)) for p in _ENDS]
         for rig, damping, known, _, short in _cases(options)
         for way, name in _WAYS
     }
-    columns_by_group(document, [f"{p} %" for p in PERCENT], series, "converged, %")
+    columns_by_group(document, [f"{p} %" for p in _ENDS], series, "converged, %")
     for known in (False, True):
         _by_camera(document, some(_RIG, "identity", known), known)
     return _against_paper(document, cases, options)
@@ -151,44 +158,47 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
         whole = [chosen[n : n + each] for n in range(0, len(chosen), each)]
         return sum(all(c["converged"] for c in one) for one in whole), len(whole)
 
-    spo, n = runs(_RIG, "identity", options.known, "spo")
-    none, n_none = runs(_RIG, "identity", options.known, "none", 20, 25)
+    spo, n = runs(_RIG, "identity", options.known, "spo", *_ENDS)
+    none, n_none = runs(_RIG, "identity", options.known, "none", _ENDS[-1])
     tried = {
         "the identity in millimetres": (none, n_none),
-        "the same with known intrinsics": runs(_RIG, "identity", True, "none", 20, 25),
+        "the same with known intrinsics": runs(_RIG, "identity", True, "none", _ENDS[-1]),
         "the diagonal": runs(_RIG, "diagonal", False, "none", 20, 25),
     }
     steps = {way: estimate([c["iterations"] for c in cases(_RIG, "identity", options.known, way)]) for way, _ in _WAYS}
-    lost = [c for c in cases(_RIG, "identity", options.known, "none", 20, 25) if not c["converged"]]
+    lost = [c for c in cases(_RIG, "identity", options.known, "none", _ENDS[-1]) if not c["converged"]]
     by_steps = sum(not c["settled"] for c in lost)
     within = []
     for way, name in _WAYS:
-        for percents in ((10, 15), (20, 25)):
-            found = cases(_RIG, "identity", options.known, way, *percents)
-            of = " and ".join(f"{p} %" for p in percents)
+        for percent in _ENDS:
+            found = cases(_RIG, "identity", options.known, way, percent)
             within.append(
                 PaperComparison(
-                    f"{name}, {of}, identity in millimetres: stopped by itself within {_USUAL_STEPS} steps",
-                    "does not converge" if (way, percents) == ("none", (20, 25)) else "converges",
-                    f"{sum(_is_soon(c) for c in found)} of {len(found)} cases",
+                    f"{name}, {percent} %, identity in millimetres: stopped by itself within {_USUAL_STEPS} steps",
+                    "does not converge" if (way, percent) == ("none", _ENDS[-1]) else "converges",
+                    f"{sum(_is_soon(c) for c in found)} of {len(found)} runs",
                     None,
                     f"{sum(c['converged'] for c in found)} reach the optimum within 200 steps.",
                     "",
-                    len(found) // 2,
+                    len(found),
                 )
             )
     wide = []
-    for known in (False, True):
-        with_spo, without = (runs(_WIDE, "diagonal", known, way, 25) for way in ("spo", "none"))
+    for rig, known, percent in (
+        (_WIDE, False, 25),
+        (_WIDE, True, 25),
+        *((rig, options.known, percent) for percent in _FAR for rig in (_RIG, _WIDE)),
+    ):
+        with_spo, without = (runs(rig, "diagonal", known, way, percent) for way in ("spo", "none"))
         if with_spo[1]:
-            what = f"rig B, {'known' if known else 'nominal'} intrinsics, 25 %, runs that converge"
+            what = f"{rig}, {'known' if known else 'nominal'} intrinsics, {percent} %, diagonal, runs that converge"
             ours = f"{with_spo[0]} of {with_spo[1]} with SPO, {without[0]} of {without[1]} without"
             wide.append(PaperComparison(what, "not in the paper", ours, None, "", "", with_spo[1]))
     return paper_table(
         document,
         [
             PaperComparison(
-                "with SPO, 10 to 25 %",
+                "with SPO, 10 and 25 %",
                 "always converges",
                 f"in {spo} of {n} runs",
                 always(spo, n),
@@ -197,7 +207,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 n,
             ),
             PaperComparison(
-                "without SPO, 20 and 25 %",
+                "without SPO, 25 %",
                 "does not converge",
                 f"converges in {none} of {n_none} runs",
                 never(none, n_none),

@@ -25,7 +25,7 @@ class Options:
     """What all studies have as options: repetitions (seeds), image noise, the first seed, another rig.
 
     `sigma_px` None takes rendered images, by default of the demo's small rig. `known`: intrinsics are known before, as
-    in Algorithm 1 of [Tao21], instead of the data sheets'. `paths`: xi1, xi2, TH_er in px (None: by the data), b.
+    in Algorithm 1 of [Tao21], instead of the data sheets'. `paths`: xi1, xi2, TH_er in px, b.
     """
 
     runs: int
@@ -33,7 +33,7 @@ class Options:
     seed: int = 1
     preset: str | None = None
     known: bool = False
-    paths: tuple[float, float, float | None, float] | None = None
+    paths: tuple[float, float, float, float] | None = None
 
     @property
     def images(self) -> bool:

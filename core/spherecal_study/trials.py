@@ -12,7 +12,7 @@ from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
-from spherecal.data.session import Session
+from spherecal.data.session import STANDARD_PLACEMENTS, Session
 from spherecal.detect.session_images import observed
 from spherecal.initialise.camera_path import Search, find_paths
 from spherecal.initialise.local import LocalNetwork
@@ -24,22 +24,23 @@ from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch_of_sessions import calibrate_session
-from spherecal_study.displacement import displaced_cases, path_length, published_cases
+from spherecal_study.displacement import PERCENT, displaced_cases, path_length, published_cases
 from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
 from spherecal_study.wand import errors_and_bounds
 
-PathNumbers = Sequence[float | None]  # xi1, xi2, TH_er in px (None: by the data), b
+PathNumbers = Sequence[float]  # xi1, xi2, TH_er in px, b
 
 BAR_POSES = 20  # of each bar, as in the paper
+_SEARCHED = 21
 
 
 def ball(
     preset: str,
     seed: int,
     sigma_px: float | None,
-    placements: int = 4,
+    placements: int = STANDARD_PLACEMENTS,
     layout: Layout = "spread",
     method: Method = "auto",
     search: Search = "opt",
@@ -51,8 +52,8 @@ def ball(
 ) -> dict[str, Any]:
     """One calibration with the ball: residuals, bars, errors of the calibration alone.
 
-    `sigma_px` None takes rendered images; `cameras` None is all; `paths`: xi1, xi2, TH_er in px (None: by the data) and
-    b; None leaves all to the method.
+    `sigma_px` None takes rendered images; `cameras` None is all; `paths`: xi1, xi2, TH_er in px and b; None leaves all
+    to the method.
     """
     session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
     session = _with_known(session, truth.cameras) if known else session
@@ -139,8 +140,7 @@ def paths(
 ) -> dict[str, Any]:
     """The graph, the paths of one search, and how good the chained start is, before anything else is done with it.
 
-    `sigma_px` None takes rendered images; `paths`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to
-    the method.
+    `sigma_px` None takes rendered images; `paths`: xi1, xi2, TH_er in px and b; None leaves all to the method.
     """
     session, truth = _session(preset, seed, sigma_px, None, "spread")
     session = _with_known(session, truth.cameras) if known else session
@@ -155,8 +155,9 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
 
     `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (13). `changed_by_count`: of how
     many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
+    `search_s`: processor time of a search of all paths, the median of some.
 
-    `numbers`: xi1, xi2, TH_er in px (None: by the data) and b; None leaves all to the method.
+    `numbers`: xi1, xi2, TH_er in px and b; None leaves all to the method.
     """
     settings = CalibrationSettings(method="tao2021", search=search, **_of_paths(numbers))
     recording = Recording.of(session)
@@ -167,7 +168,12 @@ def path_figures(session: Session, search: Search, numbers: PathNumbers | None =
     size = size[np.isfinite(size)]
     graph, lengths = local.graph, {c: path_length(local, path, settings) for c, path in local.paths.items()}
     of_count, changed = _part_of_count(local, settings)
+    times = [time.process_time()]
+    for _ in range(_SEARCHED if local.triples else 0):
+        find_paths(graph, local.triples, search, settings.base)
+        times.append(time.process_time())
     return {
+        "search_s": float(np.median(np.diff(times))) if len(times) > 1 else None,
         "count_share": of_count,
         "changed_by_count": changed,
         "start_px": float(np.median(size)) if len(size) else None,
@@ -187,15 +193,20 @@ def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, 
 
 
 def displaced(
-    preset: str, seed: int, sigma_px: float | None, damping: Literal["diagonal", "identity"], known: bool = False
+    preset: str,
+    seed: int,
+    sigma_px: float | None,
+    damping: Literal["diagonal", "identity"],
+    known: bool = False,
+    percents: Sequence[int] = PERCENT,
 ) -> dict[str, Any]:
-    """How the paper's adjustment ends from displaced start points, [Tao21] (22); see displacement.py.
+    """How the paper's adjustment ends from points displaced by a % of the radius, [Tao21] (22); see displacement.py.
 
     `sigma_px` None takes rendered images.
     """
-    session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
-    return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping))
+    return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping), percents)
 
 
 def published(
@@ -210,7 +221,7 @@ def published(
 
     `sigma_px` None takes rendered images; `th_pt` None and `paths` None: as the method has them.
     """
-    session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
     settings = CalibrationSettings(method="tao2021", **_of_paths(paths))
     done = published_cases(session, truth, settings if th_pt is None else replace(settings, th_pt=th_pt))
@@ -288,9 +299,7 @@ def _of_paths(numbers: PathNumbers | None) -> dict[str, Any]:
     """The settings of a calibration for xi1, xi2, TH_er and b; none where they are left to the method."""
     if numbers is None:
         return {}
-    error, count, threshold, base = numbers
-    assert error is not None and count is not None and base is not None
-    return {"weights": EdgeWeights(error, count, threshold), "base": base}
+    return {"weights": EdgeWeights(*numbers[:3]), "base": numbers[3]}
 
 
 def _with_known(session: Session, cameras: Sequence[TrueCamera]) -> Session:

@@ -14,7 +14,7 @@ from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.data.session import Bar
+from spherecal.data.session import STANDARD_PLACEMENTS, Bar
 from spherecal.files.bar_registry import MARKS, RegisteredBar, read_lengths, read_registered_bar
 from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
@@ -101,7 +101,7 @@ class BenchDraft:
 
     ball: BallDraft = BallDraft()
     bars: tuple[BarDraft, ...] = ()
-    placements: str = "4"
+    placements: str = str(STANDARD_PLACEMENTS)
     celsius: str = ""
 
 

@@ -140,12 +140,12 @@ def test_switches_reach_the_method(session_folder: Path, tmp_path: Path) -> None
     assert paper["software"]["method"] == "tao2021"
     assert all(camera["distortion"]["coefficients"][2:4] == [0, 0] for camera in paper["cameras"])
     assert "setting-without-effect" not in {finding["code"] for finding in paper["quality"]["findings"]}
-    idle = rig("--no-spo", "--no-joint", "--no-opt-listed", "--path-weights", "1", "30", "--path-base", "1.5")
+    idle = rig("--no-spo", "--no-joint")
     said = [f["message"] for f in idle["quality"]["findings"] if f["code"] == "setting-without-effect"]
     assert len(said) == 2
     assert all(option in message for option, message in zip(("--no-spo", "--no-joint"), said, strict=True))
     assert run("calibrate", session_folder, "-o", tmp_path / "no", "--path-base", "0.5") == BAD_INPUT
-    fixed = rig("--intrinsics", "fixed", "--dijkstra", "--seed", "3", code=NOT_VALID)  # data-sheet values do not hold
+    fixed = rig("--intrinsics", "fixed", "--seed", "3", code=NOT_VALID)  # data-sheet values do not hold
     priors = json.loads((session_folder / "session.json").read_text())["cameras"]
     assert fixed["software"]["seed"] == 3
     for camera, given in zip(fixed["cameras"], priors, strict=True):

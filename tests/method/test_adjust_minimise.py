@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from spherecal.adjust import engine
-from spherecal.adjust.bundle import Adjustment, adjust, datum_defect, residual_size
+from spherecal.adjust.bundle import Adjustment, datum_defect, refine, residual_size, robust_start
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import _Bundle, minimise
 from spherecal.adjust.levenberg import Damping, Minimum, Settings, levenberg_marquardt
@@ -324,9 +324,10 @@ def as_network(seed: int, noise_px: float = NOISE_PX, **options: object) -> tupl
     return network, net.truth, net.perfect_uv
 
 
-def run(network: Network, start: State, points: FloatArray | None = None) -> Adjustment:
+def run(network: Network, start: State) -> Adjustment:
     every, placed = np.ones(len(network.uv), dtype=bool), np.ones(len(network.group), dtype=bool)
-    return adjust(network, start, points, every, placed, Context())
+    state, used = robust_start(network, start, every, placed, Context())
+    return refine(network, state, used, placed, Context())
 
 
 @pytest.fixture(scope="module")
@@ -381,16 +382,6 @@ def test_gate_is_wider_for_a_camera_that_is_noisier() -> None:
     result = run(replace(network, uv=uv), perturbed(problem, truth, 0.5))
     assert result.used[blurred].mean() > 0.95
     assert result.used[~blurred].mean() > 0.8
-
-
-def test_points_may_be_given_or_found(adjusted: tuple[Network, State, Adjustment]) -> None:
-    network, truth, result = adjusted
-    points = truth.points + np.random.default_rng(0).normal(0, 60, truth.points.shape)  # a quarter of the radius
-    points[7] = np.nan
-    problem = network.problem(np.ones(len(network.uv), dtype=bool), network.free, np.ones(6, dtype=bool), True)[0]
-    other = run(network, perturbed(problem, truth), points)
-    assert other.minimum.cost == pytest.approx(result.minimum.cost, rel=1e-6)
-    assert other.used.all()
 
 
 def test_camera_that_lost_all_its_observations_leaves_the_rest_determined(

@@ -139,8 +139,6 @@ def test_outliers_lose_no_camera(preset: str, fraction: float) -> None:
 
 
 OTHER_WAYS = {
-    "none-OPT": CalibrationSettings(search="first"),
-    "dijkstra": CalibrationSettings(search="dijkstra"),
     "own": CalibrationSettings(own_intrinsics=True),
     "seed": CalibrationSettings(seed=77),
 }

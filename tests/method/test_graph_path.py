@@ -29,6 +29,7 @@ from spherecal.initialise.view_graph import (
     edge_weight,
     solve_triples,
 )
+from spherecal.steps.tao2021 import adjacency
 
 
 def random_views(seed: int, cameras: int = 9, features: int = 400) -> np.ndarray:
@@ -164,11 +165,12 @@ def test_triples_can_be_cancelled() -> None:
 
 
 def test_edge_weight_is_that_of_the_paper() -> None:
-    assert edge_weight(2.0, 4.0, 50, 10.0) == pytest.approx(3.0 + 1 / 50)
-    assert edge_weight(2.0, 4.0, 50, 10.0, EdgeWeights(0.5, 20.0)) == pytest.approx(1.5 + 20 / 50)
-    assert edge_weight(0.0, 10.0, 50, 10.0) < np.inf
+    plain = EdgeWeights(threshold_px=10.0)
+    assert edge_weight(2.0, 4.0, 50, plain) == pytest.approx(3.0 + 1 / 50)
+    assert edge_weight(2.0, 4.0, 50, EdgeWeights(0.5, 20.0, 10.0)) == pytest.approx(1.5 + 20 / 50)
+    assert edge_weight(0.0, 10.0, 50, plain) < np.inf
     for bad in ((10.1, 1.0, 50), (1.0, 10.1, 50), (1.0, 1.0, 0), (np.nan, 1.0, 50), (-1.0, 1.0, 50)):
-        assert edge_weight(*bad, 10.0) == np.inf
+        assert edge_weight(*bad, plain) == np.inf
 
 
 def test_graph_keeps_the_lightest_edge_of_each_pair_both_ways() -> None:
@@ -360,7 +362,7 @@ def test_the_literal_order_reads_its_list_again_after_every_camera() -> None:
     assert [paths[c].triples for c in (1, 2, 5)] == [(1,), (1,), (3,)]
     assert paths[3].triples == (0,)  # (0, 3, 4) is before (2, 3, 4) in the list
     assert paths[1].length == pytest.approx(graph.edges[0][1].weight)
-    refused = build_graph(triples, np.full((6, 6), 30), EdgeWeights(threshold_px=0.3))
+    refused = adjacency(triples, np.full((6, 6), 30), EdgeWeights(threshold_px=0.3))
     assert np.isinf(find_paths(refused, triples, "first-listed")[1].length)  # taken all the same
     assert 1 not in find_paths(refused, triples, "opt")
 
@@ -371,7 +373,7 @@ def test_weights_of_edges_choose_the_path(count: float, goes_by: tuple[int, ...]
     triples = [stub((0, 1, 3), 5.0), stub((0, 2, 3), 1.0), stub((1, 2, 3), 1.0), stub((1, 3, 4), 1.0)]
     counts = np.full((5, 5), 20)
     counts[0, 1] = counts[1, 0] = 2000
-    graph = build_graph(triples, counts, EdgeWeights(1.0, count))
+    graph = adjacency(triples, counts, EdgeWeights(1.0, count))
     assert graph.reference == 3
     graph = replace(graph, groups=np.array([0, 9, 0, 0, 0]))
     edges = {pair: graph.edges[pair[0]][pair[1]].weight for pair in ((0, 1), (0, 2), (2, 1))}

@@ -10,8 +10,9 @@ from networks import simulated
 from spherecal.base.context import Context
 from spherecal.data.recording import Recording
 from spherecal.geometry.sphere import fit_sphere, fit_sphere_geometrically
+from spherecal.initialise.view_graph import TH_ER_PX, EdgeWeights
 from spherecal.steps import tao2021
-from spherecal.steps.settings import TH_PT, CalibrationSettings
+from spherecal.steps.settings import TH_PT, CalibrationSettings, without_effect
 
 PAPER = CalibrationSettings(method="tao2021")
 NAMES = ("rigA", "rigB")
@@ -46,13 +47,13 @@ class Plain:
         xy = plain.normalised(o.uv, o.camera, intrinsics)
         found, self.common = plain.groups(xy, o.camera, f.of_observation, self.n, intrinsics[:, 0], TH_PT)
         self.found, self.reference = found, plain.reference(found, self.n)
-        self.lightest = plain.adjacency(found, self.common, tao2021.TH_ER_PX)
+        self.lightest = plain.adjacency(found, self.common, TH_ER_PX)
         self.paths = {self.reference: (0.0, (self.reference,))}
         for c in range(self.n):
             if c != self.reference and (path := plain.shortest(self.lightest, c, self.reference, 1.1, self.n)):
                 self.paths[c] = path
         self.poses = plain.chained(found, self.lightest, self.paths)
-        self.points = plain.points(found, self.common, self.paths, self.poses, tao2021.TH_ER_PX, len(f))
+        self.points = plain.points(found, self.common, self.paths, self.poses, TH_ER_PX, len(f))
         self.projected = plain.projected(self.points, f.placement)
 
 
@@ -67,7 +68,7 @@ def test_every_stage_equals_another_implementation(preset, seed, known):
     for one in local.triples:
         features, rotation, translation, points, error = other.found[one.cameras]
         assert one.features.tolist() == features.tolist()
-        if error.max() > tao2021.TH_ER_PX:  # a failed group: its points are near infinity
+        if error.max() > TH_ER_PX:  # a failed group: its points are near infinity
             continue
         np.testing.assert_allclose(one.error_px, error, rtol=1e-5)
         # in the first camera's frame: a group's own is that of its factorisation
@@ -91,10 +92,8 @@ def test_every_stage_equals_another_implementation(preset, seed, known):
             start.poses.state.translation[c], pose[:3, 3], atol=1e-5 * np.abs(pose[:3, 3]).max(initial=1.0)
         )
     size = np.nanmax(np.abs(other.points))
-    assert start.points is not None
-    np.testing.assert_allclose(start.points, other.points, atol=1e-5 * size)
-    moved = tao2021.spherical_projection(recording, start).points
-    assert moved is not None
+    np.testing.assert_allclose(start.poses.state.points, other.points, atol=1e-5 * size)
+    moved = tao2021.spherical_projection(recording, start).poses.state.points
     np.testing.assert_allclose(moved, other.projected, atol=1e-5 * size)
 
 
@@ -145,7 +144,7 @@ def ends(preset, seed, known=False):
         for spo in (True, False):
             begun = tao2021.spherical_projection(of_groups, start) if spo else start
             adjusted = tao2021.bundle_adjustment(begun, settings, Context())
-            found[search, spo] = begun.points, np.sqrt(2 * adjusted.minimum.cost / len(adjusted.problem.uv))
+            found[search, spo] = begun.poses.state.points, np.sqrt(2 * adjusted.minimum.cost / len(adjusted.problem.uv))
     return found
 
 
@@ -184,3 +183,20 @@ def test_a_cap_with_noise_has_its_sphere_and_a_plane_none() -> None:
     assert radius[0] < 0.97 < radius[1] < 1.05 and centre[1] < 0.6 * centre[0]
     flat = np.column_stack([rng.uniform(-1, 1, (150, 2)), 0.03 * rng.normal(size=150)])
     assert fit_sphere(flat) is not None and fit_sphere_geometrically(flat) is None
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"search": "first"},
+        {"search": "dijkstra"},
+        {"spherical_projection": False},
+        {"weights": EdgeWeights(threshold_px=90.0)},
+        {"base": 1.5},
+        {"th_pt": 20},
+        {"damping": "identity"},
+    ],
+)
+def test_the_papers_options_say_that_another_method_has_no_use_for_them(asked) -> None:
+    assert [finding.kind for finding in without_effect(CalibrationSettings(**asked))] == ["of-the-paper"]
+    assert not without_effect(replace(PAPER, **asked))

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.initialise.camera_path import BASE
-from spherecal.initialise.view_graph import EdgeWeights
+from spherecal.initialise.view_graph import TH_ER_PX, EdgeWeights
 from spherecal.steps.settings import TH_PT, CalibrationSettings
-from spherecal.steps.tao2021 import MOST_STEPS, TH_ER_PX
+from spherecal.steps.tao2021 import MOST_STEPS
 from spherecal_app.cli.options import make_parser
-from spherecal_sim.rigs import CA050, G319B
+from spherecal_rigs.bench_file import Bench
+from spherecal_sim.rigs import CA050, G319B, rig_design
 from spherecal_study.compare_methods import ASSUMPTION_3_SD_MM
 
 ROOT = Path(__file__).parents[2]
@@ -57,6 +59,12 @@ def test_numbers_of_a_row(row: str, value: str) -> None:
     assert value in next(cells[-1] for cells in ROWS if cells[0] == row)
 
 
+def test_four_placements_are_the_default_by_name() -> None:
+    assert STANDARD_PLACEMENTS == 4 and "four placements, the paper's standard (`STANDARD_PLACEMENTS`)" in PAGE
+    assert rig_design("rigA").placements == rig_design("rigB").placements == STANDARD_PLACEMENTS
+    assert Bench.placements == STANDARD_PLACEMENTS
+
+
 def test_other_numbers() -> None:
     assert f"standard deviation {ASSUMPTION_3_SD_MM:g} mm" in PAGE
     text = " ".join(PAGE.split())
@@ -65,4 +73,21 @@ def test_other_numbers() -> None:
     assert CalibrationSettings().th_pt == TH_PT
     help_text = (ROOT / "core/spherecal_app/cli/parsers/shared.py").read_text(encoding="utf-8")
     assert f"default {TH_PT})" in help_text
-    assert f"{TH_ER_PX:g} px with --method tao2021" in " ".join(help_text.replace('"\n        "', "").split())
+    assert f"\nTH_ER_PX = {TH_ER_PX} " in help_text
+
+
+def test_what_opt_and_spo_are_worth_is_what_the_study_found() -> None:
+    """The page's table of converged runs against the study's rows in paper.md."""
+    rows = [line.split(" | ") for line in (ROOT / "docs/studies/paper.md").read_text(encoding="utf-8").splitlines()]
+    found = {}
+    for row in rows:
+        if len(row) > 4 and row[1].startswith("runs that end in the optimum, "):
+            counts, runs = row[4].rsplit(", each of ", 1)
+            assert int(runs) == int(row[5]) == 30
+            found[row[1].split(", ", 1)[1]] = dict(one.rsplit(" ", 1) for one in counts.split("; "))
+    table = PAGE.split("## What OPT and SPO are worth")[1]
+    heads, _, *lines = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("|")]
+    assert heads[0] == "start" and set(heads[1:]) == found.keys()
+    assert {line[0]: line[1:] for line in lines} == {
+        start: [found[head][start] for head in heads[1:]] for start in found[heads[1]]
+    }

@@ -138,18 +138,10 @@ def _with_shared_lenses(network: Network, state: State, placed: BoolArray) -> St
 
 
 def robust_start(
-    network: Network,
-    state: State,
-    points: FloatArray | None,
-    candidates: BoolArray,
-    placed: BoolArray,
-    context: Context,
+    network: Network, state: State, candidates: BoolArray, placed: BoolArray, context: Context
 ) -> tuple[State, BoolArray]:
-    """A network near its minimum from a rough start, by robust adjustments, and the observations (n,) that fit it.
-
-    `points`: start values (m,3), NaN where unknown; None to triangulate.
-    """
-    state = triangulated(network, state, candidates) if points is None else replace(state, points=points)
+    """A network near its minimum from rough poses, by robust adjustments, and the observations (n,) that fit it."""
+    state = triangulated(network, state, candidates)
     for names in ((), START_INTRINSICS, None):
         state = robust_adjustment(network, state, candidates, placed, RobustStep(names), context)
         state = triangulated(network, state, candidates)
@@ -163,22 +155,6 @@ def triangulated(network: Network, state: State, candidates: BoolArray) -> State
     """
     points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan))
-
-
-def adjust(
-    network: Network,
-    state: State,
-    points: FloatArray | None,
-    candidates: BoolArray,
-    placed: BoolArray,
-    context: Context,
-) -> Adjustment:
-    """The least-squares network from a start (see `robust_start`), every observation with its own weight.
-
-    All observations of placed cameras are judged again by the gate.
-    """
-    state, used = robust_start(network, state, points, candidates, placed, context)
-    return refine(network, state, used, placed, context)
 
 
 def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, context: Context) -> Adjustment:

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt: the one minimiser of the project.
 
-Marquardt's damping (of the diagonal) keeps steps independent of units; the identity damping of older programs is what
-makes poor starts fail ([Tao21] Table II). Damping control after H. B. Nielsen, IMM-REP-1999-05.
+Marquardt's damping (of the diagonal) keeps steps independent of units, unlike the identity of older programs
+(identity_damping.py). Damping control after H. B. Nielsen, IMM-REP-1999-05.
 """
 
 from collections.abc import Callable
@@ -58,15 +58,16 @@ class Damping:
     """How the damping follows the steps: Nielsen's rule, or tenfold up and down where `by_gain` is False.
 
     Nielsen's rule needs the gain, decrease over predicted decrease, which means little where the weights follow the
-    state.
+    state. `fastest`: by it, a step lowers the damping to no less than this share.
     """
 
     least: float = 0.0
     by_gain: bool = True
+    fastest: float = 1 / 10
 
     def after_success(self, damping: float, gain: float) -> float:
         """The damping after a step that lowered the cost."""
-        return damping * max(1 / 10, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
+        return damping * max(self.fastest, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
 
     def after_failure(self, damping: float, failures: int) -> float:
         """The damping after a step that did not lower the cost."""

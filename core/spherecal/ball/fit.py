@@ -15,7 +15,7 @@ from spherecal.adjust.rows import LengthRows
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.ball.calibration_run import Run
 from spherecal.ball.rigid import RigidNetwork
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.memory import release_freed
 from spherecal.initialise.incremental import InitialPoses
 
@@ -55,43 +55,33 @@ class BallFit:
         return self.network.views(self.adjusted.used)
 
 
-def solve_free(
-    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, run: Run
-) -> BallFit:
+def solve_free(network: Network, start: InitialPoses, candidates: BoolArray, run: Run) -> BallFit:
     """The free form from the start of the network.
 
-    `points`: start values (m,3), NaN where unknown; None to triangulate; `candidates`: observations to start with,
-    (n,).
+    `candidates`: observations to start with, (n,).
     """
 
     def solution(described: Network) -> BallFit:
-        return solve_from(described, start, points, candidates, run)
+        return solve_from(described, start, candidates, run)
 
     return solve_with_priors(network, candidates & start.placed[network.camera], start.placed, solution, run)
 
 
 def solve_from(
-    network: Network,
-    start: InitialPoses,
-    points: FloatArray | None,
-    candidates: BoolArray,
-    run: Run,
-    rigid: RigidNetwork | None = None,
+    network: Network, start: InitialPoses, candidates: BoolArray, run: Run, rigid: RigidNetwork | None = None
 ) -> BallFit:
     """The solution from a rough start.
 
     `rigid` None in the free form.
     """
     placed = start.placed
-    state, used = robust_start(network, start.state, points, candidates, placed, run.context)
-    ambiguous = np.zeros(len(placed), dtype=bool)
-    if not run.plain:
-        found = with_right_poses(network, state, used, candidates, placed, run.context)
-        state, used, ambiguous = found.state, found.used & ~found.ambiguous[network.camera], found.ambiguous
-        placed = placed & ~ambiguous
-        network = replace(network, noise=rough_noise(network, state, used))
+    state, used = robust_start(network, start.state, candidates, placed, run.context)
+    found = with_right_poses(network, state, used, candidates, placed, run.context)
+    state, used = found.state, found.used & ~found.ambiguous[network.camera]
+    placed = placed & ~found.ambiguous
+    network = replace(network, noise=rough_noise(network, state, used))
     fit = finished_solution(network, refine(network, state, used, placed, run.context), placed, run, rigid)
-    return replace(fit, ambiguous=ambiguous)
+    return replace(fit, ambiguous=found.ambiguous)
 
 
 def with_lengths(fit: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:

@@ -143,7 +143,7 @@ def _settled(images: Network, start: State, enough: BoolArray, context: Context)
     used = candidates & np.isfinite(state.points[images.feature, 0])
     if _fits(images, state, candidates, enough):
         return state, used
-    return robust_start(images, start, None, candidates, enough, context)
+    return robust_start(images, start, candidates, enough, context)
 
 
 def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:

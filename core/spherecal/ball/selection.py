@@ -159,7 +159,7 @@ def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adj
     first = refine(network, start, used, placed, run.context)
     if first.minimum.converged and first.variance <= MOST_WORSE_SOFT * free.adjusted.variance:
         return first
-    state, kept = robust_start(network, start, None, used, placed, run.context)
+    state, kept = robust_start(network, start, used, placed, run.context)
     again = refine(network, state, kept, placed, run.context)
     return again if again.variance < first.variance else first
 
@@ -204,7 +204,7 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
     everything = candidates & start.placed[rigid.network.camera]
 
     def solution(described: Network) -> BallFit:
-        return solve_from(described, start, None, everything, run, rigid)
+        return solve_from(described, start, everything, run, rigid)
 
     return solve_with_priors(rigid.network, everything, start.placed, solution, run)
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from spherecal.data.from_arrays import Lens
     from spherecal.data.rig_camera import ImageSize
 
+# [Tao21] tried one to seven placements: beyond four the gain is small (docs/studies: layouts).
+STANDARD_PLACEMENTS = 4
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CameraSpec(ByValue):

@@ -2,26 +2,17 @@
 
 import heapq
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
 from spherecal.initialise.triple import Triple
-from spherecal.initialise.view_graph import CameraGraph, EdgeWeights
+from spherecal.initialise.view_graph import CameraGraph
 
 Search = Literal["opt", "dijkstra", "first", "first-listed"]
 
 # How much a path's length counts more for every further camera on it; the paper's example value.
 BASE = 1.1
-
-
-@dataclass(frozen=True)
-class PathSettings:
-    """How edges are weighted, (10)-(13), and paths are searched; `base` is b of f = b^m g + h, 1 or more."""
-
-    search: Search = "opt"
-    weights: EdgeWeights = field(default_factory=EdgeWeights)
-    base: float = BASE
 
 
 @dataclass(frozen=True)
@@ -42,9 +33,11 @@ def find_paths(
     if search == "first-listed":
         return _first_listed_paths(graph, triples)
     hops = _fewest_hops(graph)
+    if search == "dijkstra":
+        return {camera: _a_star(graph, camera, dict.fromkeys(hops, 0.0), 1.0) for camera in sorted(hops)}
     lightest = min((edge.weight for edges in graph.edges for edge in edges.values()), default=0.0)
     heuristic = {camera: n * lightest for camera, n in hops.items()}
-    return {camera: _a_star(graph, camera, heuristic, base if search == "opt" else 1.0) for camera in sorted(hops)}
+    return {camera: _a_star(graph, camera, heuristic, base) for camera in sorted(hops)}
 
 
 def _fewest_hops(graph: CameraGraph) -> dict[int, int]:
@@ -63,10 +56,12 @@ def _a_star(graph: CameraGraph, start: int, heuristic: dict[int, float], base: f
     """The path with the least base^m g.
 
     That cost does not add up along a path, but among paths of equal m the shorter is better: so the search runs over
-    (camera, m) states. It is optimal as base >= 1 and h never overestimates.
+    (camera, m) states, where base is 1 over cameras. It is optimal as base >= 1 and h never overestimates; with h = 0
+    and base 1 it is Dijkstra's.
     """
     queue: list[tuple[float, float, tuple[int, ...]]] = [(heuristic[start], 0.0, (start,))]
     best: dict[tuple[int, int], float] = {}
+    counted = base != 1
     while queue:
         _, length, cameras = heapq.heappop(queue)
         here, hops = cameras[-1], len(cameras)
@@ -75,9 +70,10 @@ def _a_star(graph: CameraGraph, start: int, heuristic: dict[int, float], base: f
             return Path(cameras, tuple(graph.edges[a][b].triple for a, b in steps), length)
         for neighbour, edge in graph.edges[here].items():
             longer = length + edge.weight
-            if neighbour in cameras or longer >= best.get((neighbour, hops), float("inf")):
+            state = neighbour, hops * counted
+            if neighbour in cameras or longer >= best.get(state, float("inf")):
                 continue
-            best[neighbour, hops] = longer
+            best[state] = longer
             heapq.heappush(queue, (base**hops * longer + heuristic[neighbour], longer, (*cameras, neighbour)))
     raise ValueError("the camera does not reach the reference")
 

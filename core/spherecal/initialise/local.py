@@ -9,7 +9,7 @@ from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations, seen_matrix
 from spherecal.data.session import Session
 from spherecal.geometry.camera import undistort_views
-from spherecal.initialise.camera_path import Path, PathSettings, Search, find_paths
+from spherecal.initialise.camera_path import Path, find_paths
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal.initialise.triple import MIN_POINTS, Triple, reconstruct_triple
 from spherecal.initialise.two_view import GATE_PX, Pair, TwoViewGate, relative_orientation, vote
@@ -55,7 +55,6 @@ def reconstruct_locally(
     observations: Observations,
     features: Features,
     intrinsics: FloatArray,
-    paths: Search | PathSettings,
     seed: int,
     context: Context,
 ) -> LocalNetwork:
@@ -88,9 +87,8 @@ def reconstruct_locally(
     reconstruct = reconstruct_planar_triple if _is_flat(gate, table, xy, intrinsics) else reconstruct_triple
     edges = strongest_pairs(np.where(pairs > 0, counts, 0), PARTNERS)
     triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
-    requested = paths if isinstance(paths, PathSettings) else PathSettings(paths)
-    graph = build_graph(triples, counts, requested.weights)
-    found = find_paths(graph, triples, requested.search, requested.base) if triples else {}
+    graph = build_graph(triples, counts)
+    found = find_paths(graph, triples) if triples else {}
     on_a_path = {number for path in found.values() for number in path.triples}
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]

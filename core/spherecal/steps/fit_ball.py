@@ -127,7 +127,7 @@ def solve_others(
         rows = np.flatnonzero(rest[observations.camera])
         own = observations.select(rows)
         own_features = replace(features, of_observation=features.of_observation[rows])
-        local = reconstruct_locally(own, own_features, run.known, settings.paths, settings.seed, run.context)
+        local = reconstruct_locally(own, own_features, run.known, settings.seed, run.context)
         if not local.triples:
             break
         part = network.only(rows)
@@ -135,6 +135,6 @@ def solve_others(
         candidates = local.keep & start.placed[part.camera]
         first, *others = local.graph.references
         alone = replace(run, reference=first, next_references=tuple(others))
-        groups.append(solve_free(part, start, None, candidates, alone))
+        groups.append(solve_free(part, start, candidates, alone))
         rest &= ~start.placed
     return groups

@@ -11,7 +11,7 @@ from spherecal.data.session import Session
 from spherecal.files.assumed import assumed_of_session
 from spherecal.files.ball_file import BallProfile
 from spherecal.geometry.camera import LensModel
-from spherecal.initialise.camera_path import BASE, PathSettings, Search
+from spherecal.initialise.camera_path import BASE, Search
 from spherecal.initialise.triple import MIN_EIGHT_POINT
 from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
@@ -30,9 +30,9 @@ class CalibrationSettings:
     `shape_sd_mm`: of the soft form, how far the ball's dots may be off its shape (standard deviation per coordinate);
     None to estimate it. `ball`: a stored shape of the recorded ball, for `auto` and `rigid`.
 
-    `tao2021` is the paper's method to the letter (steps/tao2021.py). `search` `first` is none-OPT, `first-listed` the
-    same in the literal order of Algorithm 3. `weights` and `base` are xi1, xi2, TH_er and b of (10)-(14). Of `tao2021`
-    alone: `spherical_projection` False is none-SPO; `th_pt`, the points that a group of cameras needs in common;
+    `tao2021` is the paper's method to the letter (steps/tao2021.py). Of it alone: `search` `first` is none-OPT,
+    `first-listed` the same in the literal order of Algorithm 3; `spherical_projection` False is none-SPO; `weights` and
+    `base` are xi1, xi2, TH_er and b of (10)-(14); `th_pt`, the points that a group of cameras needs in common;
     `damping` of the adjustment, of the diagonal (Marquardt) or by the identity (Levenberg). `joint` False leaves a
     board or a bar as it was chained, without the joint adjustment.
 
@@ -61,24 +61,17 @@ class CalibrationSettings:
     damping: Literal["diagonal", "identity"] = "diagonal"
     joint: bool = True
 
-    @property
-    def paths(self) -> PathSettings:
-        """How paths through the camera graph are found."""
-        return PathSettings(self.search, self.weights, self.base)
+
+_OF_THE_PAPER = ("search", "spherical_projection", "weights", "base", "th_pt", "damping")
 
 
 def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
     """A finding for each setting that has no effect in the chosen method."""
-    chained = settings.method in ("board", "bar")
-    kinds = []
-    if not settings.spherical_projection and settings.method != "tao2021":
-        kinds.append("spherical-projection")
-    if (settings.th_pt, settings.damping) != (TH_PT, "diagonal") and settings.method != "tao2021":
+    plain, kinds = CalibrationSettings(), []
+    if settings.method != "tao2021" and any(getattr(settings, one) != getattr(plain, one) for one in _OF_THE_PAPER):
         kinds.append("of-the-paper")
-    if not settings.joint and not chained:
+    if not settings.joint and settings.method not in ("board", "bar"):
         kinds.append("joint")
-    if chained and settings.paths != PathSettings():
-        kinds.append("paths")
     return tuple(Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds)
 
 
@@ -97,7 +90,7 @@ def check_settings(session: Session, settings: CalibrationSettings) -> None:
     w = settings.weights
     if not (1 <= settings.base <= 10 and 0 <= w.error < 1e9 and 0 <= w.count < 1e9 and w.error + w.count > 0):
         raise InputError(Phrase("error-path-weights"))
-    if (w.threshold_px is not None and not 0 < w.threshold_px < 1e9) or settings.th_pt < MIN_EIGHT_POINT:
+    if not 0 < w.threshold_px < 1e9 or settings.th_pt < MIN_EIGHT_POINT:
         raise InputError(Phrase("error-path-weights"))
     if settings.ball is not None and settings.method not in ("auto", "rigid"):
         raise InputError(Phrase("error-profile-method", {"method": settings.method}))

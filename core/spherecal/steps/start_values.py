@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.adjust.network import Network, free_network
 from spherecal.ball.calibration_run import Run
-from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.values import Phrase
@@ -39,22 +39,21 @@ def describe_network(recording: Recording, settings: CalibrationSettings) -> Net
 def local_network(recording: Recording, settings: CalibrationSettings, context: Context) -> LocalNetwork:
     """Two-view geometry, triples, view graph and paths of a recording, from its cameras' priors; [Tao21] (3)-(14)."""
     observations, features = recording.observations, recording.features
-    local = reconstruct_locally(observations, features, recording.priors, settings.paths, settings.seed, context)
+    local = reconstruct_locally(observations, features, recording.priors, settings.seed, context)
     release_freed()
     return lasting_reference(local, recording.session)
 
 
 @dataclass(frozen=True)
 class StartValues:
-    """What the adjustment starts from: the network, its local reconstructions, poses, and points (m,3).
+    """What the adjustment starts from: the network, its local reconstructions, and poses.
 
-    `points` None: to be triangulated.
+    With `tao2021` their state has the points too, NaN where there are none.
     """
 
     network: Network
     local: LocalNetwork
     poses: InitialPoses
-    points: FloatArray | None
 
     @property
     def candidates(self) -> BoolArray:
@@ -70,7 +69,7 @@ def start_values(
     network = replace(describe_network(recording, settings), turning=turning)
     poses = grow(local, network, recording.priors, local.keep, context)
     release_freed()
-    return StartValues(network, local, poses, None)
+    return StartValues(network, local, poses)
 
 
 def run_of(

@@ -23,29 +23,25 @@ from spherecal.data.observations import find_features, seen_matrix
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import undistort_views
+from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise.camera_path import find_paths
 from spherecal.initialise.chain import chain_points, chain_poses
 from spherecal.initialise.incremental import InitialPoses
 from spherecal.initialise.local import LocalNetwork, lasting_reference
-from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.initialise.triple import Triple, factorised
 from spherecal.initialise.view_graph import (
     CameraGraph,
-    Edge,
     EdgeWeights,
     candidate_triples,
     common_counts,
-    edge_weight,
+    edges_of,
+    lightest_edges,
 )
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, in_millimetres
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import StartValues, describe_network, run_of
 
-# TH_er where none is asked for. The text gives no value. On rigs A and B groups of 30 common points and more stay below
-# 190 px with nominal intrinsics, failed ones reach thousands. Rig B's adjustments ended in the optimum in 11 of 12 runs
-# with it, in 9 without any.
-TH_ER_PX = 250.0
 # Steps at most: from starts of hundreds of pixels the slowest that arrived took 96.
 MOST_STEPS = 200
 
@@ -122,25 +118,8 @@ def adjacency(groups: list[Triple], counts: IntArray, weights: EdgeWeights) -> C
 
     `counts`: common features, (c,c).
     """
-    edges: list[dict[int, Edge]] = [{} for _ in counts]
-    shared = np.zeros(len(counts), dtype=int)
-    for number, group in enumerate(groups):
-        shared[list(group.cameras)] += 1
-        for j, g, weight in edges_of(group, counts, weights):
-            if np.isfinite(weight) and (g not in edges[j] or weight < edges[j][g].weight):
-                edges[j][g] = edges[g][j] = Edge(number, weight)
-    return CameraGraph(tuple(edges), shared, np.ones(len(groups)))
-
-
-def edges_of(group: Triple, counts: IntArray, weights: EdgeWeights) -> list[tuple[int, int, float]]:
-    """A group's three pairs of cameras with their weights (10)-(13)."""
-    threshold = TH_ER_PX if weights.threshold_px is None else weights.threshold_px
-    pairs = [(a, b, int(counts[group.cameras[a], group.cameras[b]])) for a, b in ((0, 1), (0, 2), (1, 2))]
-    error = group.error_px
-    return [
-        (group.cameras[a], group.cameras[b], edge_weight(error[a], error[b], common, threshold, weights))
-        for a, b, common in pairs
-    ]
+    edges, shared = lightest_edges(groups, counts, weights)
+    return CameraGraph(edges, shared, np.ones(len(groups)))
 
 
 def grouped_points(
@@ -179,7 +158,7 @@ def optimal_path_transformation(
     placed = np.isfinite(translation[:, 0])
     points = chain_points(point_sources(local, settings), rotation, translation, len(features))
     state = State(rotation, translation, intrinsics, points)
-    return StartValues(network, local, InitialPoses(state, placed), points)
+    return StartValues(network, local, InitialPoses(state, placed))
 
 
 def point_sources(local: LocalNetwork, settings: CalibrationSettings) -> list[tuple[Triple, int]]:
@@ -207,9 +186,24 @@ def point_sources(local: LocalNetwork, settings: CalibrationSettings) -> list[tu
 
 
 def spherical_projection(recording: Recording, start: StartValues) -> StartValues:
-    """The start with every placement's points on the sphere fitted to them."""
-    assert start.points is not None
-    return replace(start, points=project_to_spheres(start.points, recording.features.placement))
+    """The start with every placement's points moved radially onto the sphere fitted to them.
+
+    Only an initial value: a real ball is off by a millimetre, and the adjustment must be free to leave the sphere.
+    """
+    points, placement = start.poses.state.points.copy(), recording.features.placement
+    for p in np.unique(placement):
+        own = np.flatnonzero((placement == p) & np.isfinite(points[:, 0]))
+        sphere = fit_sphere_geometrically(points[own])
+        if sphere is None:
+            continue
+        ray = points[own] - sphere.centre
+        points[own] = sphere.centre + ray * (sphere.radius / np.linalg.norm(ray, axis=1))[:, None]
+    return with_points(start, points)
+
+
+def with_points(start: StartValues, points: FloatArray) -> StartValues:
+    """The start with other points (m,3)."""
+    return replace(start, poses=replace(start.poses, state=replace(start.poses.state, points=points)))
 
 
 # --- Bundle adjustment, (2) -------------------------------------------------------------------------------------------
@@ -221,13 +215,13 @@ def bundle_adjustment(start: StartValues, settings: CalibrationSettings, context
     used = observed_points(start)
     state = plain_state(start)
     problem, rows = network.problem(used, network.free, placed, weighted=True)
+
+    def watched(iteration: int, cost: float) -> None:
+        context.report_iteration("bundle adjustment", iteration / MOST_STEPS, iteration, cost)
+
     if settings.damping == "identity":
-        minimum = minimise_with_identity(problem, state, most_steps=MOST_STEPS)
+        minimum = minimise_with_identity(problem, state, MOST_STEPS, watched)
     else:
-
-        def watched(iteration: int, cost: float) -> None:
-            context.report_iteration("bundle adjustment", iteration / MOST_STEPS, iteration, cost)
-
         minimum = minimise(problem, state, Settings(max_iterations=MOST_STEPS), watched)
     known = network.views(used) > 0
     final = replace(minimum.state, points=np.where(known[:, None], minimum.state.points, np.nan))
@@ -238,15 +232,13 @@ def bundle_adjustment(start: StartValues, settings: CalibrationSettings, context
 def plain_state(start: StartValues) -> State:
     """The start's values, with numbers also where a camera or a point has none: those take no part."""
     state, placed = start.poses.state, start.poses.placed
-    assert start.points is not None
     rotation = np.where(placed[:, None, None], state.rotation, np.eye(3))
     translation = np.where(placed[:, None], state.translation, 0.0)
-    return State(rotation, translation, state.intrinsics, np.nan_to_num(start.points))
+    return State(rotation, translation, state.intrinsics, np.nan_to_num(state.points))
 
 
 def observed_points(start: StartValues) -> BoolArray:
     """Observations (n,) of cameras with a pose, of points with a start value that two such cameras see."""
-    assert start.points is not None
     network = start.network
-    used = start.candidates & np.isfinite(start.points[network.feature, 0])
+    used = start.candidates & np.isfinite(start.poses.state.points[network.feature, 0])
     return used & (network.views(used) >= 2)[network.feature]

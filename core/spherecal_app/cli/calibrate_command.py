@@ -37,12 +37,13 @@ def calibrate(options: argparse.Namespace) -> int:
     """`spherecal calibrate`."""
     _check_forms(options)
     check_output_folder(options.output, RESULT)
+    xi1, xi2 = options.path_weights
     settings = CalibrationSettings(
         method=options.method,
         search=search_of(options),
         spherical_projection=not options.no_spo,
         joint=not options.no_joint,
-        weights=EdgeWeights(options.path_weights[0], options.path_weights[1], options.path_error),
+        weights=EdgeWeights(xi1, xi2, options.path_error),
         base=options.path_base,
         th_pt=options.th_pt,
         damping=options.damping,

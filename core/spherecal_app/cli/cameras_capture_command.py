@@ -10,6 +10,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.working_folder import users_environment
 from spherecal.data.findings import counted
+from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.targets.detection import Detector
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
@@ -93,7 +94,7 @@ def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
         return replace(whole, sets=(*chosen, *(s for s in whole.sets if s.bar is not None)))
     if options.targets is None and (begun is None or begun.target_set is None):
         raise InputError(Phrase("error-capture-targets"))
-    whole = simple_plan(options.placements or 4, options.targets, options.diameter_mm)
+    whole = simple_plan(options.placements or STANDARD_PLACEMENTS, options.targets, options.diameter_mm)
     return whole if begun is None else replace(begun, sets=whole.sets, target_set=whole.target_set or begun.target_set)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.initialise.camera_path import BASE
+from spherecal.initialise.view_graph import TH_ER_PX
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import say
 from spherecal_app.cli.exit_codes import DONE
@@ -54,10 +55,10 @@ def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
         yield name, partial(run_study, name, asked, kept_only=options.kept)
 
 
-def _paths(options: argparse.Namespace) -> tuple[float, float, float | None, float] | None:
+def _paths(options: argparse.Namespace) -> tuple[float, float, float, float] | None:
     """xi1, xi2, TH_er and b; None where all are the method's own."""
     asked = (*options.path_weights, options.path_error, options.path_base)
-    return None if asked == (1.0, 1.0, None, BASE) else asked
+    return None if asked == (1.0, 1.0, TH_ER_PX, BASE) else asked
 
 
 def _of_session(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:

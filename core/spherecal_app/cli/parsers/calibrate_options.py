@@ -2,6 +2,7 @@
 
 from spherecal_app.cli.parsers.shared import (
     BALL_METHODS,
+    OF_THE_PAPER,
     To,
     choice,
     flag,
@@ -25,8 +26,9 @@ def add_calibrate(add: Add) -> None:
     session(calibrate, "the session folder, or a support bundle")
     output(calibrate, "RESULT", "the result folder to write")
     _add_forms(calibrate)
-    search(calibrate)
-    path_weights(calibrate)
+    of_the_paper = calibrate.add_argument_group(OF_THE_PAPER)
+    search(of_the_paper)
+    path_weights(of_the_paper)
     text = "with --method board or bar: keep the chained camera poses, without the joint adjustment (to compare)"
     flag(calibrate, "--no-joint", text)
     _add_lenses(calibrate)
@@ -77,7 +79,7 @@ def add_batch(add: Add) -> None:
     path(batch, "folder", "FOLDER", "the folder with the session folders")
     output(batch, "DIR", "folder for all results")
     choice(batch, "--method", BALL_METHODS, "as for `calibrate` (default auto)", "auto")
-    search(batch)
+    search(batch.add_argument_group(OF_THE_PAPER))
     choice(batch, "--intrinsics", ("free", "fixed"), "as for `calibrate` (default free)", "free")
     flag(batch, "--own-intrinsics", "estimate the intrinsics of each camera separately")
     seed(batch, "seed of the random choices of triples (default 0)", 0)

@@ -17,6 +17,8 @@ Number = TypeVar("Number", int, float)
 BALL_METHODS = ("auto", "tao2021", "free", "rigid", "board", "bar")
 PAGES = ("A4", "Letter")
 PATH_BASE = 1.1  # spherecal.initialise.camera_path.BASE, which would load scipy
+TH_ER_PX = 250.0  # spherecal.initialise.view_graph.TH_ER_PX
+OF_THE_PAPER = "the paper's method, --method tao2021, alone"
 
 
 # --- kinds of options ------------------------------------------------------------------------------------------------
@@ -106,10 +108,10 @@ def search(to: To) -> None:
     flag(to, "--no-opt", "none-OPT: use the first path that reaches a camera")
     flag(to, "--no-opt-listed", "none-OPT in the literal order of Algorithm 3: triples by number")
     flag(to, "--dijkstra", "use shortest paths instead of A*")
-    flag(to, "--no-spo", "none-SPO: no spherical projection (affects only --method tao2021)")
-    text = "TH_pt: points that a group of three cameras needs in common (only --method tao2021; default 12)"
+    flag(to, "--no-spo", "none-SPO: no spherical projection")
+    text = "TH_pt: points that a group of three cameras needs in common (default 12)"
     number(to, "--th-pt", "N", text, between(int, 8, 1_000_000, "must be 8 or more"), default=12)
-    text = "its damping: of the diagonal (Marquardt) or by the identity (Levenberg); only --method tao2021"
+    text = "damping of the adjustment: of the diagonal (Marquardt) or by the identity (Levenberg)"
     choice(to, "--damping", ("diagonal", "identity"), text, "diagonal")
 
 
@@ -121,7 +123,7 @@ def search_of(options: argparse.Namespace) -> "Search":
 
 
 def path_weights(to: To) -> None:
-    """Add xi1, xi2, TH_er and b of [Tao21] (10)-(14)."""
+    """Add xi1, xi2, TH_er and b of [Tao21] (10)-(14), of --method tao2021 alone."""
     to.add_argument(
         "--path-weights",
         "--xi",
@@ -131,11 +133,8 @@ def path_weights(to: To) -> None:
         metavar=("XI1", "XI2"),
         help="xi1, xi2: weights of the reprojection error and of 1/(common features) of an edge (default 1 1)",
     )
-    text = (
-        "TH_er: the mean reprojection error in a triple above which an edge is refused (default: 5 x the median; "
-        "250 px with --method tao2021)"
-    )
-    to.add_argument("--path-error", "--th-er", type=float, metavar="PX", help=text)
+    text = f"TH_er: the mean reprojection error in a triple above which an edge is refused (default {TH_ER_PX:g})"
+    to.add_argument("--path-error", "--th-er", type=float, metavar="PX", help=text, default=TH_ER_PX)
     text = f"b: the factor in the cost of a path for each further camera (default {PATH_BASE})"
     to.add_argument("--path-base", "--b", type=float, metavar="B", help=text, default=PATH_BASE)
 

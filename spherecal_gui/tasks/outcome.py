@@ -140,7 +140,7 @@ def _links(result: "Result", session: Path, context: Context) -> tuple[tuple[str
     if not len(observations):
         return ()
     priors = np.array([cameras[name] for name in names])
-    local = reconstruct_locally(observations, find_features(observations), priors, "opt", 0, context)
+    local = reconstruct_locally(observations, find_features(observations), priors, 0, context)
     steps = {step for path in local.paths.values() for step in pairwise(path.cameras)}
     return tuple(sorted((names[a], names[b]) for a, b in steps))
 

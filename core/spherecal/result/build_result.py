@@ -477,8 +477,7 @@ def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> tuple[Finding
     """The finding where some lengths of the map, or all if there is none, are less certain than is wanted."""
     if wanted_mm is None or (lengths is not None and lengths.worst is not None and lengths.worst[0] <= wanted_mm):
         return ()
-    known = lengths is not None and lengths.typical_mm is not None and lengths.worst is not None
-    if not known:
+    if lengths is None or lengths.worst is None:
         return (Finding("accuracy-missed", "warning", {"wanted_mm": wanted_mm}, kind="unknown"),)
     share = float((lengths.expanded_mm > wanted_mm).any(axis=1).mean())
     values = {"wanted_mm": wanted_mm, "worst_mm": lengths.worst[0], "percent": 100 * share}

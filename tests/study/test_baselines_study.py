@@ -38,8 +38,12 @@ def here(tmp_path_factory) -> list[dict]:
     return run_trials(TRIALS, tmp_path_factory.mktemp("here"), LocalProcesses(0), Context())
 
 
+def untimed(results: list[dict]) -> list[dict]:
+    return [{name: value for name, value in one.items() if name != "search_s"} for one in results]
+
+
 def test_local_processes_give_the_same_to_the_bit(here, tmp_path):
-    assert run_trials(TRIALS, tmp_path, LocalProcesses(2), Context()) == here
+    assert untimed(run_trials(TRIALS, tmp_path, LocalProcesses(2), Context())) == untimed(here)
 
 
 @pytest.mark.slow
@@ -48,7 +52,7 @@ def test_a_cluster_gives_the_same_to_the_bit_and_a_killed_worker_costs_nothing_b
     trials = [Trial("x", {"seed": seed, "marker": str(tmp_path / "killed")}) for seed in range(4)]
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         address = cluster.scheduler_address
-        assert run_trials(TRIALS, tmp_path / "same", DaskCluster(address), Context()) == here
+        assert untimed(run_trials(TRIALS, tmp_path / "same", DaskCluster(address), Context())) == untimed(here)
         if os.name != "nt":  # no SIGKILL there
             results = run_trials(trials, tmp_path / "kept", DaskCluster(address, kill_once), Context())
             assert (tmp_path / "killed").exists()
@@ -427,7 +431,7 @@ def test_another_rig_is_no_figure_of_the_paper(folder, tmp_path):
     run_study("cameras", Options(1, preset="demo"), tmp_path, MadeUp(), Context())
     assert not (tmp_path / "paper.md").exists()
     listed = json.loads((tmp_path / "cameras.json").read_text())["trials"]
-    assert {t["settings"]["cameras"] for t in listed} == {4, 5, 6}
+    assert {t["settings"].get("cameras") for t in listed} == {4, None}  # four of the six, and all
     assert {t["settings"]["preset"] for t in listed} == {"demo"}
 
 

@@ -151,6 +151,7 @@ DESERVED: dict[str, Callable[[], Session]] = {
     "scale-uncertainty": lambda: simulated("rigA", 3, targets=50)[0],
     "print-unmeasured": lambda: of_unmeasured_print(simulated("rigA", 3, targets=50)[0]),
     "length-uncertainty": small_rig,
+    "accuracy-missed": lambda: replace(small_rig(), wanted_uncertainty_mm=1e-6),
 }
 WHOM = {"intrinsics-held": ("C08",), "little-coverage": ("C04",)}
 FATAL = {"cameras-unlinked", "nothing-reconstructed", "degenerate-geometry", "mirrored"}

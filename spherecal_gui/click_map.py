@@ -59,6 +59,7 @@ class WalkTimes(QObject):
         self._path, self._began_s, self._clicks = path, 0.0, 0
         self._stall_s = self._last_s = 0.0
         self._steps: dict[str, float] = {}
+        self._first_s: float | None = None
         self._heard: set[int] = set()
         self._beat = QTimer(self)
         self._beat.setTimerType(Qt.TimerType.PreciseTimer)
@@ -88,17 +89,17 @@ class WalkTimes(QObject):
         if not self._began_s:
             return
         now = time.monotonic() - self._began_s
-        scenes = []
         for window in QApplication.topLevelWidgets():
             project = getattr(getattr(window, "controller", None), "project", None)
             if project is not None:
                 self._steps.setdefault(project.step, round(now, 2))
-            scenes += [one for one in window.findChildren(QWidget, "scene") if one.isVisible()]
-        first = [s for one in scenes if (s := getattr(one, "first_picture_s", None)) is not None]
+            scenes = window.findChildren(QWidget, "scene")  # in sight or not: the last page has none
+            seen = [s for one in scenes if (s := getattr(one, "first_picture_s", None)) is not None]
+            self._first_s = max([*seen, self._first_s or 0.0]) or None
         found = {"clicks": self._clicks, "seconds": round(now, 2), "entered, s": self._steps}
         found |= {
             "longest stall, ms": round(1e3 * self._stall_s),
-            "first picture of the scene, s": max(first, default=None),
+            "first picture of the scene, s": self._first_s,
         }
         write_whole(self._path, json.dumps(found, indent=1).encode())
 

@@ -88,12 +88,13 @@ def images_at_rest() -> Iterator[None]:
         faults = tuple(one for one in self.faults if one.camera == serial and one.active(self.sets_taken + 1))
         if number or any(fault.kind == "lose" for fault in faults):
             return take(self, serial, settings, number, attempt, timeout_s)
+        began = perf_counter()
         camera = next(one for one in self.stage.truth.cameras if serial.endswith(one.id))
         rig = (self.label, camera.intrinsics.tobytes(), camera.translation_mm.tobytes(), self._rendered)
         scene = (rig, self.stage.at(), serial, settings, faults)
         image = images.showing(scene) or images.keep(scene, take(self, serial, settings, number, attempt, timeout_s))
         now, frame_id = perf_counter(), self.next_frame_id(serial)
-        return replace(image.frame, taken_s=now, arrived_s=now, frame_id=frame_id, time_stamp_ns=self.stamp_ns())
+        return replace(image.frame, taken_s=began, arrived_s=now, frame_id=frame_id, time_stamp_ns=self.stamp_ns())
 
     def detect_once(self: Detector, image: Any, settings: DetectionSettings | None = None) -> Detections:
         kept = images.of(image)

@@ -2423,6 +2423,18 @@ px</translation>
         <translation>Bei Ruhe selbst aufnehmen</translation>
     </message>
     <message>
+        <source>Mask the bright spots</source>
+        <translation>Helle Flecken abdecken</translation>
+    </message>
+    <message>
+        <source>The outlined bright spots stay where they are when the ball moves: nothing in them counts.</source>
+        <translation>Die umrandeten hellen Flecken bleiben, wo sie sind, wenn die Kugel bewegt wird: Was in ihnen liegt, zählt nicht.</translation>
+    </message>
+    <message>
+        <source>Leave the bright spots</source>
+        <translation>Helle Flecken lassen</translation>
+    </message>
+    <message>
         <source>Retake</source>
         <translation>Neu aufnehmen</translation>
     </message>

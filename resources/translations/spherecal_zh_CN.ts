@@ -2423,6 +2423,18 @@ px</translation>
         <translation>静止时自动拍摄</translation>
     </message>
     <message>
+        <source>Mask the bright spots</source>
+        <translation>遮挡亮斑</translation>
+    </message>
+    <message>
+        <source>The outlined bright spots stay where they are when the ball moves: nothing in them counts.</source>
+        <translation>移动球时，框出的亮斑保持不动：其中的内容不计入。</translation>
+    </message>
+    <message>
+        <source>Leave the bright spots</source>
+        <translation>保留亮斑</translation>
+    </message>
+    <message>
         <source>Retake</source>
         <translation>重拍</translation>
     </message>

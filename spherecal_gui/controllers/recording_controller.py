@@ -19,6 +19,9 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
+    import numpy as np
+    from numpy.typing import NDArray
+
     from spherecal_cameras.capture import SessionCamera
     from spherecal_gui.recorded_sets import RecordedSession
     from spherecal_gui.tasks.live_detection import Connection
@@ -37,6 +40,9 @@ class RecordingController(ControllerPart):
         self._store: DotStore | None = None
         self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
         self._clear: dict[str, tuple[object, object, Mapping[str, Dots]]] = {}
+        self._small: dict[str, Mapping[str, NDArray[np.uint8]]] = {}  # of placements, since it was opened
+        self._left: dict[str, list[Rectangle]] = {}  # spots that somebody wants to leave as they are
+        self.spots: dict[str, tuple[Rectangle, ...]] = {}  # proposed as masks, by camera
         cameras.connected.connect(self._take_up)
 
     def load(self, project: Project) -> None:
@@ -48,7 +54,7 @@ class RecordingController(ControllerPart):
     def close(self) -> None:
         """Forget what was recorded; all is on disk already."""
         self.session, self.check_session, self._store = None, None, None
-        self._found, self._clear = {}, {}
+        self._found, self._clear, self._small, self._left, self.spots = {}, {}, {}, {}, {}
 
     # --- session folders ---------------------------------------------------------------------------------------------
 
@@ -156,6 +162,7 @@ class RecordingController(ControllerPart):
     def drop_dots(self, set_id: str) -> None:
         """Forget the dots of a set that was put aside."""
         self._found.pop(set_id, None)
+        self._small.pop(set_id, None)
 
     def restore_dots(self, set_id: str) -> None:
         """Take up the dots of a set that was brought back; where the store has them no more, detect them again."""
@@ -201,6 +208,38 @@ class RecordingController(ControllerPart):
         if self.project is not None and connection is not None:
             self._with_masks(changes.with_mask(self.project, connection.names[serial], rectangle))
 
+    def look_for_spots(self, set_id: str, small: "Mapping[str, NDArray[np.uint8]]") -> None:
+        """A set was taken, with these images by camera: propose masks over what stays where the ball was moved."""
+        from spherecal.targets.masks import staying_spots  # needs OpenCV
+
+        if self.project is None or set_id not in self.project.placements or self.project.by_board:
+            return
+        self._small[set_id] = small
+        self.spots = {}
+        for camera in small:
+            sets = [name for name, of in self._small.items() if camera in of and camera in self._found.get(name, {})]
+            uv = [(self._found[name][camera].uv + 0.5) / jobs.SMALLER - 0.5 for name in sets]
+            found = staying_spots([self._small[name][camera] for name in sets], uv)
+            known = [*masks_of(self.project, camera), *self._left.get(camera, ())]
+            new = tuple(one for one in (_larger(spot) for spot in found) if not any(_meet(one, k) for k in known))
+            if new:
+                self.spots[camera] = new
+
+    def mask_spots(self) -> None:
+        """Take the masks that are proposed."""
+        project, spots, self.spots = self.project, self.spots, {}
+        if project is not None:
+            for camera, rectangle in ((camera, one) for camera, some in spots.items() for one in some):
+                project = changes.with_mask(project, camera, rectangle)
+            self._with_masks(project)
+
+    def leave_spots(self) -> None:
+        """They are no reflections: propose them no more."""
+        for camera, some in self.spots.items():
+            self._left.setdefault(camera, []).extend(some)
+        self.spots = {}
+        self.main.changed.emit()
+
     def undo_mask(self) -> None:
         """Take the mask back that was drawn last."""
         if self.project is not None:
@@ -220,6 +259,16 @@ class RecordingController(ControllerPart):
             if folder is not None and connection is not None:
                 self.main.attempt(lambda folder=folder: folder.set_cameras(_masked_cameras(project, connection)))
         self.main.changed.emit()
+
+
+def _larger(spot: Rectangle) -> Rectangle:
+    """A rectangle of the small image in px of the whole one."""
+    left, top, width, height = (jobs.SMALLER * one for one in spot)
+    return left + (jobs.SMALLER - 1) / 2, top + (jobs.SMALLER - 1) / 2, width, height
+
+
+def _meet(a: Rectangle, b: Rectangle) -> bool:
+    return all(abs(2 * (a[k] - b[k]) + a[k + 2] - b[k + 2]) <= a[k + 2] + b[k + 2] for k in (0, 1))
 
 
 def _masked_cameras(project: Project, connection: "Connection") -> "tuple[SessionCamera, ...]":

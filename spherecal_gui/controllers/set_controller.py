@@ -62,6 +62,7 @@ class SetController(ControllerPart):
             return
         at = folder.taken_at(taken.set_id)
         self._recording.keep_dots(taken.set_id, at, taken.dots)
+        self._recording.look_for_spots(taken.set_id, taken.small)
         names = connection.names
         lacking = tuple(names[one.camera] for one in taken.frames.missing)
         moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)

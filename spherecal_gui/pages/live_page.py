@@ -91,7 +91,8 @@ class LivePage(Page):
                 continue
             tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
             tile.show_histogram(sight.histogram if sight is not None and self.wants_histograms else None)
-            tile.show_masks(live.masks.get(serial, ()))
+            proposed = self.controller.recording.spots.get(tile.name, ()) if self.wants_dots else ()
+            tile.show_masks(live.masks.get(serial, ()), proposed)
         self.wall.follow_worst()
         return states
 

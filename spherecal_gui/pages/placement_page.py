@@ -92,6 +92,9 @@ class PlacementPage(LivePage):
              self.tr("Training: moves the simulated ball to where it should go.")),
             ("fixed-again", self.tr("Fixed again"), cameras.accept_moved,
              self.tr("The cameras that were moved are fixed: they count as they stand now.")),
+            ("mask-spots", self.tr("Mask the bright spots"), self.controller.recording.mask_spots,
+             self.tr("The outlined bright spots stay where they are when the ball moves: nothing in them counts.")),
+            ("leave-spots", self.tr("Leave the bright spots"), self.controller.recording.leave_spots, ""),
             ("was-turned", self.tr("It was turned"), self._was_turned,
              self.tr("The ball is in the same place, but shows another side.")),
             ("keep-set", self.tr("Keep it as it is"), lambda: sets.keep(self.set_id), ""),
@@ -282,6 +285,7 @@ class PlacementPage(LivePage):
             bool(self.controller.cameras.moved()),
             sets.can_undo is not None,
             self.controller.staging.can_put_there,
+            bool(self.controller.recording.spots),
         )
 
     def said(self) -> Said:

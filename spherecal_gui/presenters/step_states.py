@@ -126,6 +126,7 @@ class PlacementFacts:
     moved: bool = False
     undo: bool = False
     movable: bool = False
+    spots: bool = False
 
     @property
     def away(self) -> bool:
@@ -189,6 +190,8 @@ def _placement_also(f: PlacementFacts) -> frozenset[str]:
             "undo": f.undo,
             "keep-set": f.taken and f.flawed,
             "fixed-again": f.moved,
+            "mask-spots": f.spots,
+            "leave-spots": f.spots,
             "more": f.connected,
             "was-turned": f.as_before and not f.taken and not f.recorded and f.to_go is None,
             "put-there": f.away and not f.taken and f.movable,

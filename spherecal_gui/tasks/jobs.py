@@ -24,6 +24,8 @@ from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from spherecal.data.session import Bar, Session
     from spherecal.geometry.user_frame import UserFrame
     from spherecal.targets.detection import Detector
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
 translate = QCoreApplication.translate
 
 REPAIRS = ("leave-out", "split", "swap")
+SMALLER = 4  # six placements of twenty cameras of 5 MP take 38 MB; a lamp of 4 px is still half as bright
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
 
@@ -226,6 +229,7 @@ class Taken:
     frames: "FrameSet"
     stillness: "Mapping[str, Stillness]"
     dots: Mapping[str, Dots]
+    small: "Mapping[str, NDArray[np.uint8]]"  # the images by camera name, SMALLER times less wide and high
 
 
 def take_set(connection: "Connection", set_id: str, context: Context, live: bool) -> Taken:
@@ -243,14 +247,22 @@ def take_set(connection: "Connection", set_id: str, context: Context, live: bool
         causes = "; ".join(f"{connection.names[one.camera]}: {one.cause}" for one in averaged.taken.missing)
         none = translate("Errors", "No camera delivered an image of {name}.").format(name=set_id)
         raise CameraError(f"{none} {causes}".strip(), translate("Errors", "Check the cameras at Connect."))
-    dots = {}
+    dots, small = {}, {}
     for done, (serial, frame) in enumerate(averaged.taken.frames.items()):
         context.report("finding targets", done / len(averaged.taken.frames), connection.names[serial])
         dots[connection.names[serial]] = _find(detector, frame.image)
+        small[connection.names[serial]] = _smaller(frame.image, frame.bits)
     absent = [serial for serial in connection.names if serial not in there]
     missing = (MissingFrame(serial, "It is not found.", "Plug it in.") for serial in absent)
     frames = replace(averaged.taken, missing=(*averaged.taken.missing, *missing))
-    return Taken(set_id, frames, averaged.stillness, dots)
+    return Taken(set_id, frames, averaged.stillness, dots, small)
+
+
+def _smaller(image: np.ndarray, bits: int) -> "NDArray[np.uint8]":
+    """Means of squares of SMALLER px, grey values to 255; rows and columns that make no square are left out."""
+    height, width = (size // SMALLER for size in image.shape)
+    squares = image[: height * SMALLER, : width * SMALLER].reshape(height, SMALLER, width, SMALLER)
+    return (squares.mean(axis=(1, 3), dtype=np.float32) * (255.0 / (2**bits - 1))).astype(np.uint8)
 
 
 def _find(detector: "Detector | BoardDetector | None", image: np.ndarray) -> Dots:

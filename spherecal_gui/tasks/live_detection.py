@@ -1,6 +1,7 @@
 """The open cameras and the targets in their live images, found and followed in threads of their own."""
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -110,7 +111,7 @@ class LiveView:
         self._seen: dict[str, float] = {}
         self._followers: dict[str, Follower] = {}
         self._told = threading.Lock()  # sights and history are of both threads
-        self._scene = 0
+        self._scene, self._changed_s = 0, -np.inf
         self._end = threading.Event()
         self._threads: list[threading.Thread] = []
         self.problem: BaseException | None = None
@@ -145,7 +146,7 @@ class LiveView:
     def forget(self) -> None:
         """The scene was changed: what was seen before says nothing about stillness."""
         with self._told:
-            self._scene += 1
+            self._scene, self._changed_s = self._scene + 1, time.perf_counter()
             self._history.clear()
             self._followers.clear()
         self.watch.forget_scene()
@@ -188,7 +189,9 @@ class LiveView:
             return
         known = replace(self._known[serial], ignore=self.masks.get(serial, ()))
         found = detector.detect(balance_mosaic(frame.image), known)
-        self.watch.feed(serial, found.target, found.point, found.uv, frame.arrived_s)
+        # an image that was exposed before the scene was changed would be compared with those of the new one
+        if scene == self._scene and frame.taken_s >= self._changed_s:
+            self.watch.feed(serial, found.target, found.point, found.uv, frame.taken_s)
         # a board's points all look alike: followed ones would be taken for those beside them
         follower = Follower(frame.image, frame.bits, found) if isinstance(detector, Detector) and len(found) else None
         with self._told:

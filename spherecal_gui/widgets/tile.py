@@ -80,6 +80,7 @@ class CameraTile(QWidget):
         self._covered: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self._need = ""
         self._masks: tuple[tuple[float, float, float, float], ...] = ()
+        self._proposed: tuple[tuple[float, float, float, float], ...] = ()
         self._drag: tuple[QPointF, QPointF] | None = None
         self._doubled = False
         self._can_rename = False  # somebody takes a new name
@@ -137,10 +138,14 @@ class CameraTile(QWidget):
         """Show how many pixels have each grey value, dark to bright (n,); None: not."""
         self._histogram = counts  # drawn with the next image
 
-    def show_masks(self, masks: tuple[tuple[float, float, float, float], ...]) -> None:
-        """Show the parts of the image that do not count."""
-        if masks != self._masks:
-            self._masks = masks
+    def show_masks(
+        self,
+        masks: tuple[tuple[float, float, float, float], ...],
+        proposed: tuple[tuple[float, float, float, float], ...] = (),
+    ) -> None:
+        """Show the parts of the image that do not count, and those that are proposed as such."""
+        if (masks, proposed) != (self._masks, self._proposed):
+            self._masks, self._proposed = masks, proposed
             self.update()
 
     def show_ghost(self, drawn: "Drawn | None", near: bool) -> None:
@@ -315,15 +320,19 @@ class CameraTile(QWidget):
         painter.drawText(box, flags, words)
 
     def _draw_masks(self, painter: QPainter) -> None:
-        """Hatched, so that the image stays to be seen."""
+        """Hatched, so that the image stays to be seen; outlined where they are only proposed."""
         at, scale = self._field()
-        painter.setPen(QPen(QColor("#ff5fd2"), 2))
-        painter.setBrush(QBrush(QColor("#ff5fd2"), Qt.BrushStyle.BDiagPattern))
-        for left, top, width, height in self._masks:
+        hatched = QBrush(QColor("#ff5fd2"), Qt.BrushStyle.BDiagPattern)
+        for left, top, width, height in (*self._proposed, *self._masks):
+            proposed = (left, top, width, height) in self._proposed
+            painter.setPen(QPen(QColor("#ff5fd2"), 3 if proposed else 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush if proposed else hatched)
             painter.drawRect(
                 QRectF(at.left() + (left + 0.5) * scale, at.top() + (top + 0.5) * scale, width * scale, height * scale)
             )
         if self._drag is not None:
+            painter.setPen(QPen(QColor("#ff5fd2"), 2))
+            painter.setBrush(hatched)
             painter.drawRect(QRectF(*self._drag).normalized())
         painter.setBrush(Qt.BrushStyle.NoBrush)
 

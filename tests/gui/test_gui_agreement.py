@@ -256,4 +256,5 @@ def test_fixed_again_asks_for_everything_that_was_taken_before(opened):
     assert state.of("calibrate").status is Status.STALE
     controller.go("save")
     watcher.settle()
-    assert opened.footer.default == "" and not watcher.found
+    assert opened.page.action().does == "results", "what was captured before is out of date: look, and save nothing"
+    assert opened.footer.default == "action" and not watcher.found

@@ -1,6 +1,8 @@
 """A camera that is moved while the ball lies still is told from a ball that is moved."""
 
 import os
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,14 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
+from spherecal.targets.detection import Detector
+from spherecal.targets.target_set import TargetSet
 from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_gui.pages.look_page import LookPage
 from spherecal_gui.presenters.look_presenter import bump_text, tile_state
 from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
+from spherecal_gui.tasks.live_detection import LiveView
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_walking import at_rest, pump, settle
 
@@ -85,6 +90,39 @@ def test_two_cameras_say_nothing_about_who_moved():
             uv = np.stack([dots, dots], axis=1).astype(float) * 10.0 + (9.0 if name == "A" and k > 4 else 0.0)
             watch.feed(name, dots, np.zeros(30, int), uv, k + 0.1 * i)
     assert watch.bumped == {}
+
+
+def test_an_image_of_the_scene_before_is_no_bump():
+    """Drawn before the bar was laid anew, there after it: one camera's dots would be 686 px from where they were."""
+    source = SimulatedSource("demo")
+    serials = [f"SIM-C0{i}" for i in range(1, 5)]
+    source.open(serials, {})
+    try:
+        infos = tuple(SimpleNamespace(serial=serial, entry={}) for serial in serials)
+        connection: Any = SimpleNamespace(source=source, cameras=infos, detector=lambda: Detector(targets(source)))
+        live = LiveView(connection)
+        source.show("P1")
+        before = source.capture_set().frames
+        source.show("P2")
+        live.forget()
+        after = source.capture_set().frames
+        late = dict(after) | {"SIM-C02": before["SIM-C02"]}  # under load it came when the others showed the new scene
+        for k, frames in enumerate((late, late, after, after, after)):
+            for serial in serials:
+                moved_s = 2.0 * k  # longer than the watch waits for images that are older
+                old = frames[serial] is before["SIM-C02"]
+                frame = frames[serial]
+                taken_s = frame.taken_s if old else frame.taken_s + moved_s
+                live._examine(serial, replace(frame, taken_s=taken_s, arrived_s=after[serial].arrived_s + moved_s))
+        assert {"SIM-C01", "SIM-C03", "SIM-C04"} <= set(live.watch._seen), "the others are watched"
+        assert live.watch.bumped == {}
+    finally:
+        source.close()
+
+
+def targets(source: SimulatedSource) -> TargetSet:
+    assert source.stage.session.target_set is not None
+    return source.stage.session.target_set
 
 
 def test_the_tile_and_the_message_name_it():

@@ -20,7 +20,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QCheckBox, QPushButton, QWidget
 
 from installer.walk import GOES_ON_S
-from spherecal_gui.click_map import ClickMap
+from spherecal_gui.click_map import ClickMap, WalkTimes
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.wizard.footer import Footer
 from spherecal_gui.wizard.window import WizardWindow
@@ -117,6 +117,28 @@ def test_the_map_of_buttons_says_that_the_window_has_answered(qtbot, tmp_path):
         looks.append(json.loads(file.read_text()))
     assert looks[0]["next"] == looks[2]["next"] and looks[0]["next"][3] == "Next"
     assert looks[0][""][0] < looks[1][""][0] < looks[2][""][0]
+
+
+def test_the_first_picture_is_told_though_the_last_page_has_no_scene(qtbot, tmp_path):
+    """The figure was empty at the end of every walk: the report's page shows none."""
+    around = QWidget()
+    scene: Any = QWidget(around)
+    scene.setObjectName("scene")
+    qtbot.addWidget(around)
+    around.show()
+    times = WalkTimes(tmp_path / "times.json")
+    QTest.mouseClick(around.windowHandle(), Qt.MouseButton.LeftButton)
+    times.write()
+    QTest.mouseClick(around.windowHandle(), Qt.MouseButton.LeftButton)
+    scene.first_picture_s = 1.5
+    scene.hide()
+    times.write()
+    found = json.loads((tmp_path / "times.json").read_text())
+    assert (found["first picture of the scene, s"], found["clicks"]) == (1.5, 1)
+    scene.deleteLater()
+    qtbot.waitUntil(lambda: around.findChild(QWidget, "scene") is None)
+    times.write()
+    assert json.loads((tmp_path / "times.json").read_text())["first picture of the scene, s"] == 1.5
 
 
 def test_the_walk_of_the_installer_waits_for_the_same_answer(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,10 +22,13 @@ from PySide6.QtWidgets import QMessageBox, QPushButton
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal.files.read_session import read_session
+from spherecal.targets.masks import masked
+from spherecal_cameras.simulated import simulated_source
 from spherecal_gui import languages
 from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.pages.look_page import LookPage
+from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text
@@ -119,6 +123,49 @@ def test_masks_count_live_in_what_was_taken_and_in_the_session_and_can_be_undone
     assert len(wizard.recording.dots["P1"]["C02"]) == free
     assert all(not camera.ignore for camera in read_session(wizard.project.folder).cameras)
     assert "masks" not in dict(wizard.project.calibration_inputs)
+
+
+@pytest.mark.slow
+def test_a_lamp_that_stays_is_proposed_as_a_mask_and_taken_or_left_by_one_click(wizard, monkeypatch):
+    draw = simulated_source.digitise
+
+    def with_a_lamp(*given: Any) -> np.ndarray:
+        return cv2.circle(draw(*given), (90, 70), 30, 255, -1)
+
+    take(wizard, "P1")
+    assert wizard.recording.spots == {}
+    take(wizard, "P2")
+    assert wizard.recording.spots == {}, "nothing stays but the ball that was not moved"
+    monkeypatch.setattr(simulated_source, "digitise", with_a_lamp)
+    take(wizard, "P1")
+    assert wizard.recording.spots == {}, "it was not there in all"
+    take(wizard, "P2")
+    spots = wizard.recording.spots
+    assert len(spots) >= 4
+    for (spot,) in spots.values():
+        assert masked(np.array([[60.0, 40.0], [120.0, 100.0]]), [spot]).all() and spot[2] < 90, spot
+    wizard.recording.leave_spots()
+    take(wizard, "P3")
+    assert not set(wizard.recording.spots) & set(spots), "what somebody left is proposed no more"
+    wizard.recording._left = {}
+    take(wizard, "P3")
+    spots = wizard.recording.spots
+    page = PlacementPage(wizard)
+    page.enter(next(one.step for one in wizard.state.steps if one.step.id == "placement:P3"))
+    tile = next(one for one in page.wall.tiles.values() if one.name in spots)
+    pump(lambda: page.tick() or page.small["mask-spots"].isVisibleTo(page))
+    tile.resize(400, 320)
+    tile.show_masks((), ())
+    plain_image = tile.grab().toImage()
+    tile.show_masks((), spots[tile.name])
+    assert tile.grab().toImage() != plain_image, "they are outlined"
+    page.small["mask-spots"].click()
+    assert wizard.recording.spots == {} and set(wizard.project.masks) == {(c, s[0]) for c, s in spots.items()}
+    page.tick()
+    assert not page.small["mask-spots"].isVisibleTo(page) and not page.small["leave-spots"].isVisibleTo(page)
+    take(wizard, "P4")
+    assert not set(wizard.recording.spots) & set(spots), "what is masked is proposed no more"
+    page.close_page()
 
 
 # --- one camera ------------------------------------------------------------------------------------------------------

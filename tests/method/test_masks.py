@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
 from spherecal.files.session_json import session_json
 from spherecal.targets.detection import DetectionSettings, Detector
-from spherecal.targets.masks import masked
+from spherecal.targets.masks import masked, staying_spots
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 
 
@@ -46,6 +47,45 @@ def test_dots_in_a_mask_are_not_found_and_all_others_are_as_before(source):
     assert 0 < kept.sum() < len(free)
     assert np.array_equal(found.uv, free.uv[kept]) and np.array_equal(found.target, free.target[kept])
     assert set(found.target_ids.tolist()) == set(found.target.tolist()), "a target without a dot is none"
+
+
+@pytest.fixture(scope="module")
+def placements(source) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Images of four placements of the ball, rendered, and where the targets are in them."""
+    images = []
+    for name in ("P1", "P2", "P3", "P4"):
+        source.show(name)
+        images.append(picture(source))
+    detector = Detector(source.stage.session.target_set)
+    return images, [detector.detect(image).uv for image in images]
+
+
+def with_lamps(image: np.ndarray) -> np.ndarray:
+    lit = image.copy()
+    cv2.circle(lit, (90, 70), 48, 255, -1)
+    cv2.circle(lit, (1000, 824), 20, 255, -1)
+    return lit
+
+
+def test_lamps_that_stay_while_the_ball_moves_are_proposed_and_nothing_else(placements):
+    images, dots = placements
+    lit = [with_lamps(image) for image in images]
+    spots = staying_spots(lit, dots)
+    assert len(spots) == 2
+    for (u, v), radius, (left, top, width, height) in zip(((90, 70), (1000, 824)), (48, 20), spots, strict=True):
+        assert left <= u - radius and u + radius <= left + width and max(width, height) < 2 * radius + 8
+        assert top <= v - radius and v + radius <= top + height
+
+
+def test_nothing_is_proposed_where_nothing_stays_and_never_the_ball(placements):
+    images, dots = placements
+    assert staying_spots(images, dots) == ()
+    for image, uv in zip(images, dots, strict=True):
+        assert staying_spots([image] * 4, [uv] * 4) == (), "a ball that was never moved"
+        half = uv[uv[:, 0] < np.median(uv[:, 0])]
+        assert staying_spots([image] * 4, [half] * 4) == (), "nor where half of its stickers were read"
+        assert staying_spots([with_lamps(image)] * 4, [uv[:19]] * 4) == (), "it is not known where the ball is"
+    assert staying_spots([with_lamps(images[0])], dots[:1]) == (), "one placement tells nothing"
 
 
 def write(folder: Path, source: SimulatedSource, ignore: object) -> None:

@@ -111,6 +111,7 @@ class SimulatedSource(InProcessSource):
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """One image, drawn or rendered with the faults that the simulated camera has now."""
+        began = time.perf_counter()  # the scene is drawn as it is now, which takes a second where others work too
         faults = {
             fault.kind: fault for fault in self.faults if fault.camera == serial and fault.active(self._now(number))
         }
@@ -136,7 +137,7 @@ class SimulatedSource(InProcessSource):
             image,
             bits,
             f"Mono{bits}",
-            now,
+            began,
             now,
             self.next_frame_id(serial),
             self.stamp_ns(),

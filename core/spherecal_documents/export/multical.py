@@ -1,7 +1,7 @@
 """multical's calibration.json: poses world to camera; "b_to_a" there means x_b = R x_a + T.
 
-Its fisheye cameras have the model of the others there and are told by their four coefficients: OpenCV's calibrateCamera,
-from which it has the others, returns at least five.
+Its fisheye cameras have the model of the others there and are told by their four coefficients: it has the others from
+OpenCV's calibrateCamera, which returns at least five.
 """
 
 import json

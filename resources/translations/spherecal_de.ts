@@ -3372,6 +3372,10 @@ mm</translation>
         <translation>Zielmarken in allen Bildern suchen</translation>
     </message>
     <message>
+        <source>Finding the board in all images</source>
+        <translation>Tafel in allen Bildern suchen</translation>
+    </message>
+    <message>
         <source>Comparing pairs of cameras</source>
         <translation>Kamerapaare vergleichen</translation>
     </message>

@@ -3372,6 +3372,10 @@ mm</translation>
         <translation>在所有图像中查找靶标</translation>
     </message>
     <message>
+        <source>Finding the board in all images</source>
+        <translation>在所有图像中查找标定板</translation>
+    </message>
+    <message>
         <source>Comparing pairs of cameras</source>
         <translation>比较相机对</translation>
     </message>

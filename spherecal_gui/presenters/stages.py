@@ -13,6 +13,7 @@ def stage_name(stage: str) -> str:
 def _of_the_engine() -> dict[str, str]:
     return {
         "detect": translate("Stages", "Finding the targets in all images"),
+        "finding boards": translate("Stages", "Finding the board in all images"),
         "two-view gate": translate("Stages", "Comparing pairs of cameras"),
         "triples": translate("Stages", "Linking three cameras at a time"),
         "start values": translate("Stages", "Start values"),

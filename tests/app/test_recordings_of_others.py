@@ -1,8 +1,7 @@
 """Recordings as people name them: ten in at most one command each, and what is refused when the session is made."""
 
-import json
-import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +11,12 @@ from PIL import Image
 
 import spherecal
 from spherecal.base.errors import InputError
+from spherecal.calibrate import calibrate
+from spherecal.targets.detection import detect
 from spherecal_app.recordings.name_times import grouped_by_time
+from spherecal_sim.render_session import render_placement
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 
 SIZE = (320, 240)
 
@@ -139,16 +143,29 @@ def test_what_cannot_be_calibrated_is_refused_at_once(fault: str, tmp_path: Path
     assert not (tmp_path / "s").exists()
 
 
-def test_a_camera_of_mirrored_images_is_called_mirrored(drawn_session: Path, tmp_path: Path) -> None:
-    """Some of its targets still decode, as themselves or as others, and nothing links it."""
-    session = tmp_path / "session"
-    shutil.copytree(drawn_session, session)
-    document = json.loads((session / "session.json").read_text(encoding="utf-8"))
-    camera = document["cameras"][1]["id"]
-    for place in document["placements"]:
-        path = session / place["images"][camera]
-        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, ::-1])
-    done = spherecal.calibrate_session(session)
+def test_a_camera_of_mirrored_images_is_called_mirrored(tmp_path: Path) -> None:
+    """Some of its targets still decode, as themselves or as others, and nothing links it.
+
+    Two rendered images of it, as a mirror shows them, with what is found in them; the other cameras have observations.
+    """
+    session, truth = simulate_session("demo", 1, SimulationOptions(targets=100, placements=4, bar_poses=0))
+    o, targets, c = session.observations, session.target_set, 1
+    assert o is not None and targets is not None
+    placements = list(session.placements)
+    parts = [(o.placement[o.camera != c], o.camera[o.camera != c], o.target[o.camera != c], o.point[o.camera != c])]
+    uv = [o.uv[o.camera != c]]
+    for p in (0, 1):
+        path = tmp_path / f"{p}.png"
+        cv2.imwrite(str(path), render_placement(session, truth, p, c).image[:, ::-1])
+        placements[p] = replace(placements[p], images={session.cameras[c].id: path})
+        found = detect(np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)), targets)
+        parts.append((np.full(len(found), p), np.full(len(found), c), found.target, found.point))
+        uv.append(found.uv)
+    placement, camera, target, point = (np.concatenate(column) for column in zip(*parts, strict=True))
+    mixed = replace(
+        o, placement=placement, camera=camera, target=target, point=point, uv=np.concatenate(uv), sigma=None
+    )
+    done = calibrate(replace(session, placements=tuple(placements), observations=mixed))
     found = [f for f in done.rig.quality.findings if f.code == "mirrored"]
-    assert [(f.kind, f.where) for f in found] == [("camera", (camera,))]
+    assert [(f.kind, f.where) for f in found] == [("camera", (session.cameras[c].id,))]
     assert done.rig.quality.verdict == "not-valid"

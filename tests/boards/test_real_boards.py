@@ -1,5 +1,7 @@
 """Boards on photographs of others, and what is said where the board that was described is not there."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -156,6 +158,73 @@ def test_rows_columns_and_dictionary_are_seen(shared_data: Path, name: str) -> N
 
 def test_a_chessboard_is_seen(shared_data: Path) -> None:
     assert look_for_chessboard(pictures(shared_data, "multidic/201_0*.jpg")) == (14, 19)
+
+
+# picture -> board; least share of the corners in the cut picture that is found: those of a tag that is cut are not
+GRID = "aprilgrid,rows=6,columns={},pitch_mm=70,marker_mm=54"
+CUT = {
+    "boards/aprilgrid/TUM_VI.png": (GRID.format(6), 0.55),
+    "boards/aprilgrid/EuRoC.png": (GRID.format(6), 0.6),
+    "boards/aprilgrid/iphone.png": (GRID.format(11), 0.6),
+    "boards/charuco_lr/L_Frame_000.jpg": (
+        "charuco,rows=25,columns=18,pitch_mm=5,marker_mm=4,dictionary=DICT_4X4_250,legacy=true", 0.85,
+    ),
+}  # fmt: skip
+
+
+def cuts(image: np.ndarray, uv: np.ndarray, parts: tuple[float, ...]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The picture cut on each side so that so much of the board is lost, with the place of its first pixel."""
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    for part in parts:
+        (x, y), (right, bottom) = (low + part * (high - low)).astype(int), (high - part * (high - low)).astype(int)
+        for found, first in (
+            (image[:, x:], (x, 0)),
+            (image[y:], (0, y)),
+            (image[:, :right], (0, 0)),
+            (image[:bottom], (0, 0)),
+        ):
+            yield np.ascontiguousarray(found), np.array(first)
+
+
+@pytest.mark.parametrize("name", CUT)
+def test_a_board_cut_by_the_edge_is_used(shared_data: Path, name: str) -> None:
+    """What is found in a part of a real picture has the indices and the places that it has in the whole one."""
+    text, least = CUT[name]
+    (image,) = pictures(shared_data.joinpath(name).parent.parent.parent, name.removeprefix("boards/"))
+    whole = find_board(image, pattern(text))
+    assert whole is not None
+    at = dict(zip(whole.index.tolist(), whole.uv, strict=True))
+    for part, first in cuts(image, whole.uv, (0.3, 0.6)):
+        found = find_board(part, pattern(text))
+        assert found is not None
+        inside = ((whole.uv >= first) & (whole.uv < first + part.shape[::-1])).all(axis=1).sum()
+        known = [(uv + first, at[i]) for i, uv in zip(found.index.tolist(), found.uv, strict=True) if i in at]
+        assert len(known) >= 0.9 * len(found.index) and len(found.index) >= least * inside
+        assert np.linalg.norm(np.subtract(*zip(*known, strict=True)), axis=1).max() < 0.05
+
+
+def test_a_ringed_board_cut_by_the_edge_is_used_where_its_rings_are_seen(shared_data: Path) -> None:
+    """Dots of a real picture keep their numbers while the rings are in it, and have none where they cannot be known."""
+    path = shared_data / "dotboard" / "CalB-sys2-0001_0.jpeg"
+    if not path.is_file():
+        pytest.skip(f"no picture at {path}")
+    image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    rings = ((2, 2), (2, 7), (5, 2))
+    board = replace(pattern("circles,rows=8,columns=10,pitch_mm=3.5"), rings=rings)
+    whole = find_board(image, board)
+    assert whole is not None and len(whole.index) >= 72
+    at = dict(zip(whole.index.tolist(), whole.uv, strict=True))
+    results = []
+    for part, first in cuts(image, whole.uv, (0.1, 0.18, 0.5)):
+        found = find_board(part, board)
+        marks = [at[10 * row + column] - first for row, column in rings]
+        margin = min(min(np.concatenate([uv, np.array(part.shape[::-1]) - uv])) for uv in marks)
+        results.append((margin, found is not None))
+        if found is not None:
+            off = [np.linalg.norm(uv + first - at[i]) for i, uv in zip(found.index.tolist(), found.uv, strict=True)]
+            assert np.median(off) < 0.05 and max(off) < 5  # those at the new edge are cut themselves
+    assert all(seen for margin, seen in results if margin > 100) and any(seen for _, seen in results)
+    assert not all(seen for _, seen in results)
 
 
 # folder, board as described -> what would fit

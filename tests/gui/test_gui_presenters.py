@@ -16,6 +16,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
+from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
@@ -33,7 +34,7 @@ from spherecal_gui.presenters.look_presenter import summary, tile_state
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists
 from spherecal_gui.presenters.results_presenter import CameraRow, bar_verdict
 from spherecal_gui.presenters.stages import stage_name
-from spherecal_gui.presenters.step_states import BarFacts, PlacementFacts, bar_says, placement_says, seeing
+from spherecal_gui.presenters.step_states import BarFacts, PlacementFacts, bar_says, left_text, placement_says, seeing
 from spherecal_gui.tasks.ghost import ToGo
 from tests.conftest import ROOT
 
@@ -289,6 +290,21 @@ def test_every_stage_that_the_window_reports_has_words():
     reported = {stage for text in sources for stage in re.findall(r'\.report\(\s*"([^"]+)"', text)}
     assert len(reported) > 10
     assert not [stage for stage in reported if stage_name(stage) == stage]
+
+
+def test_the_images_of_a_board_are_counted_and_move_the_bar():
+    course, reached = CourseOfWork(), []
+    for done in range(95):
+        where = Phrase("image-of", {"number": done + 1, "images": 95})
+        course.add(Progress(board_images.STAGE, done / 95, detail=where))
+        reached.append(course.fraction)
+    assert len(set(reached)) == 95 and 0.8 < course.fraction < 0.9
+    assert (
+        course.said[20]
+        == f"{stage_name(board_images.STAGE)}  image 21 of 95"
+        != f"{board_images.STAGE}  image 21 of 95"
+    )
+    assert left_text(10.0, reached[40], None).endswith("s left")
 
 
 def test_the_second_run_ends_near_the_whole():

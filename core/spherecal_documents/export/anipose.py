@@ -18,6 +18,7 @@ from spherecal_documents.export.file_cameras import (
     Reading,
     Unit,
     distortion,
+    flat,
     lens_vector,
     numbers,
     rows,
@@ -58,7 +59,7 @@ def read_toml_camera(section: JsonValue, name: str) -> FileCamera | None:
     if "matrix" not in f:
         return None
     width, height = (side.integer(1) for side in f["size"].items(2))
-    coefficients = [item.number() for item in f["distortions"].items()] if "distortions" in f else []
+    coefficients = flat(f["distortions"]) if "distortions" in f else []
     wide = "fisheye" in f and f["fisheye"].boolean()
     where = f'{section.file}: camera "{name}"'
     lens = lens_vector(f["matrix"].matrix(3, 3), coefficients, wide, where)
@@ -66,16 +67,16 @@ def read_toml_camera(section: JsonValue, name: str) -> FileCamera | None:
 
 
 def _pose(f: Mapping[str, JsonValue]) -> Pose:
-    rows = f["rotation"].items(3)
-    matrix = isinstance(rows[0].value, list) and len(rows[0].items()) == 3
-    turn = np.array(f["rotation"].matrix(3, 3)) if matrix else exp_rotation(_three(f["rotation"]))
-    return Pose(turn, _three(f["translation"]))
+    turn = np.array(flat(f["rotation"]))
+    return Pose(turn.reshape(3, 3) if turn.size == 9 else exp_rotation(_three(f["rotation"])), _three(f["translation"]))
 
 
 def _three(value: JsonValue) -> FloatArray:
-    """Three numbers, as a list or as a column."""
-    rows = value.items(3)
-    return np.array([one.numbers(1)[0] if isinstance(one.value, list) else one.number() for one in rows])
+    """Three numbers, as a list, a row or a column."""
+    numbers = np.array(flat(value))
+    if numbers.size != 3:
+        raise value.error(f"must be 3 numbers, but is {numbers.size}")
+    return numbers
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:

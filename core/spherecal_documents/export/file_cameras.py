@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.files.json_file import JsonValue
 from spherecal.geometry import opencv
 from spherecal.geometry.camera import is_fisheye, project
 from spherecal.geometry.field_table import FieldTable
@@ -143,6 +144,11 @@ def lens_vector(matrix: ArrayLike, coefficients: ArrayLike, fisheye: bool, where
         counts = "a fisheye lens has 4" if fisheye else "OpenCV's lenses have 4, 5, 8, 12 or 14"
         raise InputError(f"{where}: has {len(numbers)} distortion coefficients, but {counts}.")
     return opencv.lens_vector(given, numbers, fisheye, where)
+
+
+def flat(value: JsonValue) -> list[float]:
+    """Numbers given as a list, a row or a column: OpenCV's functions return all three."""
+    return [n for item in value.items() for n in (flat(item) if isinstance(item.value, list) else [item.number()])]
 
 
 def safe_names(ids: Sequence[str], letter_first: bool = False) -> list[str]:

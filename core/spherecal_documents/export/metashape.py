@@ -116,7 +116,10 @@ def _cameras_of(path: Path, chunk: ElementTree.Element) -> Reading:
         name = entry.get("label") or f"camera{entry.get('id')}"
         found = entry.findtext("transform")
         if found is None:
-            lost[name] = "is not aligned"
+            master = entry.get("master_id")  # of a multi-camera system: its pose is in its sensor
+            lost[name] = (
+                "is not aligned" if master is None else f"has no pose of its own, only one from camera {master}"
+            )
             continue
         sensor = sensors.get(entry.get("sensor_id"))
         if sensor is None:

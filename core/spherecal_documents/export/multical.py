@@ -1,6 +1,11 @@
-"""multical's calibration.json: poses world to camera; "b_to_a" there means x_b = R x_a + T."""
+"""multical's calibration.json: poses world to camera; "b_to_a" there means x_b = R x_a + T.
+
+Its fisheye cameras have the model of the others there and are told by their four coefficients: it has the others from
+OpenCV's calibrateCamera, which returns at least five.
+"""
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,10 +14,12 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix
-from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, lens_vector, safe_names
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, flat, lens_vector, safe_names
 from spherecal_documents.export.format import Format
 
 _MODELS = {5: "standard", 8: "rational", 12: "thin_prism"}
+_OTHER_MODELS = ("tilted", "fix_k1", "fix_k2", "fix_k3", "fix_k4")
+_FISHEYE_LENGTH = 4
 _MOST_BYTES = 8 << 20
 
 
@@ -48,10 +55,10 @@ def _read(path: Path) -> list[FileCamera]:
     f = document.fields(("cameras",), ("camera_poses",))
     if "camera_poses" not in f:
         raise InputError(f"{path}: has lenses only.", "Name the calibration.json of all cameras together.")
-    poses, masters = {}, set()
+    poses, masters, known = {}, set(), f["cameras"].as_object()
     for name, value in f["camera_poses"].entries().items():
         pose = value.fields(("R", "T"))
-        camera, _, master = name.partition("_to_")
+        camera, master = _of_and_from(name, known)
         masters |= {master} - {""}
         poses[camera] = Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
     if len(masters) > 1:
@@ -59,15 +66,22 @@ def _read(path: Path) -> list[FileCamera]:
     return [_camera(name, value, poses.get(name)) for name, value in f["cameras"].entries().items()]
 
 
+def _of_and_from(name: str, known: Mapping[str, object]) -> tuple[str, str]:
+    """The camera of a pose and the one it is from, "" where it is from none: either may have "_to_" in its name."""
+    if name in known:
+        return name, ""
+    cuts = [(name[: cut.start()], name[cut.end() :]) for cut in re.finditer("_to_", name)]
+    return next((cut for cut in cuts if set(cut) <= set(known)), (cuts or [(name, "")])[0])
+
+
 def _camera(name: str, value: JsonValue, pose: Pose | None) -> FileCamera:
     f = value.fields(("image_size", "K", "dist"), ("model",))
     width, height = (side.integer(1) for side in f["image_size"].items(2))
-    if "model" in f and f["model"].text() not in (*_MODELS.values(), "tilted"):
+    if "model" in f and f["model"].text() not in (*_MODELS.values(), *_OTHER_MODELS):
         raise f["model"].error(f'is "{f["model"].text()}", a lens model that is not known here')
-    rows = f["dist"].items()
-    coefficients = rows[0] if len(rows) == 1 and isinstance(rows[0].value, list) else f["dist"]
-    numbers = [item.number() for item in coefficients.items()]
-    lens = lens_vector(f["K"].matrix(3, 3), numbers, False, f'{value.file}: camera "{name}"')
+    numbers = flat(f["dist"])
+    fisheye = len(numbers) == _FISHEYE_LENGTH
+    lens = lens_vector(f["K"].matrix(3, 3), numbers, fisheye, f'{value.file}: camera "{name}"')
     return FileCamera(name, (width, height), lens, pose)
 
 

@@ -205,6 +205,7 @@ def test_nothing_of_a_recording_is_to_be_moved_and_it_is_captured_by_itself(home
     assert "Press space" in window.page.headline.text()
     words = words_shown(window)
     assert "Move the ball" not in words and "Put it there" not in words and "Need them elsewhere" not in words
+    window.header.goes_on.setChecked(True)
     window.page.automatic.setChecked(True)
     pump(lambda: {"P1", "P2"} <= set(controller.project.taken))
     window.close()

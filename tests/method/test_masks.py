@@ -14,7 +14,8 @@ from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
 from spherecal.files.session_json import session_json
 from spherecal.targets.detection import DetectionSettings, Detector
-from spherecal.targets.masks import masked, staying_spots
+from spherecal.targets.masks import masked
+from spherecal.targets.staying_spots import staying_spots
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 
 

@@ -280,6 +280,12 @@ def metashape(sensor: str = "", cameras: str = "", chunk: str = "") -> Callable[
     )
 
 
+def with_paths(path: Path) -> Path:
+    """The same with the images' paths as labels, as Metashape's own files may have them."""
+    path.write_text(path.read_text().replace('label="C', f'label="/home/user/{"image_sets/" * 8}C'))
+    return path
+
+
 def colmap(cameras: str, images: str, **tables: str) -> Callable[[Path], Path]:
     """A COLMAP text model."""
 
@@ -400,7 +406,14 @@ MORE: dict[str, tuple[Callable[[Path], Path], str, float | str | None]] = {
         one("c.cameramodel", CAHVOR.format(model="LENSMODEL_PINHOLE", values="1660, 1660, 640, 512", pose="")),
         "mrcal", "has no pose",
     ),
+    "mrcal, a lens model by its old name": (
+        one("c.cameramodel", CAHVOR.replace("lensmodel", "lens_model").format(
+            model="LENSMODEL_PINHOLE", values="1660, 1660, 640, 512", pose=POSE)), "mrcal", None,
+    ),
     "mrcal, an empty folder": (lambda tmp_path: tmp_path, "mrcal", "no camera that can be used"),
+    "Metashape, labels that are paths": (
+        lambda tmp_path: with_paths(metashape()(tmp_path)), "metashape", 1500.0,
+    ),
     "Metashape, cameras in groups": (metashape(cameras='<group id="0" label="g">{}</group>'), "metashape", 1500.0),
     "Metashape, a transform as one matrix": (
         metashape(chunk="<transform>0 -2 0 1 2 0 0 1 0 0 2 1 0 0 0 1</transform>"), "metashape", 3000.0,

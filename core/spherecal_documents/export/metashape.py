@@ -11,7 +11,7 @@ k4 is a denominator.
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from xml.etree import ElementTree
 
 import numpy as np
@@ -113,7 +113,8 @@ def _cameras_of(path: Path, chunk: ElementTree.Element) -> Reading:
     placed: dict[str | None, list[FileCamera]] = {}  # by component: each has a frame of its own
     lost: dict[str, str] = {}
     for entry in chunk.iterfind("cameras//camera"):  # they may be in groups
-        name = entry.get("label") or f"camera{entry.get('id')}"
+        label = entry.get("label") or f"camera{entry.get('id')}"
+        name = PureWindowsPath(label).stem if {"/", "\\"} & set(label) else label  # some label by the image's path
         found = entry.findtext("transform")
         if found is None:
             master = entry.get("master_id")  # of a multi-camera system: its pose is in its sensor

@@ -58,8 +58,8 @@ def _read_model(path: Path) -> FileCamera:
     except (ValueError, SyntaxError, RecursionError, MemoryError):
         raise InputError(f"{path}: is not a camera model.") from None
     given = value.as_object()
-    # before 2.5 the pose was called otherwise, in the first files the lens model too
-    named = {key: value.at(key, given[key]) for key in ("lensmodel", "distortion_model") if key in given}
+    # before 2.5 the pose was called otherwise, in older files the lens model too
+    named = {key: value.at(key, given[key]) for key in ("lensmodel", "lens_model", "distortion_model") if key in given}
     posed = [value.at(key, given[key]) for key in ("rt_cam_ref", "extrinsics") if key in given]
     f = value.fields(("intrinsics", "imagersize"))
     if not named:

@@ -67,6 +67,21 @@ def test_boards_held_by_hand(shared_data: Path) -> None:
     )  # paper that is not flat: OpenCV's finder alone has 0.49
 
 
+def test_a_part_of_a_larger_board_is_no_board(shared_data: Path) -> None:
+    """OpenCV's finders see a chessboard of 9 x 6 in one of 19 x 14; which part it is nobody knows."""
+    small = pattern("chessboard,rows=6,columns=9,pitch_mm=10")
+    for image in pictures(shared_data, "multidic/201_*.jpg")[:3]:
+        assert find_chessboard(image, small) is None
+
+
+def test_a_part_of_a_larger_board_is_no_board_where_it_is_rendered() -> None:
+    view = np.array([[3.0, 0.3, 60.0], [-0.3, 3.0, 120.7], [4e-4, -2e-4, 1.0]])
+    image = rendered("chessboard,rows=10,columns=14,pitch_mm=20", view, (1200, 900), outside=60, black=30)
+    found = cv2.findChessboardCornersSB(image, (9, 6), flags=cv2.CALIB_CB_EXHAUSTIVE)[0]
+    assert found and find_chessboard(image, pattern("chessboard,rows=6,columns=9,pitch_mm=20")) is None
+    assert find_chessboard(image, pattern("chessboard,rows=10,columns=14,pitch_mm=20")) is not None
+
+
 def test_what_normalising_needs(shared_data: Path) -> None:
     """Pictures in which only OpenCV's normalising or its older finder sees the board at full size."""
     for image in pictures(shared_data, "ucl/*.jpg"):

@@ -129,9 +129,20 @@ def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Ph
     """
     if pattern.kind in ("circles", "asymmetric-circles"):
         return Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
+    if pattern.kind == "chessboard" and (fit := _fitting(images, None, pattern)):
+        return fit  # looking for markers of all dictionaries takes 10 s an image
     markers = look_for_markers(images)
     if markers is not None and markers.mirrored:
         return Phrase("board-mirrored", {"seen": markers.words()})
+    if fit := _fitting(images, markers, pattern):
+        return fit
+    if markers is not None:
+        return Phrase("board-other-seen", {"seen": markers.words()})
+    return Phrase("board-nothing-seen", {"images": len(images)})
+
+
+def _fitting(images: list[NDArray[np.uint8]], markers: Markers | None, pattern: BoardPattern) -> Phrase | None:
+    """The board that is found in some of the images in place of the described one."""
     for entry in seen_boards(images, markers, pattern.pitch_mm, pattern.marker_mm):
         if entry.get("dictionary", "").rpartition("_")[0] == pattern.dictionary.rpartition("_")[0] != "":
             entry["dictionary"] = max(entry["dictionary"], pattern.dictionary, key=lambda name: (len(name), name))
@@ -141,9 +152,7 @@ def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Ph
             seen = Phrase("seen-chessboard", entry) if markers is None else markers.words()
             values = {"seen": seen, "images": len(images), "fitting": fitting, "board": as_text(entry)}
             return Phrase("board-would-fit", values)
-    if markers is not None:
-        return Phrase("board-other-seen", {"seen": markers.words()})
-    return Phrase("board-nothing-seen", {"images": len(images)})
+    return None
 
 
 def look_for_board(images: list[NDArray[np.uint8]], known: Mapping[str, Any]) -> dict[str, Any]:

@@ -200,10 +200,8 @@ def test_the_help_groups_every_command_once(capsys) -> None:
     lines = capsys.readouterr().out.splitlines()
     headings = [line for line in lines if line.endswith(":") and not line.startswith(" ")]
     assert headings[:4] == ["to begin:", "recording:", "calibrating and verifying:", "using a calibrated rig:"]
-    listed = [line.split()[0] for line in lines if re.match(r"    [a-z]", line)]
-    assert sorted(set(listed)) == sorted({words[0] for words in PARSERS if words} | set(listed))
-    for name in {words[0] for words in PARSERS if words}:
-        assert listed.count(name) == 1 or lines.count(f"  {name}") == 1, name
+    listed = [line.split()[0] for line in lines if re.match(r"  [a-z]", line)]
+    assert sorted(listed) == sorted({words[0] for words in PARSERS if words})
 
 
 def test_the_help_of_calibrate_is_short_and_the_whole_is_asked_for(capsys) -> None:
@@ -213,7 +211,7 @@ def test_the_help_of_calibrate_is_short_and_the_whole_is_asked_for(capsys) -> No
     assert run("calibrate", "--help-all") == DONE
     whole = capsys.readouterr().out
     options = {name for action in PARSERS["calibrate",]._actions for name in action.option_strings}
-    assert options == set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", whole)) & options
+    assert options <= set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", whole))
     assert "--xi" not in short and "--dijkstra" not in short and "--help-all" in short
     assert len(short.splitlines()) <= 36 and "--method" in short and "--ball" in short
 

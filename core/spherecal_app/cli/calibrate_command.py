@@ -25,6 +25,7 @@ from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import number, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.output import check_output_folder
@@ -59,6 +60,7 @@ def calibrate(options: argparse.Namespace) -> int:
     )
     began = time.perf_counter()
     with shown_progress() as context:
+        compile_first(context)
         context.report("reading the session", 0.0)
         with _session_of(options.session) as folder:
             calibration = run(read_session(folder), settings, context)

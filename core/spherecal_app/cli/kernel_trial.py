@@ -154,6 +154,13 @@ PARTS: dict[str, tuple[Step, ...]] = {
         _verified,
     ),
 }
+# What a calibration calls, of images and of observations alone, and how many functions numba then compiles (counted
+# with 0.68; where the count has changed the bar ends early or jumps at its end).
+CALIBRATION: dict[str, tuple[Step, ...]] = {
+    "detection": (_drawn,),
+    "adjustment": (_simulated, _calibrated("--method", "auto")),
+}
+CALIBRATION_FUNCTIONS = 100
 # What `spherecal demo` calls after its images are rendered; it compiles the renderer's kernels itself.
 DEMO: dict[str, tuple[Step, ...]] = {
     "detection": (_drawn,),

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from spherecal.base import kernels
-from spherecal.base.errors import SpherecalError
-from spherecal_app.cli.compile_kernels import compile_all
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, SpherecalError
+from spherecal_app.cli.compile_kernels import compile_all, compile_first
 from spherecal_app.cli.main import main
 
 # Steps that note that they ran, in the file that the environment names; what `trial_that_fails` does is in its name.
@@ -18,6 +19,8 @@ TRIALS = {
     "trial_of_two_parts": "PARTS = {'one': (note, note), 'two': (note,)}",
     "trial_that_fails": "PARTS = {'one': (note,), 'two': (fail,)}",
     "trial_that_dies": "PARTS = {'one': (note,), 'two': (die,)}",
+    "trial_of_a_calibration": "CALIBRATION = {'one': (note, compile_two), 'two': (note,)}; CALIBRATION_FUNCTIONS = 4",
+    "trial_that_dies_first": "CALIBRATION = {'one': (die,)}; CALIBRATION_FUNCTIONS = 4",
 }
 STEPS = """
 import os
@@ -29,6 +32,10 @@ def fail(folder):
     raise ValueError("no room")
 def die(folder):
     os._exit(9)
+def compile_two(folder):
+    from numba import njit
+    njit(lambda x: x + 1)(2)
+    njit(lambda x: x - 1)(2)
 """
 
 
@@ -81,6 +88,37 @@ def test_where_they_are_compiled_the_command_ends_at_once(notes: Path, capsys: p
     assert capsys.readouterr().out == "The kernels are compiled.\n"
     assert main(["compile-kernels", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"done": 1, "all": 1}
+
+
+def test_an_installed_wheel_compiles_before_its_first_calibration_and_counts(
+    notes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before, numba compiled for minutes behind "detect ..." on one core, without a word."""
+    told: list[tuple[str, float, str]] = []
+    context = Context(lambda event: told.append((event.stage, event.fraction, str(event.message))))
+    compile_first(context, "trial_of_a_calibration")
+    assert not notes.exists(), "a checkout is left alone"
+    monkeypatch.setattr("spherecal_app.cli.compile_kernels.is_installed", lambda: True)
+    compile_first(context, "trial_of_a_calibration")
+    assert len(set(notes.read_text().splitlines())) == 2, "each part in a process of its own"
+    stages, fractions, words = zip(*told, strict=True)
+    assert set(stages) == {"compiling kernels, once"} and sorted(fractions) == list(fractions)
+    assert fractions[-1] == 0.5 and words[-1] == "2 functions"
+    compile_first(context, "trial_of_a_calibration")
+    assert len(notes.read_text().splitlines()) == 2, "once"
+
+
+def test_a_calibration_goes_on_where_compiling_first_fails(
+    notes: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("spherecal_app.cli.compile_kernels.is_installed", lambda: True)
+    with caplog.at_level("WARNING", "spherecal"):
+        compile_first(Context(), "trial_that_dies_first")
+    assert "one" in caplog.text and "9" in caplog.text
+    stopped = Context(lambda event: None, lambda: True)
+    with pytest.raises(Cancelled):
+        compile_first(stopped, "trial_of_a_calibration")
+    assert not kernels.is_marked(f"calibration{kernels.wanted()}")
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="Linux only")

@@ -105,6 +105,7 @@ def compile_first(context: Context, trial: str = _TRIAL) -> None:
     made_from = f"calibration{wanted()}"
     if not is_installed() or state() != "to compile" or is_marked(made_from):
         return
+
     def tell(done: int, count: int) -> None:
         context.check()
         context.report("compiling kernels, once", min(done / count, 1.0), f"{done} functions")

@@ -1,5 +1,7 @@
 """The calibrated rig: the frozen result of a calibration."""
 
+from __future__ import annotations  # help() then shows ArrayLike by its name
+
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -137,7 +139,7 @@ class Rig(ByValue):
         *,
         fisheye: bool | Collection[str] = False,
         unit: Literal["mm", "m"] = "mm",
-    ) -> "Rig":
+    ) -> Rig:
         """The rig of cameras that OpenCV calibrated.
 
         The world is as given; `reference_camera` is the camera in its origin, if there is one. Nothing is known of the
@@ -206,7 +208,7 @@ class Rig(ByValue):
         said = "; ".join([f"Rig: {counted(len(self.cameras), 'camera')}", *self._words()])
         return html_table(said, {name: table.get(name, []) for name in columns})
 
-    def plot(self, ax: Any = None) -> "Axes3D":
+    def plot(self, ax: Any = None) -> Axes3D:
         """The cameras drawn in space, in mm, with matplotlib; the axes.
 
         Parameters
@@ -225,7 +227,7 @@ class Rig(ByValue):
 
         return plot_cameras(self.cameras, self.reference_camera, ax)
 
-    def to_dataframe(self) -> "pandas.DataFrame":
+    def to_dataframe(self) -> pandas.DataFrame:
         """The cameras as a table of pandas, a row for each, indexed by id.
 
         Raises

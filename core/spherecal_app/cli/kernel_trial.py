@@ -32,14 +32,6 @@ from spherecal_sim.simulated_scene import RenderSettings
 Step = Callable[[Path], None]
 
 
-def run_all(folder: Path) -> None:
-    """All trials, with files in an empty folder; RuntimeError where a command fails."""
-    for name, steps in PARTS.items():
-        (folder / name).mkdir()
-        for step in steps:
-            step(folder / name)
-
-
 def _drawn(folder: Path) -> None:
     """Images as the simulated cameras draw them, of 8 and of 16 bits; their dots found."""
     stage = Stage("demo")

@@ -20,6 +20,7 @@ TRIALS = {
     "trial_that_fails": "PARTS = {'one': (note,), 'two': (fail,)}",
     "trial_that_dies": "PARTS = {'one': (note,), 'two': (die,)}",
     "trial_of_a_calibration": "CALIBRATION = {'one': (note, compile_two), 'two': (note,)}; CALIBRATION_FUNCTIONS = 4",
+    "trial_that_calibrates": "CALIBRATION = {'one': (nested,)}; CALIBRATION_FUNCTIONS = 4",
     "trial_that_dies_first": "CALIBRATION = {'one': (die,)}; CALIBRATION_FUNCTIONS = 4",
 }
 STEPS = """
@@ -32,6 +33,12 @@ def fail(folder):
     raise ValueError("no room")
 def die(folder):
     os._exit(9)
+def nested(folder):
+    from spherecal.base.context import Context
+    from spherecal_app.cli import compile_kernels
+    compile_kernels.is_installed = lambda: True
+    compile_kernels.compile_first(Context(), "trial_of_a_calibration")
+    note(folder)
 def compile_two(folder):
     from numba import njit
     njit(lambda x: x + 1)(2)
@@ -106,6 +113,14 @@ def test_an_installed_wheel_compiles_before_its_first_calibration_and_counts(
     assert fractions[-1] == 0.5 and words[-1] == "2 functions"
     compile_first(context, "trial_of_a_calibration")
     assert len(notes.read_text().splitlines()) == 2, "once"
+
+
+def test_a_calibration_of_the_trial_compiles_nothing_first(notes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """ "daemonic processes are not allowed to have children": in a wheel nothing was compiled side by side."""
+    monkeypatch.setattr("spherecal_app.cli.compile_kernels.is_installed", lambda: True)
+    compile_first(Context(), "trial_that_calibrates")
+    assert len(notes.read_text().splitlines()) == 1
+    assert kernels.is_marked(f"calibration{kernels.wanted()}")
 
 
 def test_a_calibration_goes_on_where_compiling_first_fails(

@@ -103,7 +103,8 @@ def compile_first(context: Context, trial: str = _TRIAL) -> None:
     A checkout is left alone: dev.py compiles for it, and its kernels change with every edit.
     """
     made_from = f"calibration{wanted()}"
-    if not is_installed() or state() != "to compile" or is_marked(made_from):
+    trying = multiprocessing.parent_process() is not None  # a part of the trial calibrates
+    if not is_installed() or trying or state() != "to compile" or is_marked(made_from) or is_marked(f"demo{wanted()}"):
         return
 
     def tell(done: int, count: int) -> None:

@@ -152,7 +152,7 @@ CALIBRATION: dict[str, tuple[Step, ...]] = {
     "detection": (_drawn,),
     "adjustment": (_simulated, _calibrated("--method", "auto")),
 }
-CALIBRATION_FUNCTIONS = 100
+CALIBRATION_FUNCTIONS = 380
 # What `spherecal demo` calls after its images are rendered; it compiles the renderer's kernels itself.
 DEMO: dict[str, tuple[Step, ...]] = {
     "detection": (_drawn,),

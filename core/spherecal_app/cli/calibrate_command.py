@@ -60,10 +60,11 @@ def calibrate(options: argparse.Namespace) -> int:
     )
     began = time.perf_counter()
     with shown_progress() as context:
-        compile_first(context)
         context.report("reading the session", 0.0)
         with _session_of(options.session) as folder:
-            calibration = run(read_session(folder), settings, context)
+            session = read_session(folder)
+            compile_first(context)
+            calibration = run(session, settings, context)
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
     log_findings(calibration.rig.quality.findings)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from spherecal.base.arrays import FloatArray, IntArray, float_array
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import id_problem
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, Observations, name_problem
 from spherecal.data.rig_camera import ImageSize, is_wide, size_of
 from spherecal.data.session import CameraSpec
@@ -35,13 +36,11 @@ def of_kind(name: str, value: Any, kinds: type | tuple[type, ...], wanted: str) 
 
 def above_zero(name: str, value: Any) -> float:
     """The value of an argument that must be a number above 0."""
-    try:
-        number = float(value) if np.ndim(value) == 0 and not isinstance(value, str | bool) else np.nan
-    except (TypeError, ValueError):
-        number = np.nan
-    if not 0 < number < np.inf:
+    if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
         raise InputError(f"{name} must be a number above 0, but is {_shown(value)}.")
-    return number
+    if not 0 < value < np.inf:
+        raise InputError(Phrase("error-above-zero", {"name": name, "value": value}))
+    return float(value)
 
 
 def _shown(value: Any) -> str:

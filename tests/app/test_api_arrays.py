@@ -449,7 +449,7 @@ def test_what_cannot_be_taken_says_what_can(
 
 @pytest.mark.parametrize("sigma", [{}, "0.1", None, 0, -1, float("nan"), [0.1, 0.2], True])
 def test_a_sigma_that_is_no_number_is_named(calibrated, sigma: Any) -> None:
-    with pytest.raises(spherecal.InputError, match="sigma_px must be (a number )?above 0, but is "):
+    with pytest.raises(spherecal.InputError, match=r"sigma_px must be (a number )?above 0, but is "):
         spherecal.triangulate_points(calibrated.rig, {"C01": UV, "C02": UV}, sigma_px=sigma)
 
 

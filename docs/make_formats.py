@@ -23,6 +23,9 @@ SCHEMAS = DOCS / "schemas"
 PAGE = DOCS / "formats.md"
 _BLOCK = re.compile(r"(<!-- made by docs/make_formats\.py: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _LIMITS = {"minimum": "from {:g}", "maximum": "to {:g}", "exclusiveMinimum": "above {:g}"}
+# The page has tables of what people write or commonly read; of the others it links the schema, which describes every
+# field in the same words.
+_TABLES = {"session", "targets", "rig", "ball", "frame", "bars", "issuer", "body", "measurements"}
 _NO_LIMIT = 1e15  # bounds of this size only keep sums finite
 
 
@@ -66,6 +69,8 @@ def _fields() -> str:
 
 def _section(form: FileFormat) -> str:
     lines = [f"### {form.file} {{#{_anchor(form)}}}", "", " ".join((form.about, *form.rules)), ""]
+    if form.short not in _TABLES:
+        return "\n".join([*lines[:3], f"Fields: [schema](schemas/{form.short}.schema.json).", ""])
     lines += ["| field | value | needed | |", "|---|---|---|---|"]
     schema = form.schema
     for key in ("format", "version"):

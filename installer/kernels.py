@@ -52,7 +52,9 @@ def make_kernels(folder: Path) -> Path:
     with tempfile.TemporaryDirectory() as scratch:
         found = Path(scratch) / "found.pickle"
         began = time.monotonic()
-        _child("find", found)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # numba compiles in both, each part what it needs
+            list(pool.map(lambda part: _child("find", f"{found}-{part}", part), range(parts())))
+        _child("merge", found, *(f"{found}-{part}" for part in range(parts())))
         print(f"  kernels and their types found: {time.monotonic() - began:.0f} s", flush=True)
 
         def compile_for(processor: str) -> None:
@@ -155,16 +157,34 @@ def _named(node: ast.AST) -> Iterator[tuple[str | None, str]]:
         yield from _named(child)
 
 
-def find(output: Path) -> None:
-    """Run the trial; the types that each kernel was called with."""
-    from spherecal_app.cli.kernel_trial import run_all
+def parts() -> int:
+    """How many parts the trial has that may run side by side (kernel_trial.PARTS, counted without loading it)."""
+    tree = ast.parse((ROOT / "core" / "spherecal_app" / "cli" / "kernel_trial.py").read_text(encoding="utf-8"))
+    table = next(n.value for n in tree.body if isinstance(n, ast.AnnAssign) and ast.unparse(n.target) == "PARTS")
+    assert isinstance(table, ast.Dict)
+    return len(table.keys)
+
+
+def find(output: Path, part: int) -> None:
+    """Run a part of the trial; the types that each kernel was called with."""
+    from spherecal_app.cli.kernel_trial import PARTS
 
     with tempfile.TemporaryDirectory() as folder:
-        run_all(Path(folder))
+        for step in list(PARTS.values())[part]:
+            step(Path(folder))
     found: Found = {}
     for module, name in sorted(entries()):
         kernel = getattr(importlib.import_module(module), name)
         found[module, name] = variants(kernel.signatures)
+    output.write_bytes(pickle.dumps(found))
+
+
+def merge(output: Path, files: list[Path]) -> None:
+    """What all parts found, in their order; RuntimeError for a kernel that none of them calls."""
+    found: Found = {}
+    for one in (pickle.loads(file.read_bytes()) for file in files):
+        for entry, types in one.items():
+            found[entry] = list(dict.fromkeys([*found.get(entry, []), *types]))
     never = [".".join(entry) for entry, types in found.items() if not types]
     if never:
         raise RuntimeError(f"kernel_trial.py never calls {', '.join(never)}")
@@ -304,7 +324,12 @@ def main() -> int:
     options = parser.parse_args()
     if options.child:
         step, *rest = options.child
-        find(Path(rest[0])) if step == "find" else compile_all(Path(rest[0]), Path(rest[1]), rest[2])
+        if step == "find":
+            find(Path(rest[0]), int(rest[1]))
+        elif step == "merge":
+            merge(Path(rest[0]), [Path(file) for file in rest[1:]])
+        else:
+            compile_all(Path(rest[0]), Path(rest[1]), rest[2])
     elif options.folder:
         print(make_kernels(options.folder))
     else:

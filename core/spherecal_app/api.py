@@ -3,11 +3,13 @@
 Nothing here computes by itself: a function is what the command of the same name uses, too.
 """
 
+from __future__ import annotations  # help() then shows ArrayLike by its name
+
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Literal, TypedDict, Unpack
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +21,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.cross_validate import LeftOut, cross_validate
 from spherecal.data.findings import Finding
-from spherecal.data.from_arrays import Lens
+from spherecal.data.from_arrays import Lens, above_zero, of_kind
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration, Quality, Rig, RigScale
 from spherecal.data.rig_camera import ImageSize, RigCamera
@@ -99,17 +101,8 @@ __all__ = [
 ]  # fmt: skip
 
 AnyPath = str | os.PathLike[str]
-
-
-class SessionParts(TypedDict, total=False):
-    """The other arguments of `Session.from_arrays`."""
-
-    fisheye: bool | Collection[str]
-    scale: Scale | None
-    bars: Sequence[Bar]
-    bar_poses: Sequence[BarPose]
-    target_set: TargetSet | None
-    sphere_diameter_mm: float | None
+_PATHS = (str, os.PathLike)
+_RIG = "a Rig, or the path of a rig.json or result folder"
 
 
 # --- sessions, calibration, verification -----------------------------------------------------------------------------
@@ -189,7 +182,7 @@ def new_session(
         ("pixel_pitch_um", pixel_pitch_um),
         ("sphere_diameter_mm", sphere_diameter_mm),
     ):
-        if value is not None and not 0 < value < 1e6:
+        if value is not None and not above_zero(name, value) < 1e6:
             raise InputError(Phrase("error-above-zero", {"name": name, "value": value}))
     if spacing_mm is not None and not (0 < spacing_mm[0] < 1e6 and 0 <= spacing_mm[1] < spacing_mm[0]):
         raise InputError(Phrase("error-above-zero", {"name": "spacing_mm", "value": spacing_mm[0]}))
@@ -245,25 +238,46 @@ def calibrate_session(
 
 def calibrate_points(
     observations: ArrayLike | Mapping[str, object],
-    cameras: Mapping[str, Lens],
+    cameras: Mapping[str, Lens] | Lens,
     image_size: ImageSize | None = None,
     *,
+    fisheye: bool | Collection[str] = False,
+    scale: Scale | None = None,
+    bars: Sequence[Bar] = (),
+    bar_poses: Sequence[BarPose] = (),
+    target_set: TargetSet | None = None,
+    sphere_diameter_mm: float | None = None,
     settings: CalibrationSettings | None = None,
     context: Context | None = None,
-    **session: Unpack[SessionParts],
 ) -> Calibration:
     """The rig that sees these image points: `Session.from_arrays` and `calibrate_session` in one.
 
+    Without a scale lengths are arbitrary, in fields named `_mm` too; the finding `no-scale` says so.
+
     Parameters
     ----------
-    observations, cameras, image_size
-        Image points, cameras and sizes of their images, as `Session.from_arrays` takes them.
+    observations
+        {camera: {frame: (ids, uv)}}, with uv (n, 2) px; or a table (a dict of columns, or a data frame) with `camera`,
+        `target`, `u`, `v`, and optionally `placement` and `point`; or arrays by camera, (n, 2) or (frames, n, 2) px,
+        whose row i is the same point in all cameras, NaN where it is not seen.
+    cameras
+        Start values by camera: K, (K, dist) in OpenCV's terms, or a CameraSpec; or one K or (K, dist) for all.
+    image_size
+        (width, height) px, one for all or one for each by camera; None where all cameras are a CameraSpec.
+    fisheye
+        Whether all cameras, or which, have lenses of cv2.fisheye.
+    scale
+        Where millimetres come from; None: lengths are arbitrary.
+    bars, bar_poses
+        Reference bars and their poses; image points of a pose are those of the placement of its id.
+    target_set
+        The targets' layouts; None where they have none.
+    sphere_diameter_mm
+        The ball's diameter; None where it is not known.
     settings
         How to calibrate; None for the usual way.
     context
         For progress, and to stop.
-    **session
-        What else `Session.from_arrays` takes. Without a scale lengths are arbitrary.
 
     Raises
     ------
@@ -272,7 +286,20 @@ def calibrate_points(
     Cancelled
         Where the context says so.
     """
-    return calibrate(Session.from_arrays(observations, cameras, image_size, **session), settings, context)
+    if settings is not None:
+        of_kind("settings", settings, CalibrationSettings, "CalibrationSettings")
+    session = Session.from_arrays(
+        observations,
+        cameras,
+        image_size,
+        fisheye=fisheye,
+        scale=scale,
+        bars=bars,
+        bar_poses=bar_poses,
+        target_set=target_set,
+        sphere_diameter_mm=sphere_diameter_mm,
+    )
+    return calibrate(session, settings, context)
 
 
 def verify_rig(
@@ -378,7 +405,7 @@ def recalibrate_cameras(
 
 def cross_validate_session(
     session: Session | AnyPath, settings: CalibrationSettings | None = None, context: Context | None = None
-) -> "tuple[Calibration, tuple[LeftOut, ...]]":
+) -> tuple[Calibration, tuple[LeftOut, ...]]:
     """The calibration, and every placement compared with the rig that the others give.
 
     Parameters
@@ -471,7 +498,7 @@ def measure(
     output: AnyPath | None = None,
     table: TableKind = "csv",
     context: Context | None = None,
-) -> "Series":
+) -> Series:
     """All sets of a session, or of live cameras, measured with a rig: points, values, bodies, health.
 
     Parameters
@@ -595,7 +622,7 @@ def load_rig(path: AnyPath) -> Rig:
     InputError
         Where the file is not as docs/formats.md says.
     """
-    path = Path(path)
+    path = Path(of_kind("path", path, _PATHS, "a path: a rig.json or a result folder"))
     return read_rig(path / "rig.json" if path.is_dir() else path)
 
 
@@ -1003,16 +1030,18 @@ def simulate_session(
 
 def _source(rig: Rig | AnyPath) -> Source:
     """A rig with the box of its points, where that is known."""
-    return Source(rig, None) if isinstance(rig, Rig) else read_source(Path(rig))
+    return Source(rig, None) if isinstance(rig, Rig) else read_source(Path(of_kind("rig", rig, _PATHS, _RIG)))
 
 
 def rig_of(rig: Rig | AnyPath) -> Rig:
     """A rig as it is, or from its file."""
-    return rig if isinstance(rig, Rig) else load_rig(rig)
+    return rig if isinstance(rig, Rig) else load_rig(of_kind("rig", rig, _PATHS, _RIG))
 
 
 def _session(session: Session | AnyPath) -> Session:
-    return session if isinstance(session, Session) else load_session(session)
+    if isinstance(session, Session):
+        return session
+    return load_session(of_kind("session", session, _PATHS, "a Session, or the path of its folder"))
 
 
 def _path(path: AnyPath | None) -> Path | None:
@@ -1168,7 +1197,7 @@ def export_rig(
         low, high = volume_mm
         box = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     else:
-        box = None if isinstance(rig, Rig) else corners_beside(Path(rig))
+        box = None if isinstance(rig, Rig) else corners_beside(Path(of_kind("rig", rig, _PATHS, _RIG)))
     override = None if isinstance(rig, Rig) else refuse_failed_rig(Path(rig))
     return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box, override)
 

@@ -1,5 +1,8 @@
 """Points measured with a calibrated rig, and projected into its cameras (docs/api.md)."""
 
+from __future__ import annotations  # help() then shows ArrayLike by its name
+
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -9,6 +12,8 @@ from numpy.typing import ArrayLike
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, ReadOnly
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.base.notebook import html_table
+from spherecal.data.from_arrays import above_zero, of_kind
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import last_axis, lens_corrected, posed
 from spherecal.geometry.user_frame import UserFrame
@@ -29,8 +34,9 @@ class MeasuredPoints(ReadOnly):
     `covariance_mm2` (..., 3, 3): cameras (if the rig's covariance is there) and image noise, scale included; NaN
     without a point. `views` (...) counts the cameras that a point rests on, 0 without a point. `used` says of each
     camera which of its image points took part, (...). `contradicting` (...) marks points given up because their views
-    do not meet. `residuals_px` of each camera (..., 2) is predicted - observed. `noise_ratio`: the scatter of the
-    residuals over the stated `sigma_px`, None with fewer than 30 redundant observations; the covariances are as stated.
+    do not meet, `seen_by_one` (...) those that one camera alone sees. `residuals_px` of each camera (..., 2) is
+    predicted - observed. `noise_ratio`: the scatter of the residuals over the stated `sigma_px`, None with fewer than
+    30 redundant observations; the covariances are as stated.
     """
 
     points_mm: FloatArray
@@ -39,6 +45,7 @@ class MeasuredPoints(ReadOnly):
     contradicting: BoolArray
     used: Mapping[str, BoolArray]
     residuals_px: Mapping[str, FloatArray]
+    seen_by_one: BoolArray
     noise_ratio: float | None = None
     _errors: PointErrors | None = field(default=None, repr=False)
 
@@ -85,8 +92,18 @@ class MeasuredPoints(ReadOnly):
 
     def __repr__(self) -> str:
         n, found = self.views.size, int((self.views > 0).sum())
-        given_up = int(self.contradicting.sum())
-        return f"<MeasuredPoints: {found} of {n} found{f', {given_up} contradicting' if given_up else ''}>"
+        given_up, alone = int(self.contradicting.sum()), int(self.seen_by_one.sum())
+        more = f", {given_up} contradicting" if given_up else ""
+        more += f", {alone} seen by one camera alone" if alone else ""
+        return f"<MeasuredPoints: {found} of {n} found{more}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a row for each point."""
+        points, sd = self.points_mm.reshape(-1, 3), self.covariance_mm2.reshape(-1, 3, 3)
+        sigma = np.sqrt(np.diagonal(sd, axis1=1, axis2=2))
+        columns: dict[str, list[object]] = {f"{a} mm": points[:, i].tolist() for i, a in enumerate("xyz")}
+        columns |= {f"sd {a} mm": sigma[:, i].tolist() for i, a in enumerate("xyz")}
+        return html_table(repr(self).strip("<>"), columns | {"views": self.views.ravel().tolist()})
 
 
 def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = None) -> dict[str, FloatArray]:
@@ -108,6 +125,7 @@ def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = Non
     InputError
         For an array of another shape, and for a frame of another rig.
     """
+    of_kind("rig", rig, Rig, "a Rig (load_rig reads one)")
     rig = rig if frame is None else in_frame(rig, frame)
     points = last_axis(points_mm, 3, "points_mm")
     return {camera.id: camera.project(points) for camera in rig.cameras}
@@ -121,7 +139,7 @@ def triangulate_points(
 ) -> MeasuredPoints:
     """Points from their images, in mm, with their covariances.
 
-    With three or more views a grossly wrong one is left out.
+    With three or more views a grossly wrong one is left out. A warning says how many points one camera alone sees.
 
     Parameters
     ----------
@@ -144,9 +162,9 @@ def triangulate_points(
         For a camera that the rig does not have, and a frame of another rig. For arrays of another shape, and a
         `sigma_px` that is not above 0.
     """
+    of_kind("rig", rig, Rig, "a Rig (load_rig reads one)")
     rig = rig if frame is None else in_frame(rig, frame)
-    if not sigma_px > 0:
-        raise InputError(Phrase("error-above-zero", {"name": "sigma_px", "value": sigma_px}))
+    sigma_px = above_zero("sigma_px", sigma_px)
     arrays, shape = _image_points(rig, image_points)
     n = int(np.prod(shape))
     seen = [(c, uv, np.flatnonzero(np.isfinite(uv).all(axis=1))) for c, uv in arrays.items()]
@@ -160,6 +178,10 @@ def triangulate_points(
         n,
         posed(rig.cameras),
     )
+    by_one = np.bincount(feature, minlength=n) == 1
+    if alone := int(by_one.sum()):
+        said = f"{alone} of {n} points are seen by one camera alone and have no place: a point needs two cameras."
+        warnings.warn(said, stacklevel=2)
     checked = triangulate_checked(views, 1.0)
     ratio = weighted_noise(views, checked.points, checked.kept, np.nan)
     errors = point_errors(replace(checked, noise=1.0), rig)
@@ -182,6 +204,7 @@ def triangulate_points(
         checked.contradicting.reshape(shape),
         used,
         residuals,
+        by_one.reshape(shape),
         None if np.isnan(ratio) else ratio,
         errors,
     )

@@ -185,10 +185,44 @@ def test_misspellings_get_a_suggestion(words: list[str], message: str, capsys) -
     assert message in err and "Traceback" not in err
 
 
-def test_an_unknown_option_shows_the_usage_of_its_command(capsys) -> None:
+def test_a_wrong_option_is_said_in_one_line(capsys) -> None:
+    """14 lines of usage before."""
     assert run("profile", "show", "p", "--temprature", "20") == BAD_INPUT
     err = capsys.readouterr().err
-    assert err.startswith("usage: spherecal profile show") and 'is "--temperature" meant?' in err
+    assert err.count("\n") == 1 and 'is "--temperature" meant? Help: spherecal profile show --help' in err
+    assert run("profile") == BAD_INPUT
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and "required: one of save, list, show" in err
+
+
+def test_the_help_groups_every_command_once(capsys) -> None:
+    assert run("--help") == DONE
+    lines = capsys.readouterr().out.splitlines()
+    headings = [line for line in lines if line.endswith(":") and not line.startswith(" ")]
+    assert headings[:4] == ["to begin:", "recording:", "calibrating and verifying:", "using a calibrated rig:"]
+    listed = [line.split()[0] for line in lines if re.match(r"  [a-z]", line)]
+    assert sorted(listed) == sorted({words[0] for words in PARSERS if words})
+
+
+def test_the_help_of_calibrate_is_short_and_the_whole_is_asked_for(capsys) -> None:
+    """20 options of the paper stood beside the daily four."""
+    assert run("calibrate", "--help") == DONE
+    short = capsys.readouterr().out
+    assert run("calibrate", "--help-all") == DONE
+    whole = capsys.readouterr().out
+    options = {name for action in PARSERS["calibrate",]._actions for name in action.option_strings}
+    assert options <= set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", whole))
+    assert "--xi" not in short and "--dijkstra" not in short and "--help-all" in short
+    assert len(short.splitlines()) <= 36 and "--method" in short and "--ball" in short
+
+
+def test_without_the_window_the_bare_command_says_what_to_do(capsys, monkeypatch) -> None:
+    """It ended with a complaint about PySide6."""
+    monkeypatch.setattr("spherecal_app.cli.main.find_spec", lambda name: None)
+    assert run() == BAD_INPUT
+    out, err = capsys.readouterr()
+    assert not out and err.count("\n") == 1 and "PySide6" not in err
+    assert "spherecal[gui]" in err and "spherecal demo" in err and "spherecal --help" in err
 
 
 # --- what they say ---------------------------------------------------------------------------------------------------

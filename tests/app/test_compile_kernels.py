@@ -2,22 +2,31 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+import spherecal
 from spherecal.base import kernels
-from spherecal.base.errors import SpherecalError
-from spherecal_app.cli.compile_kernels import compile_all
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, SpherecalError
+from spherecal_app.cli.compile_kernels import compile_all, compile_first
 from spherecal_app.cli.main import main
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 
 # Steps that note that they ran, in the file that the environment names; what `trial_that_fails` does is in its name.
 TRIALS = {
     "trial_of_two_parts": "PARTS = {'one': (note, note), 'two': (note,)}",
     "trial_that_fails": "PARTS = {'one': (note,), 'two': (fail,)}",
     "trial_that_dies": "PARTS = {'one': (note,), 'two': (die,)}",
+    "trial_of_a_calibration": "CALIBRATION = {'one': (note, compile_two), 'two': (note,)}; CALIBRATION_FUNCTIONS = 4",
+    "trial_that_calibrates": "CALIBRATION = {'one': (nested,)}; CALIBRATION_FUNCTIONS = 4",
+    "trial_that_dies_first": "CALIBRATION = {'one': (die,)}; CALIBRATION_FUNCTIONS = 4",
 }
 STEPS = """
 import os
@@ -29,6 +38,16 @@ def fail(folder):
     raise ValueError("no room")
 def die(folder):
     os._exit(9)
+def nested(folder):
+    from spherecal.base.context import Context
+    from spherecal_app.cli import compile_kernels
+    compile_kernels.is_installed = lambda: True
+    compile_kernels.compile_first(Context(), "trial_of_a_calibration")
+    note(folder)
+def compile_two(folder):
+    from numba import njit
+    njit(lambda x: x + 1)(2)
+    njit(lambda x: x - 1)(2)
 """
 
 
@@ -81,6 +100,84 @@ def test_where_they_are_compiled_the_command_ends_at_once(notes: Path, capsys: p
     assert capsys.readouterr().out == "The kernels are compiled.\n"
     assert main(["compile-kernels", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"done": 1, "all": 1}
+
+
+def test_an_installed_wheel_compiles_before_its_first_calibration_and_counts(
+    notes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before, numba compiled for minutes behind "detect ..." on one core, without a word."""
+    told: list[tuple[str, float, str]] = []
+    context = Context(lambda event: told.append((event.stage, event.fraction, str(event.message))))
+    compile_first(context, "trial_of_a_calibration")
+    assert not notes.exists(), "a checkout is left alone"
+    monkeypatch.setattr("spherecal_app.cli.compile_kernels.is_installed", lambda: True)
+    compile_first(context, "trial_of_a_calibration")
+    assert len(set(notes.read_text().splitlines())) == 2, "each part in a process of its own"
+    stages, fractions, words = zip(*told, strict=True)
+    assert set(stages) == {"compiling kernels, once"} and sorted(fractions) == list(fractions)
+    assert fractions[-1] == 0.5 and words[-1] == "2 functions"
+    compile_first(context, "trial_of_a_calibration")
+    assert len(notes.read_text().splitlines()) == 2, "once"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["calibrate", "SESSION", "-o", "out"],
+        ["batch", "FOLDER", "-o", "out", "--workers", "0"],
+        ["detect", "SESSION/none.png", "--targets", "SESSION/targets.json", "--csv", "out.csv"],
+        ["guide", "SESSION"],
+        ["cross-validate", "SESSION"],
+        ["check", "SESSION", "--profile", "RIG"],
+        ["recalibrate", "SESSION", "--rig", "RIG", "--only", "C01", "-o", "out"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_every_command_that_computes_compiles_first_but_not_for_wrong_input(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A session that is not there is said at once, not after a minute of compiling."""
+    session, targets = tmp_path / "all" / "session", SimulationOptions(targets=12, placements=2)
+    write_session(*simulate_session("demo", 1, targets), session)
+    K, zero = [[1200.0, 0, 640], [0, 1200, 480], [0, 0, 1]], [0.0, 0, 0]
+    spherecal.save_rig(spherecal.Rig.from_opencv({"C01": (K, None, zero, zero)}, (1280, 960)), tmp_path / "rig.json")
+    monkeypatch.chdir(tmp_path)
+
+    class Compiled(Exception):
+        pass
+
+    def compile_now(context: Context) -> None:
+        raise Compiled
+
+    monkeypatch.setattr(f"spherecal_app.cli.{words[0].replace('-', '_')}_command.compile_first", compile_now)
+    places = {"SESSION": str(session), "FOLDER": str(session.parent), "RIG": str(tmp_path / "rig.json")}
+    line = [re.sub("SESSION|FOLDER|RIG", lambda found: places[found[0]], word) for word in words]
+    with pytest.raises(Compiled):
+        main(line)
+    if words[0] not in ("batch", "detect"):
+        assert main([word.replace(str(session), str(tmp_path / "none")) for word in line]) == 2
+        assert "none" in capsys.readouterr().err
+
+
+def test_a_calibration_of_the_trial_compiles_nothing_first(notes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """ "daemonic processes are not allowed to have children": in a wheel nothing was compiled side by side."""
+    monkeypatch.setattr("spherecal_app.cli.compile_kernels.is_installed", lambda: True)
+    compile_first(Context(), "trial_that_calibrates")
+    assert len(notes.read_text().splitlines()) == 1
+    assert kernels.is_marked(f"calibration{kernels.wanted()}")
+
+
+def test_a_calibration_goes_on_where_compiling_first_fails(
+    notes: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("spherecal_app.cli.compile_kernels.is_installed", lambda: True)
+    with caplog.at_level("WARNING", "spherecal"):
+        compile_first(Context(), "trial_that_dies_first")
+    assert "one" in caplog.text and "9" in caplog.text
+    stopped = Context(lambda event: None, lambda: True)
+    with pytest.raises(Cancelled):
+        compile_first(stopped, "trial_of_a_calibration")
+    assert not kernels.is_marked(f"calibration{kernels.wanted()}")
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="Linux only")

@@ -16,6 +16,7 @@ import pytest
 from conftest import ROOT
 
 from spherecal.base.messages.catalogue import table
+from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
 from spherecal_app.cli.options import make_parser
 
@@ -113,8 +114,49 @@ def commands_named(page: Path) -> Iterator[str]:
     """Every line or inline code of a page that begins with `spherecal`."""
     text = page.read_text(encoding="utf-8")
     yield from re.findall(r"`(spherecal [^`\n]+)`", text)
-    for line in re.findall(r"^(?: {4}|\t)(spherecal .+)$", text, re.MULTILINE):
+    for line in re.findall(r"^(?: {4}|\t)(?:\.venv/bin/)?(spherecal .+)$", text, re.MULTILINE):
         yield re.split(r"\s{2,}|\s[&|#]", line)[0]
+
+
+NAMING = [*PAGES, ROOT / "README.md", *sorted((ROOT / "examples").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", NAMING, ids=lambda page: str(page.relative_to(ROOT)))
+def test_whole_command_lines_are_ones_that_the_program_takes(page: Path) -> None:
+    """Indented lines without brackets and alternatives: they cannot be run here, but are parsed to their last word."""
+    text = re.sub(r" \\\n\s+", " ", page.read_text(encoding="utf-8"))
+    for found in re.findall(r"^ {4}(?:\.venv/bin/)?spherecal ([^\n]+)$", text, re.MULTILINE):
+        first = re.split(r"\s{2,}|\s#|\s&(?!&)", found)[0].removesuffix(" &&")
+        for line in first.split(" && spherecal "):
+            if re.search(r"[\[\]|]|\.\.\.", line):
+                continue
+            words = shlex.split(line)
+            said = io.StringIO()
+            with contextlib.redirect_stderr(said):
+                try:
+                    make_parser().parse_args(words)
+                except SystemExit:
+                    pytest.fail(f"{page.name}: spherecal {line}: {said.getvalue()}")
+
+
+@pytest.mark.slow
+def test_the_readmes_way_from_images_to_a_report_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its lines on one's own images, on those of the demo."""
+    from spherecal.base.context import Context
+    from spherecal_sim.render_session import demo_session
+
+    session = read_session(demo_session(Context()))
+    for placement in session.placements:
+        for camera, image in placement.images.items():
+            (tmp_path / "my-images" / camera).mkdir(parents=True, exist_ok=True)
+            shutil.copy(image, tmp_path / "my-images" / camera / f"{placement.id}.png")
+    monkeypatch.chdir(tmp_path)
+    part = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Your own images")[2].partition("\n## ")[0]
+    lines = re.findall(r"^ {4}\.venv/bin/(spherecal .+)$", part, re.MULTILINE)
+    assert [line.split()[1] for line in lines] == ["targets", "session", "calibrate", "report", "export"]
+    for line in lines:
+        run_line(line)
+    assert (tmp_path / "my-report.pdf").read_bytes().startswith(b"%PDF") and any((tmp_path / "for-opencv").iterdir())
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
@@ -137,7 +179,7 @@ def help_of(words: tuple[str, ...]) -> str:
     said = io.StringIO()
     chain = [first]
     with contextlib.redirect_stdout(said), pytest.raises(SystemExit) as left:
-        make_parser().parse_args([first, "--help"])
+        make_parser().parse_args([first, "--help-all" if first == "calibrate" else "--help"])
     assert left.value.code == 0, f"there is no command {first}"
     for word in words[1:2]:  # what is no subcommand is an argument, whose help is that of the command
         inner = io.StringIO()

@@ -74,7 +74,7 @@ def test_arrays_become_a_rig(calibration, session, tmp_path: Path) -> None:
     K = np.array([[1.02 * f, 0, size[0] / 2], [0, f, size[1] / 2], [0, 0, 1]])
     np.savez(tmp_path / "points.npz", K=K, image_size=size, **seen)
     said = run("arrays_to_rig", tmp_path / "points.npz", tmp_path / "result")
-    assert said.startswith("<Rig: 6 cameras (C01, C02, C03, C04, C05, C06)") and "scale: none" in said
+    assert said.startswith("<Rig: 6 cameras (C01, C02, C03, C04, C05, C06)") and "arbitrary units: no scale" in said
     made = spherecal.load_rig(tmp_path / "result")
     ours, theirs = ([rig[c.id].centre_mm - rig["C01"].centre_mm for c in made] for rig in (made, calibration.rig))
     ratio = np.linalg.norm(ours[1:], axis=1) / np.linalg.norm(theirs[1:], axis=1)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from spherecal.base.arrays import FloatArray, IntArray, float_array
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import id_problem
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, Observations, name_problem
 from spherecal.data.rig_camera import ImageSize, is_wide, size_of
 from spherecal.data.session import CameraSpec
@@ -17,8 +18,62 @@ from spherecal.geometry import opencv
 from spherecal.targets.target_set import TargetSet
 
 POINT = "centre"  # of points that come as rows of arrays
+_FORMS = (
+    "Give {camera: {frame: (ids, uv)}}, arrays (n, 2) or (frames, n, 2) by camera, or a table (dict of columns or data "
+    "frame) with camera, target, u, v."
+)
 
 Lens = CameraSpec | ArrayLike | tuple[ArrayLike, ArrayLike | None]
+Places = dict[str, dict[str, tuple[IntArray, FloatArray]]]  # by frame and camera, ids (n,) and image points (n, k, 2)
+
+
+def of_kind(name: str, value: Any, kinds: type | tuple[type, ...], wanted: str) -> Any:
+    """The value of an argument; InputError that says what is wanted where it is of another kind."""
+    if not isinstance(value, kinds):
+        raise InputError(f"{name} must be {wanted}, but is {_shown(value)}.")
+    return value
+
+
+def above_zero(name: str, value: Any) -> float:
+    """The value of an argument that must be a number above 0."""
+    if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
+        raise InputError(f"{name} must be a number above 0, but is {_shown(value)}.")
+    if not 0 < value < np.inf:
+        raise InputError(Phrase("error-above-zero", {"name": name, "value": value}))
+    return float(value)
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 and "\n" not in text else f"a value of type {type(value).__name__}"
+
+
+def lenses_by_camera(cameras: Any, observations: Any) -> Mapping[str, Lens]:
+    """The lenses by camera; one K or (K, dist) is that of every camera that the observations name."""
+    if isinstance(cameras, Mapping):
+        return {str(name): lens for name, lens in cameras.items()}
+    pair = isinstance(cameras, tuple | list) and len(cameras) == 2
+    shape = np.shape(cameras[0] if pair else cameras) if not isinstance(cameras, str | CameraSpec) else ()
+    if shape != (3, 3):
+        wanted = "{camera: K}, {camera: (K, dist)} or one K (3, 3) or (K, dist) for all cameras"
+        raise InputError(f"cameras must be {wanted}, but is {_shown(cameras)}.")
+    names = _named_cameras(observations)
+    if not names:
+        raise InputError(
+            "One matrix for all cameras needs observations that name the cameras.",
+            "Give cameras={name: K for name in (...)}, with the names of all cameras.",
+        )
+    return dict.fromkeys(names, cameras)
+
+
+def _named_cameras(given: Any) -> list[str]:
+    """The cameras that observations name beyond doubt; none where the outer keys may be frames."""
+    keys = list(given.keys()) if hasattr(given, "keys") else []
+    if {"u", "v"} <= set(keys):
+        return list(dict.fromkeys(map(str, given["camera"]))) if "camera" in keys else []
+    if any(hasattr(given[key], "keys") for key in keys):
+        return []
+    return list(map(str, keys))
 
 
 def camera_specs(
@@ -123,21 +178,94 @@ def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set
 def _columns(given: Any, cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
     """The table's columns, or those of arrays written out as one."""
     if isinstance(given, Observations):
-        raise InputError("Observations must be a table of columns or arrays by camera.")
+        raise InputError("Observations must be a table of columns or arrays by camera.", _FORMS)
     keys = list(given.keys()) if hasattr(given, "keys") else []
     if {"u", "v"} <= set(keys):
         return _table(given, keys)
     if not keys:
+        if isinstance(given, str | Mapping) or not hasattr(given, "__len__"):
+            raise InputError(f"observations are {_shown(given)}, which holds no image points.", _FORMS)
         return _written_out({"P1": given}, cameras)
-    if any(key in cameras for key in keys):
-        return _frames(given, cameras)
-    return _written_out({str(key): given[key] for key in keys}, cameras)
+    by_name = {str(key): given[key] for key in keys}
+    if (places := _with_ids(by_name, cameras)) is not None:
+        return _rows(places)
+    if any(key in cameras for key in by_name):
+        return _frames(by_name, cameras)
+    return _written_out(by_name, cameras)
+
+
+def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None:
+    """Image points that come with their ids: by camera, by camera and frame, or by frame and camera; None for others.
+
+    What one camera sees in one frame is (ids, uv) or {id: (u, v)}.
+    """
+    by_camera = any(key in cameras for key in given)
+    inner: dict[str, Mapping[str, Any]] = {}
+    for outer, one in given.items():
+        if by_camera and _pair(one) is not None:
+            inner[outer] = {"P1": one}
+        elif hasattr(one, "keys"):
+            inner[outer] = {str(key): one[key] for key in one}
+        else:
+            return None
+    found: Places = {}
+    for outer, items in inner.items():
+        for key, one in items.items():
+            pair = _pair(one)
+            if pair is None:
+                if not by_camera and not found:  # arrays by placement
+                    return None
+                raise InputError(f"The image points of {outer}, {key} are not (ids, uv) or {{id: (u, v)}}.", _FORMS)
+            frame, camera = (key, outer) if by_camera else (outer, key)
+            if camera not in cameras:
+                raise InputError(f'"{camera}" is not a camera.', f"Cameras: {', '.join(cameras)}.")
+            if len(pair[0]) != len(pair[1]):
+                raise InputError(f"{camera}, {frame}: {len(pair[0])} ids, but {len(pair[1])} image points.")
+            found.setdefault(frame, {})[camera] = pair
+    numbers = all(frame.isdecimal() for frame in found)  # frames that one camera missed come late in the others' order
+    return {frame: found[frame] for frame in (sorted(found, key=int) if numbers else found)}
+
+
+def _pair(one: Any) -> tuple[IntArray, FloatArray] | None:
+    """Ids (n,) and image points (n, k, 2) of (ids, uv) or {id: (u, v)}, in OpenCV's shapes too; None for others."""
+    if hasattr(one, "keys"):
+        ids, uv = list(one.keys()), list(one.values())
+    elif isinstance(one, tuple | list) and len(one) == 2:
+        ids, uv = one
+    else:
+        return None
+    if ids is None or (np.size(ids) == 0 and np.size(uv if uv is not None else ()) == 0):  # as cv2.aruco finds none
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 1, 2))
+    try:
+        numbers, points = np.asarray(ids, dtype=float), np.asarray(uv, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    column = numbers.ndim == 1 or (numbers.ndim == 2 and numbers.shape[1] == 1)
+    dimensions = (2,) if hasattr(one, "keys") else (2, 3, 4)
+    if not column or points.ndim not in dimensions or points.shape[-1] != 2:
+        return None
+    return _whole_numbers(numbers.ravel().tolist()), points.reshape(len(points), -1, 2)
+
+
+def _rows(places: Places) -> Mapping[str, Sequence[Any]]:
+    """A row for each point; those with more than one image point, as the corners of a marker, are named 0, 1, ..."""
+    columns: dict[str, list[Any]] = {name: [] for name in ("placement", "camera", "target", "point", "u", "v")}
+    for place, by_camera in places.items():
+        for camera, (ids, points) in by_camera.items():
+            n, k = points.shape[:2]
+            columns["placement"] += [place] * (n * k)
+            columns["camera"] += [camera] * (n * k)
+            columns["target"] += np.repeat(ids, k).tolist()
+            columns["point"] += ([POINT] if k == 1 else [str(i) for i in range(k)]) * n
+            columns["u"] += points[:, :, 0].ravel().tolist()
+            columns["v"] += points[:, :, 1].ravel().tolist()
+    return columns
 
 
 def _table(given: Any, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]:
     missing = [name for name in ("camera", "target") if name not in keys]
     if missing:
-        raise InputError(f"The table of observations lacks the column {missing[0]}.", "It needs camera, target, u, v.")
+        raise InputError(f"The table of observations lacks the column {missing[0]}.", _FORMS)
     if len(set(SIGMA_COLUMNS) & set(keys)) == 1:
         raise InputError("The table of observations has only one of the columns sigma_u and sigma_v.", "Give both.")
     n = len(given["u"])
@@ -165,7 +293,7 @@ def _frames(given: Mapping[str, ArrayLike], cameras: Sequence[str]) -> Mapping[s
 
 
 def _written_out(places: Mapping[str, Any], cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
-    """A row for each point of each array: its row is its target."""
+    """A row for each point of each array; its row number is its target."""
     columns: dict[str, list[Any]] = {name: [] for name in ("placement", "camera", "target", "point", "u", "v")}
     for place, given in places.items():
         arrays = _by_camera(place, given, cameras)
@@ -189,6 +317,8 @@ def _by_camera(place: str, given: Any, cameras: Sequence[str]) -> dict[str, Floa
     """Arrays (n, 2) by camera, in the cameras' order."""
     if not hasattr(given, "keys"):
         stack = float_array(given, f"The image points of {place}")
+        if stack.ndim == 2 and place != "P1":
+            raise InputError(f'"{place}" is neither a camera nor a column.', f"Cameras: {', '.join(cameras)}. {_FORMS}")
         if stack.ndim != 3 or len(stack) != len(cameras):
             raise InputError(
                 f"The image points of {place} must be an array ({len(cameras)}, n, 2), one part for each camera, "

@@ -1,9 +1,10 @@
 """The calibrated rig: the frozen result of a calibration."""
 
+from __future__ import annotations  # help() then shows ArrayLike by its name
+
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray, ReadOnly
 from spherecal.base.errors import InputError, needing
 from spherecal.base.messages.values import Phrase
+from spherecal.base.notebook import html_table
 from spherecal.data.findings import Finding, counted
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera, camera_of_opencv, table_row
@@ -137,7 +139,7 @@ class Rig(ByValue):
         *,
         fisheye: bool | Collection[str] = False,
         unit: Literal["mm", "m"] = "mm",
-    ) -> "Rig":
+    ) -> Rig:
         """The rig of cameras that OpenCV calibrated.
 
         The world is as given; `reference_camera` is the camera in its origin, if there is one. Nothing is known of the
@@ -194,7 +196,8 @@ class Rig(ByValue):
         q, scale = self.quality, self.scale
         words = [q.verdict.replace("-", " ").upper()]
         words += [] if q.rms_px is None else [f"rms {q.rms_px:.4f} px"]
-        words += [f"scale: {scale.source.replace('_', ' ')}"]
+        unscaled = scale.source == "none"
+        words += ["lengths in arbitrary units: no scale" if unscaled else f"scale: {scale.source.replace('_', ' ')}"]
         words += [] if self.reference_camera is None else [f"reference {self.reference_camera}"]
         return words
 
@@ -202,14 +205,10 @@ class Rig(ByValue):
         """What a notebook shows: a table of the cameras."""
         table = self._table()
         columns = ("camera", "lens_model", "fu", "centre_x_mm", "centre_y_mm", "centre_z_mm", "rms_px", "observations")
-        head = "".join(f"<th>{name}</th>" for name in columns)
-        rows = [
-            "".join(f"<td>{escape(_cell(table[name][i]))}</td>" for name in columns) for i in range(len(self.cameras))
-        ]
-        said = escape("; ".join([f"Rig: {counted(len(self.cameras), 'camera')}", *self._words()]))
-        return f"<p>{said}</p><table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+        said = "; ".join([f"Rig: {counted(len(self.cameras), 'camera')}", *self._words()])
+        return html_table(said, {name: table.get(name, []) for name in columns})
 
-    def plot(self, ax: Any = None) -> "Axes3D":
+    def plot(self, ax: Any = None) -> Axes3D:
         """The cameras drawn in space, in mm, with matplotlib; the axes.
 
         Parameters
@@ -228,7 +227,7 @@ class Rig(ByValue):
 
         return plot_cameras(self.cameras, self.reference_camera, ax)
 
-    def to_dataframe(self) -> "pandas.DataFrame":
+    def to_dataframe(self) -> pandas.DataFrame:
         """The cameras as a table of pandas, a row for each, indexed by id.
 
         Raises
@@ -247,10 +246,6 @@ class Rig(ByValue):
 
 
 _FEW_IDS = 8
-
-
-def _cell(value: object) -> str:
-    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def rig_of_unknown_quality(cameras: tuple[RigCamera, ...]) -> Rig:
@@ -330,3 +325,11 @@ class Calibration(ReadOnly):
     def __repr__(self) -> str:
         points = int(np.isfinite(self.points_mm[:, 0]).sum())
         return f"<Calibration ({self.method}): {self.rig!r}, {points} points, {len(self.observations)} observations>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the rig, and the findings."""
+        found = self.rig.quality.findings
+        words = {"severity": [f.severity for f in found], "finding": [f"{f.message} {f.hint}".strip() for f in found]}
+        return self.rig._repr_html_() + html_table(
+            f"Calibration ({self.method}): {counted(len(found), 'finding')}", words
+        )

@@ -1,5 +1,7 @@
 """A camera of a calibrated rig: its lens and pose, in our terms and in OpenCV's."""
 
+from __future__ import annotations  # help() then shows ArrayLike by its name
+
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -6,9 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.base.notebook import html_table
 from spherecal.data.findings import counted
 from spherecal.data.observations import Observations
 from spherecal.geometry.camera import LensModel
@@ -18,6 +21,8 @@ from spherecal.targets.target_set import TargetSet
 if TYPE_CHECKING:
     from spherecal.data.from_arrays import Lens
     from spherecal.data.rig_camera import ImageSize
+
+_SCALES = "a Scale, such as Scale('bar', bar='B1'); the ball's diameter is sphere_diameter_mm"
 
 # [Tao21] tried one to seven placements: beyond four the gain is small (docs/studies: layouts).
 STANDARD_PLACEMENTS = 4
@@ -194,7 +199,7 @@ class Session(ByValue):
     def from_arrays(
         cls,
         observations: Any,
-        cameras: "Mapping[str, Lens]",
+        cameras: "Mapping[str, Lens] | Lens",
         image_size: "ImageSize | None" = None,
         *,
         fisheye: bool | Collection[str] = False,
@@ -209,12 +214,13 @@ class Session(ByValue):
         Parameters
         ----------
         observations
-            By camera (n, 2) px, or (t, n, 2) for t placements. Row i is the same point in all cameras, NaN where it is
-            not seen; it becomes target i, point `centre`. Or such arrays by placement, or an array (cameras, n, 2). Or
-            a table (a mapping of columns, or a data frame) with `camera`, `target`, `u`, `v`, and optionally
-            `placement`, `point`, `sigma_u`, `sigma_v`.
+            Points with ids: {camera: {frame: (ids, uv)}}, with {id: (u, v)} in place of (ids, uv) too; uv is (n, 2) px,
+            or (n, 4, 2) for the corners of markers. Or a table (a dict of columns, or a data frame) with `camera`,
+            `target`, `u`, `v`, and optionally `placement`, `point`, `sigma_u`, `sigma_v`. Or arrays by camera, (n, 2)
+            px or (t, n, 2) for t placements: row i is the same point in all cameras, NaN where it is not seen. Or such
+            arrays by placement, or an array (cameras, n, 2).
         cameras
-            By id K or (K, dist) in OpenCV's terms, as start values, or a CameraSpec.
+            By id K or (K, dist) in OpenCV's terms, as start values, or a CameraSpec. One K or (K, dist) for all.
         image_size
             (width, height) px, one for all or one for each by id; None where all cameras are a CameraSpec.
         fisheye
@@ -233,16 +239,23 @@ class Session(ByValue):
         InputError
             Says what cannot be used.
         """
-        from spherecal.data.from_arrays import camera_specs, digest, observations_of
+        from spherecal.data import from_arrays as given
 
-        specs = camera_specs(cameras, image_size, fisheye)
+        given.of_kind("scale", scale, (Scale, type(None)), _SCALES)
+        given.of_kind("target_set", target_set, (TargetSet, type(None)), "a TargetSet (load_targets reads one)")
+        for name, values, kind in (("bars", bars, Bar), ("bar_poses", bar_poses, BarPose)):
+            for one in given.of_kind(name, values, Sequence, f"a list of {kind.__name__}"):
+                given.of_kind(f"Each item of {name}", one, kind, f"a {kind.__name__}")
+        if sphere_diameter_mm is not None:
+            sphere_diameter_mm = given.above_zero("sphere_diameter_mm", sphere_diameter_mm)
+        specs = given.camera_specs(given.lenses_by_camera(cameras, observations), image_size, fisheye)
         poses = [pose.id for pose in bar_poses]
         names = {bar.id: bar.role for bar in bars}
         if unknown := [pose.bar for pose in bar_poses if pose.bar not in names]:
             raise InputError(Phrase("error-pose-bar", {"bar": unknown[0]}))
         if scale is not None and scale.kind == "bar" and names.get(scale.bar or "") != "scale":
             raise InputError(Phrase("error-scale-bar", {"bar": scale.bar}))
-        table = observations_of(observations, specs, poses)
+        table = given.observations_of(observations, specs, poses)
         placements = tuple(Placement(name) for name in table.placements if name not in poses)
         rest = repr((scale, tuple(bars), tuple(bar_poses), sphere_diameter_mm))
         return cls(
@@ -256,13 +269,26 @@ class Session(ByValue):
             sphere_diameter_mm,
             target_set,
             table,
-            digest(specs, table, target_set, rest),
+            given.digest(specs, table, target_set, rest),
         )
 
     @property
     def where(self) -> str:
         """Its folder, or that it has none, for messages."""
         return "the session in memory" if self.folder == Path() else str(self.folder)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a row for each camera."""
+        o = self.observations
+        counts = {} if o is None else dict(zip(o.cameras, np.bincount(o.camera, minlength=len(o.cameras)), strict=True))
+        columns = {
+            "camera": [c.id for c in self.cameras],
+            "width": [c.image_size[0] for c in self.cameras],
+            "height": [c.image_size[1] for c in self.cameras],
+            "lens": [c.lens_model for c in self.cameras],
+            "observations": [counts.get(c.id) for c in self.cameras],
+        }
+        return html_table(repr(self).strip("<>"), columns)
 
     def __repr__(self) -> str:
         o = self.observations

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
+from spherecal.base.notebook import html_table
 from spherecal.data.findings import Finding
 
 if TYPE_CHECKING:
@@ -146,6 +147,18 @@ class Verification(ByValue):
         """Whether the rig is shown to be wrong: exit code 3."""
         acceptance = None if self.procedure is None else self.procedure.acceptance
         return is_failed(self.decision.verdict, None if acceptance is None else acceptance.verdict, self.findings)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the verdict, and each length over its poses."""
+        columns = {
+            "bar": [s.bar for s in self.lengths],
+            "length": [f"{s.from_mark}-{s.to_mark}" for s in self.lengths],
+            "n": [s.n for s in self.lengths],
+            "mean error mm": [s.mean_error_mm for s in self.lengths],
+            "U mm": [s.expanded_uncertainty_mm for s in self.lengths],
+            "largest error mm": [s.max_abs_error_mm for s in self.lengths],
+        }
+        return html_table(f"Verification: {self.decision.verdict.upper()}", columns)
 
 
 def is_failed(agreement: str, conformity: str | None, findings: Iterable[Finding]) -> bool:

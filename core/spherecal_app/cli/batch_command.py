@@ -6,6 +6,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.parsers.shared import search_of
@@ -27,6 +28,7 @@ def batch(options: argparse.Namespace) -> int:
         "seed": options.seed,
     }
     with shown_progress() as context:
+        compile_first(context)
         workers = workers_for(options.workers, options.cluster)
         done = run_batch(options.folder, options.output, settings, workers, context)
     answer(options, done.rows)

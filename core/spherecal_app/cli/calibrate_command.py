@@ -25,6 +25,7 @@ from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import number, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.output import check_output_folder
@@ -61,7 +62,9 @@ def calibrate(options: argparse.Namespace) -> int:
     with shown_progress() as context:
         context.report("reading the session", 0.0)
         with _session_of(options.session) as folder:
-            calibration = run(read_session(folder), settings, context)
+            session = read_session(folder)
+            compile_first(context)
+            calibration = run(session, settings, context)
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
     log_findings(calibration.rig.quality.findings)

@@ -18,6 +18,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.verify.limit import parse_limit
 from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.kept import kept_in_profile
@@ -44,6 +45,7 @@ def check(options: argparse.Namespace) -> int:
     with shown_progress() as context:
         source = read_source(options.profile)
         session = _only(read_session(options.session), options.only)
+        compile_first(context)
         found = run(session, source.rig, read_known_ball(points_file(options.profile)), limit, context)
     document = check_json(found)
     if options.output is not None:

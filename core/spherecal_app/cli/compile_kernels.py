@@ -21,6 +21,7 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, SpherecalError
 from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
 from spherecal.base.messages.values import Phrase
+from spherecal.base.resources import is_installed
 from spherecal_app.cli.console import out
 from spherecal_app.cli.progress import shown_progress
 
@@ -96,15 +97,41 @@ def demo_kernels(context: Context) -> Iterator[None]:
             mark_compiled(made_from)
 
 
+def compile_first(context: Context, trial: str = _TRIAL) -> None:
+    """Compile what a calibration needs, on all cores, where an installed wheel has not done so: once, with its count.
+
+    A checkout is left alone: dev.py compiles for it, and its kernels change with every edit.
+    """
+    made_from = f"calibration{wanted()}"
+    trying = multiprocessing.parent_process() is not None  # a part of the trial calibrates
+    if not is_installed() or trying or state() != "to compile" or is_marked(made_from) or is_marked(f"demo{wanted()}"):
+        return
+
+    def tell(done: int, count: int) -> None:
+        context.check()
+        context.report("compiling kernels, once", min(done / count, 1.0), f"{done} functions")
+
+    try:
+        with _side_by_side(trial, "CALIBRATION") as finish:
+            finish(tell)
+    except Cancelled:
+        raise
+    except SpherecalError as error:  # whoever needs one compiles it
+        log.warning("%s", error)
+    else:
+        mark_compiled(made_from)
+
+
 @contextmanager
 def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, int], None]], None]]:
     """Run the parts of a table of the trial, each in a process that ends with the body at the latest.
 
-    Yields the function that waits for them; it calls `tell(done, all)` after every step, and raises SpherecalError
-    where a part fails.
+    Yields the function that waits for them; it calls `tell(done, all)` after every step, or of a table with a number of
+    functions after every function compiled, and raises SpherecalError where a part fails.
     """
-    parts = getattr(importlib.import_module(trial), table)
-    count = sum(len(steps) for steps in parts.values())
+    tables = importlib.import_module(trial)
+    parts, functions = getattr(tables, table), getattr(tables, f"{table}_FUNCTIONS", 0)
+    count = functions or sum(len(steps) for steps in parts.values())
     context = multiprocessing.get_context("spawn")
     running: dict[Connection, tuple[str, BaseProcess]] = {}
 
@@ -158,14 +185,33 @@ def _ctrl_c_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _tell_of_functions(pipe: Connection) -> None:
+    """From now on None is sent after every function that numba compiles in this process."""
+    event = importlib.import_module("numba.core.event")
+
+    class Told(event.Listener):
+        def on_start(self, event: object) -> None:
+            pass
+
+        def on_end(self, event: object) -> None:
+            pipe.send(None)
+
+    event.register("numba:compile", Told())
+
+
 def _run_part(trial: str, table: str, name: str, folder: Path, pipe: Connection) -> None:
     """One part, in a process and a folder of its own: sends None after every step, or what went wrong."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends us
     own = folder / name
     try:
         own.mkdir()
-        for step in getattr(importlib.import_module(trial), table)[name]:
+        tables = importlib.import_module(trial)
+        functions = hasattr(tables, f"{table}_FUNCTIONS")
+        if functions:
+            _tell_of_functions(pipe)
+        for step in getattr(tables, table)[name]:
             step(own)
-            pipe.send(None)
+            if not functions:
+                pipe.send(None)
     except Exception as error:
         pipe.send(f"{type(error).__name__}: {error}")

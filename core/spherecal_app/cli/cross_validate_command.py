@@ -7,6 +7,7 @@ from rich.table import Table
 from spherecal.cross_validate import cross_validate as run
 from spherecal.files.read_session import read_session
 from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import out
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
@@ -15,7 +16,9 @@ from spherecal_app.cli.progress import shown_progress
 def cross_validate(options: argparse.Namespace) -> int:
     """`spherecal cross-validate`."""
     with shown_progress() as context:
-        whole, found = run(read_session(options.session), None, context)
+        session = read_session(options.session)
+        compile_first(context)
+        whole, found = run(session, None, context)
     answer(options, found)
     table = Table("left out", "dots", "rms px", "shape rms mm", "size, ppm", box=None)
     for one in found:

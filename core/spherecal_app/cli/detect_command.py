@@ -13,6 +13,7 @@ from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.why_nothing import why_nothing_in
 from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import out
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.output import to_output
@@ -23,6 +24,7 @@ def detect(options: argparse.Namespace) -> int:
     """`spherecal detect`."""
     paths, target_set = [Path(image) for image in options.images], read_target_set(options.targets)
     with shown_progress() as context:
+        compile_first(context)
         found = detect_images(paths, target_set, context, os.cpu_count() or 1)
     lines = ["image,target,point,u,v"]
     for image, dots in zip(options.images, found, strict=True):

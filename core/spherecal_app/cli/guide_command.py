@@ -11,6 +11,7 @@ from spherecal.calibrate import calibrate
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
 from spherecal_app.cli.answer import answer
+from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import out
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
@@ -22,7 +23,9 @@ def guide(options: argparse.Namespace) -> int:
     if options.picture is not None and options.picture.suffix.lower() != ".png":
         raise InputError(Phrase("error-picture-kind", {"file": options.picture}))
     with shown_progress() as context:
-        session = observed(read_session(options.session), context)
+        recorded = read_session(options.session)
+        compile_first(context)
+        session = observed(recorded, context)
         calibration = calibrate(session, None, context)
         guidance = advise(session, calibration, context)
     if guidance is None:

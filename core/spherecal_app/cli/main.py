@@ -8,11 +8,12 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 from spherecal import __version__
 from spherecal.base import interrupts
-from spherecal.base.errors import Cancelled, OutputError, SpherecalError, needing, reason
+from spherecal.base.errors import Cancelled, MissingPackage, OutputError, SpherecalError, needing, reason
 from spherecal.base.memory import check_address_space
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
@@ -114,6 +115,8 @@ def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
     if options.log is not None:
         log.enter_context(_logged_to(options.log))
     if options.command is None:
+        if not getattr(sys, "frozen", False) and find_spec("PySide6") is None:
+            raise MissingPackage(Phrase("error-no-window"))
         return subprocess.call(own_program("spherecal_gui"))
     if options.command == "help":
         return _help(parser, options.words)

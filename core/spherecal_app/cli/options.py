@@ -31,6 +31,18 @@ _COMMANDS = (
     add_import_priors, add_frame, add_limits, add_profile, add_recalibrate, add_guide, add_cross_validate,
     add_session, add_study, add_licences, add_manual, add_completion, add_compile_kernels, add_doctor, add_cameras,
 )  # fmt: skip
+# How the help groups them.
+_SECTIONS = {
+    "to begin": ("demo", "help", "manual", "doctor"),
+    "recording": ("targets", "cameras", "session", "detect", "guide"),
+    "calibrating and verifying": (
+        "calibrate", "verify", "check", "recalibrate", "cross-validate", "override", "batch",
+    ),
+    "using a calibrated rig": ("measure", "report", "export", "frame", "import", "import-priors"),
+    "kept from one calibration to the next": ("profile", "bars", "ball", "limits"),
+    "simulating": ("simulate", "study"),
+    "this program": ("compile-kernels", "completion", "licences", "support-bundle"),
+}  # fmt: skip
 
 
 def make_parser() -> Parser:
@@ -38,6 +50,7 @@ def make_parser() -> Parser:
     parser = main_parser(
         "spherecal",
         "Calibrate a rig of many cameras with an imperfect ball. Without a command, the window opens.",
+        "`spherecal COMMAND --help` says more of a command. "
         "Exit codes: 0 done; 2 bad usage or input; 3 done, but the result is not valid; 130 cancelled.",
     )
     parser.add_argument(
@@ -46,5 +59,6 @@ def make_parser() -> Parser:
     add = commands_below(parser, "COMMAND", "command", required=False)
     for add_one in _COMMANDS:
         add_one(add)
+    parser.sections = _SECTIONS
     add_common(parser)
     return parser

@@ -2,22 +2,82 @@
 
 import argparse
 import difflib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
 # Adds a command by its name and a sentence on it.
-Add = Callable[[str, str], argparse.ArgumentParser]
+Add = Callable[[str, str], "Parser"]
 
 # Sixteen misspellings and shortenings of our commands ("verfy", "barz", "calib") score 0.71 to 0.96 against the right
 # one; of 325 pairs of commands three are above 0.6.
 _LIKE = 0.6
+_COMMON = ("--log", "--verbose", "--quiet", "--json")
 # What these print is a text by itself: help for a person, a script for a shell.
 _TEXT = (("help",), ("completion",))
 
 
+class _HelpAll(argparse.Action):
+    """`--help-all`: the help with the options that `--help` leaves out."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        assert isinstance(parser, Parser)
+        print(parser.whole_help(), end="")
+        parser.exit()
+
+
 class Parser(argparse.ArgumentParser):
-    """A parser that says which word may be meant; `commands_below` makes its subparsers."""
+    """A parser that says which word may be meant; `commands_below` makes its subparsers.
+
+    `sections`: how `--help` groups its commands. `brief`: the only options of its own that `--help` shows, if any.
+    """
+
+    sections: Mapping[str, Sequence[str]] = {}
+    brief: Collection[str] = ()
+
+    def show_only(self, *names: str) -> None:
+        """Let `--help` show these options alone, and `--help-all` the whole."""
+        self.brief = names
+        self.add_argument("--help-all", action=_HelpAll, nargs=0, help="show this help with all options, and end")
+
+    def whole_help(self) -> str:
+        """The help with every option."""
+        return super().format_help()
+
+    def format_help(self) -> str:
+        """The help that `--help` prints."""
+        if not self.sections and not self.brief:
+            return super().format_help()
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._shown(self._actions), self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                by_name = {one.dest: one for one in action._choices_actions}
+                for heading, names in self.sections.items():
+                    _add_section(formatter, heading, [by_name[name] for name in names])
+        for group in self._action_groups:
+            listed = [one for one in group._group_actions if not isinstance(one, argparse._SubParsersAction)]
+            _add_section(formatter, group.title, self._shown(listed))
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
+    def _shown(self, actions: Sequence[argparse.Action]) -> list[argparse.Action]:
+        always = ("--help", "--help-all", *_COMMON)
+        return [
+            one
+            for one in actions
+            if not (self.brief and one.option_strings) or {*one.option_strings} & {*self.brief, *always}
+        ]
+
+    def error(self, message: str) -> NoReturn:
+        """End with one line: what is wrong, and where the help is."""
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                named = f"one of {', '.join(action.choices)}"
+                message = message.replace(f"required: {action.metavar}", f"required: {named}")
+        end = "" if message.endswith(("?", ".")) else "."
+        self.exit(2, f"{self.prog}: error: {message}{end} Help: {self.prog} --help\n")
 
     def _check_value(self, action: argparse.Action, value: object) -> None:
         choices = action.choices
@@ -48,6 +108,12 @@ class Parser(argparse.ArgumentParser):
         self.error(f"not known: {' '.join(unknown)}" + (f'; is "{meant[0]}" meant?' if meant else ""))
 
 
+def _add_section(formatter: argparse.HelpFormatter, heading: str | None, actions: Sequence[argparse.Action]) -> None:
+    formatter.start_section(heading)
+    formatter.add_arguments(actions)
+    formatter.end_section()
+
+
 def main_parser(program: str, description: str, epilog: str) -> Parser:
     """A parser without options yet: no option may be abbreviated."""
     parser = Parser(prog=program, description=description, epilog=epilog, allow_abbrev=False)
@@ -63,10 +129,11 @@ def commands_below(
     required: bool = True,
 ) -> Add:
     """The function that adds a command below this one."""
-    commands = parser.add_subparsers(dest=dest, required=required, metavar=metavar)
+    commands = parser.add_subparsers(dest=dest, required=required, metavar=metavar, parser_class=Parser)
 
-    def add(name: str, text: str) -> argparse.ArgumentParser:
-        one = commands.add_parser(name, help=text, description=text, allow_abbrev=False)
+    def add(name: str, text: str) -> Parser:
+        first = text.partition(". ")[0].rstrip(".") + "."  # in the list of commands one sentence is enough
+        one = commands.add_parser(name, help=first, description=text, allow_abbrev=False)
         one.set_defaults(leaf=one)
         return one
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any, TypeAlias
 
-import numpy as np
-
 Value: TypeAlias = "str | int | float | Phrase | tuple[Value, ...] | None"
 
 
@@ -28,10 +26,8 @@ def plain(values: Mapping[str, Any]) -> dict[str, Value]:
 
 
 def _plain(value: Any) -> Value:
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "tolist"):  # numpy's, which is not loaded for this: `--version` would wait for it
         value = value.tolist()
-    if isinstance(value, np.generic):
-        value = value.item()
     if isinstance(value, PurePath):
         return str(value)
     if isinstance(value, (list, tuple)):

@@ -35,6 +35,7 @@ def add_calibrate(add: Add) -> None:
     _add_repairs(calibrate)
     seed(calibrate, "seed of the random choices of triples (default 0)", 0)
     word(calibrate, "--reference", "CAMERA", "the camera whose frame is the world, if it is placed")
+    calibrate.show_only("--output", "--method", "--ball", "--lens", "--leave-out")
 
 
 def _add_forms(to: To) -> None:

@@ -141,7 +141,11 @@ RULES: dict[str, Rule] = {
         (2.0, 4.0, 5.0),
         3.0,
     ),
-    "intrinsics-held": _care("cameras", "Held near the nominal values: as good as these."),
+    "intrinsics-held": _care(
+        "cameras",
+        "Held near the nominal values: as good as these. Where three lenses of the rig are estimated, they say how good "
+        "these are: stated, and information.",
+    ),
     "capture-times": _care("cameras", "Of another moment; if the ball has moved since, wrong-placement says so."),
     "few-placements": _care("cameras", "Stated: lengths 120 to 1600 um instead of 50. But hardly any test has power."),
     "pose-unconfirmed": _care(

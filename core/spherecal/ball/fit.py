@@ -151,7 +151,8 @@ def solve_with_priors(
     def again(fit: BallFit, has_prior: BoolArray) -> BallFit:  # with the noise and the lenses that it tells
         shown = shown_lenses(network.free, fit.placed, has_prior)
         known, sigma = like_the_others(run.known, fit.adjusted.state.intrinsics, shown)
-        return solution(with_intrinsic_priors(network, known, has_prior, np.sqrt(fit.adjusted.variance), sigma))
+        noise = float(np.sqrt(fit.adjusted.variance))
+        return solution(with_intrinsic_priors(network.corrected_as(fit.network), known, has_prior, noise, sigma))
 
     if has_prior.any():
         fit = again(fit, has_prior)

@@ -229,7 +229,9 @@ def corrected(
         found = _estimated(network, adjusted, places, design, found, limit)
         found = None if found is None else replace(found, turning=network.turning)
         again = network.corrected(found, adjusted.state.intrinsics)
-        if found is not None and is_beyond(found, again, adjusted.state.intrinsics):  # no small effect: the lenses or the poses are wrong
+        if found is not None and is_beyond(
+            found, again, adjusted.state.intrinsics
+        ):  # no small effect: the lenses or the poses are wrong
             network = replace(network.corrected(None, adjusted.state.intrinsics), sizes=None, is_beyond=True)
             return network, refine(network, adjusted.state, adjusted.used, placed, context)
         change = np.abs(again.uv - network.uv).max(initial=0.0)

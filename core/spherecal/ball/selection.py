@@ -229,9 +229,7 @@ def _with_more_placements(
     return fit, choice
 
 
-def _with_more_cameras(
-    fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
-) -> tuple[BallFit, ModelChoice]:
+def _with_more_cameras(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run) -> tuple[BallFit, ModelChoice]:
     """The rigid form with cameras that share too few dots with others at one placement, resected from all of the ball.
 
     A camera that saw 8 to 20 dots in six placements shared 5 at most: the rig of ten was refused for it.

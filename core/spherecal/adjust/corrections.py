@@ -62,6 +62,7 @@ SETTLED_PX = 1e-3
 # A round that lowers -2 log of the likelihood by less says nothing new: effects are taken from 30 on. What a lens, a
 # pose and a field may share went on changing by a tenth of a pixel without any gain.
 SETTLED = 5.0
+ALIKE = 0.01  # the gate adds and takes away less than this share of observations
 
 
 def design_of(network: Network, adjusted: Adjustment, least_share: float = LEAST_SHARE) -> Design:
@@ -224,14 +225,13 @@ def corrected(
         return network, adjusted  # what only the ball as one object asks for may be its own change of shape
     design = design_of(network, adjusted) if found is None else found.design
     limit = None if found is None or isinstance(network.ball, Free) else MOST_GROWTH * found.variances
-    before = np.inf
     for _ in range(ROUNDS):
+        before = found
         found = _estimated(network, adjusted, places, design, found, limit)
         found = None if found is None else replace(found, turning=network.turning)
         again = network.corrected(found, adjusted.state.intrinsics)
-        if found is not None and is_beyond(
-            found, again, adjusted.state.intrinsics
-        ):  # no small effect: the lenses or the poses are wrong
+        if found is not None and is_beyond(found, again, adjusted.state.intrinsics):
+            # no small effect: the lenses or the poses are wrong
             network = replace(network.corrected(None, adjusted.state.intrinsics), sizes=None, is_beyond=True)
             return network, refine(network, adjusted.state, adjusted.used, placed, context)
         change = np.abs(again.uv - network.uv).max(initial=0.0)
@@ -239,10 +239,17 @@ def corrected(
         if change == 0.0:
             break
         adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
-        if change < SETTLED_PX or (found is not None and before - found.deviance < SETTLED):
+        if change < SETTLED_PX or _is_settled(before, found):
             break
-        before = np.inf if found is None else found.deviance
     return network, adjusted
+
+
+def _is_settled(before: Corrections | None, found: Corrections | None) -> bool:
+    """Whether a round gained nothing on the one before, with about as many observations."""
+    if before is None or found is None or abs(found.redundancy / before.redundancy - 1) > ALIKE:
+        return False
+    gain = before.deviance / before.redundancy - found.deviance / found.redundancy
+    return gain * found.redundancy < SETTLED
 
 
 def has_estimated_lenses(network: Network, adjusted: Adjustment) -> bool:
@@ -323,7 +330,7 @@ def _estimated(
         found = estimated(effects, before.variances, limit)
         freedom = float(found.freedom.sum())
         same = replace(before, coefficients=found.coefficients, variances=found.variances, freedom=freedom)
-        return replace(same, deviance=found.deviance)
+        return replace(same, deviance=found.deviance, redundancy=effects.redundancy)
     return before
 
 
@@ -361,7 +368,9 @@ def chosen(
     worth = float(found.freedom[design.kind == FIELD].sum())
     kept = {kind: size for kind, size in evidence.items() if kind in taken}
     freedom = float(found.freedom.sum())
-    return Corrections(design, found.coefficients, found.variances, freedom, kept, worth, found.deviance)
+    return Corrections(
+        design, found.coefficients, found.variances, freedom, kept, worth, found.deviance, effects.redundancy
+    )
 
 
 def _predicts(network: Network, adjusted: Adjustment, places: Places | None, found: Corrections) -> bool:

@@ -292,7 +292,10 @@ def ray_miss_mm(camera: RigCamera, index: int, reference: Reference, fit: Simila
     true = reference.lengths.ends_mm.reshape(-1, 3)[reference.lengths.end[rows]]
     x = ((true - fit.shift) @ fit.rotation / fit.scale) @ camera.rotation.T + camera.translation_mm
     with np.errstate(all="ignore"):
-        off = np.linalg.norm(project(x, camera.intrinsics) - reference.lengths.uv[rows], axis=1)
+        seen = reference.lengths.uv[rows] - (
+            0.0 if camera.field is None else camera.field.at(reference.lengths.uv[rows])
+        )
+        off = np.linalg.norm(project(x, camera.intrinsics) - seen, axis=1)
         miss = off / camera.intrinsics[0] * np.abs(x[:, 2]) * fit.scale
     return float(np.median(np.nan_to_num(miss, nan=np.inf)))
 

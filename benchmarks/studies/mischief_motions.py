@@ -142,7 +142,7 @@ def late_camera(world: World, size: float, rng: np.random.Generator) -> Case:
     def ball_of(camera: int, placement: int) -> Pose:
         return world.turns[placement], world.places_mm[placement] + (shift[placement] if camera == c else 0.0)
 
-    blame = ("ball-moved", "trigger", "exposure", "moving", *MOVED, "image-contradicts")
+    blame = ("unsteady", "trigger", "exposure", "moving", *MOVED, "image-contradicts")
     return make_case(replace(world, ball_of=ball_of), rng, blame, (world.ids[c],))
 
 

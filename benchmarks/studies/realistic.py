@@ -21,7 +21,8 @@ PART = 10
 # Findings that accuse something that was not done in any of these recordings.
 ACCUSATIONS = frozenset(
     {
-        "camera-moved", "cameras-moved", "ball-moved", "cameras-swapped", "wrong-placement", "image-contradicts",
+        "camera-moved", "cameras-moved", "camera-unsteady", "ball-moved", "cameras-swapped", "wrong-placement",
+        "image-contradicts",
         "placements-contradict", "target-contradicts", "ball-shape-changed", "ball-changed", "ball-size", "mirrored",
         "scale-conflict", "fixed-intrinsics-contradicted", "stale-image", "identical-images", "recording-contradicts",
     }

@@ -19,7 +19,7 @@ from spherecal_boards.frames_evidence import FrameEvidence
 # clean board, one that bends, or one camera that was knocked; 0.79 and 98 of pixels skewed by 4 px.
 LEAST_SHARE, LEAST_F = 0.8, 30.0
 # What is explained by the board's motion, and would be blamed on single cameras.
-INSTEAD = ("camera-moved", "cameras-moved", "ball-moved", "recording-contradicts", "wrong-placement")
+INSTEAD = ("camera-moved", "cameras-moved", "camera-unsteady", "ball-moved", "recording-contradicts", "wrong-placement")
 
 
 def moving_board(e: FrameEvidence, found: list[Finding]) -> list[Finding]:

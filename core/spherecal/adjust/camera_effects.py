@@ -93,7 +93,7 @@ class Corrections:
 
     `freedom`: how many coefficients' worth the data determine, which the redundancy lacks, `field_freedom` those of
     fields; `evidence`: by how much -2 log of the likelihood falls by each kind beside the others, of those taken;
-    `turning`: whether turns may be applied.
+    `deviance`: -2 log of it, with so much `redundancy`; `turning`: whether turns may be applied.
     """
 
     design: Design
@@ -102,6 +102,8 @@ class Corrections:
     freedom: float
     evidence: dict[int, float]
     field_freedom: float
+    deviance: float
+    redundancy: int
     turning: bool = False
 
     @property

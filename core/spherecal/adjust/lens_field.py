@@ -105,3 +105,15 @@ def _lens_and_turns(uv: FloatArray, intrinsics: FloatArray, free: BoolArray) -> 
     rays = np.column_stack([xy, np.ones(len(xy))])
     _, by_point, by_lens = project_with_derivatives(rays, intrinsics)
     return np.concatenate([by_lens[:, :, free], -by_point @ cross_matrix(rays)], axis=2)
+
+
+def beyond_lens(values: FloatArray, uv: FloatArray, intrinsics: FloatArray, free: BoolArray) -> FloatArray:
+    """What neither the lens model (free parameters (16,)) nor a turn can do of values (n,2) px at pixels uv (n,2)."""
+    own = _lens_and_turns(uv, intrinsics, free)
+    seen = np.isfinite(own).all(axis=(1, 2))
+    design = own[seen].reshape(2 * int(seen.sum()), -1)
+    size = np.linalg.norm(design, axis=0).clip(min=1e-30)
+    taken = np.linalg.lstsq(design / size, values[seen].ravel(), rcond=1e-6)[0] / size
+    out = values.copy()
+    out[seen] -= (design @ taken).reshape(-1, 2)
+    return out

@@ -8,7 +8,14 @@ import numpy as np
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.corrections import corrected, with_corrections
 from spherecal.adjust.covariance import Covariance, covariance
-from spherecal.adjust.intrinsic_priors import LEAST_NOISE, poorly_determined, poorly_observed, with_intrinsic_priors
+from spherecal.adjust.intrinsic_priors import (
+    LEAST_NOISE,
+    like_the_others,
+    poorly_determined,
+    poorly_observed,
+    shown_lenses,
+    with_intrinsic_priors,
+)
 from spherecal.adjust.network import Network
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.rows import LengthRows
@@ -138,17 +145,23 @@ def solve_with_priors(
 
     `candidates`, `placed`: observations that may be used (n,), and cameras that have a pose (c,).
     """
-    known = run.known
     has_prior = poorly_observed(network, candidates) & placed
-    fit = solution(with_intrinsic_priors(network, known, has_prior, 1.0))
-    if has_prior.any():  # again with the noise that only the adjustment tells
-        fit = solution(with_intrinsic_priors(network, known, has_prior, np.sqrt(fit.adjusted.variance)))
+    fit = solution(with_intrinsic_priors(network, run.known, has_prior, 1.0))
+
+    def again(fit: BallFit, has_prior: BoolArray) -> BallFit:  # with the noise and the lenses that it tells
+        shown = shown_lenses(network.free, fit.placed, has_prior)
+        known, sigma = like_the_others(run.known, fit.adjusted.state.intrinsics, shown)
+        noise = float(np.sqrt(fit.adjusted.variance))
+        return solution(with_intrinsic_priors(network.corrected_as(fit.network), known, has_prior, noise, sigma))
+
+    if has_prior.any():
+        fit = again(fit, has_prior)
     while fit.cofactors is not None:
         weak = poorly_determined(fit.adjusted.problem, fit.adjusted.state, fit.cofactors, fit.adjusted.variance)
         if not (weak & ~has_prior).any():
             break
-        again = solution(with_intrinsic_priors(network, known, has_prior | weak, np.sqrt(fit.adjusted.variance)))
-        if again.adjusted.variance > MOST_WORSE_BY_FIXING * fit.adjusted.variance:
+        held = again(fit, has_prior | weak)
+        if held.adjusted.variance > MOST_WORSE_BY_FIXING * fit.adjusted.variance:
             break
-        fit, has_prior = again, has_prior | weak
+        fit, has_prior = held, has_prior | weak
     return replace(fit, has_prior=has_prior)

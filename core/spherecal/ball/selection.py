@@ -25,7 +25,7 @@ from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetw
 from spherecal.ball.shape_variance import adjusted_with, estimate_shape_variance
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
-from spherecal.initialise.incremental import InitialPoses
+from spherecal.initialise.incremental import InitialPoses, resect_camera
 
 FormName = Literal["free", "soft", "rigid"]
 RequestedForm = Literal["auto", "soft", "rigid"]
@@ -121,7 +121,7 @@ def choose_ball_model(
     if not free.placed.all():
         linked = _linked([free, *other_groups(free.placed)], ball, alignment, requested.name, run)
         if linked is not None:
-            return _with_more_placements(*linked, ball, run)
+            return _with_more_cameras(*_with_more_placements(*linked, ball, run), ball, run)
     if not alignment.moved.any():
         return free, ModelChoice("free", _nothing_shared(alignment, ball.n_ball), alignment=alignment)
     # with the free form's weights, so that the two variances are of one unit
@@ -142,7 +142,7 @@ def choose_ball_model(
     start, used = first.state, first.used
     del first  # its observations take 64 MB of a million
     fit = _rigid_solution(_without_priors(rigid), start, used, free.placed, run)
-    return _with_more_placements(fit, choice, ball, run)
+    return _with_more_cameras(*_with_more_placements(fit, choice, ball, run), ball, run)
 
 
 def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
@@ -222,11 +222,34 @@ def _with_more_placements(
         alignment = ball.aligned(known.points)
         if alignment.moved.sum() <= before.moved.sum():
             break
-        again = replace(ball.network, noise=fit.network.noise)
+        again = replace(ball.network, noise=fit.network.noise).corrected_as(fit.network)
         rigid, start = share_shape(again, ball.features, known, alignment)
         fit = _rigid_from(rigid, InitialPoses(start, fit.placed), ball.candidates, run)
         choice = replace(choice, alignment=alignment, sizes=None)
     return fit, choice
+
+
+def _with_more_cameras(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run) -> tuple[BallFit, ModelChoice]:
+    """The rigid form with cameras that share too few dots with others at one placement, resected from all of the ball.
+
+    A camera that saw 8 to 20 dots in six placements shared 5 at most: the rig of ten was refused for it.
+    """
+    state, missing = fit.adjusted.state, ~fit.placed
+    if fit.rigid is None or not missing.any():
+        return fit, choice
+    if fit.ambiguous is not None:
+        missing &= ~fit.ambiguous
+    known = ball.candidates & np.isfinite(state.points[fit.network.feature, 0])
+    rotation, translation, placed = state.rotation.copy(), state.translation.copy(), fit.placed.copy()
+    for c in np.flatnonzero(missing).tolist():
+        pose = resect_camera(fit.network, state, c, np.flatnonzero(known & (fit.network.camera == c)))
+        if pose is not None:
+            (rotation[c], translation[c]), placed[c] = pose, True
+    if not (placed & missing).any():
+        return fit, choice
+    start = InitialPoses(replace(state, rotation=rotation, translation=translation), placed)
+    rigid = _without_priors(replace(fit.rigid, network=fit.network))
+    return _rigid_from(rigid, start, ball.candidates, run), choice
 
 
 def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: BoolArray, run: Run) -> BallFit:

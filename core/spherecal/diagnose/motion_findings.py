@@ -72,7 +72,10 @@ def _cameras_moved(names: tuple[str, ...], at: tuple[str, ...], size: Phrase, su
 
 
 def _ball_moved(names: tuple[str, ...], at: tuple[str, ...], size: Phrase, sure: Phrase, ambiguous: bool) -> Finding:
-    other = Phrase("or-the-cameras", {"cameras": names}) if ambiguous and len(names) > 1 else None
+    if len(names) == 1:  # the ball was at rest for all others: what touches one camera alone is that camera's
+        values = {"camera": names[0], "places": at, "size": size, "evidence": sure}
+        return Finding("camera-unsteady", "warning", values, (*names, *at), leave_out(f"camera:{names[0]}"))
+    other = Phrase("or-the-cameras", {"cameras": names}) if ambiguous else None
     values = {"cameras": names, "places": at, "size": size, "evidence": sure, "instead": other}
     return Finding("ball-moved", "warning", values, (*names, *at))
 
@@ -99,7 +102,7 @@ def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> F
 
 def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
     """Ids of the cameras that some findings say have moved."""
-    codes = ("camera-moved", "cameras-moved", "ball-moved")
+    codes = ("camera-moved", "cameras-moved", "camera-unsteady", "ball-moved")
     where = {name for finding in findings if finding.code in codes for name in finding.where}
     return where & set(e.camera_ids)
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from spherecal.adjust.intrinsic_priors import shown_lenses
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import PartialResultAccepted
@@ -162,7 +163,9 @@ def _mirrored(e: Evidence) -> bool:
 
 
 def _held_intrinsics(e: Evidence) -> list[Finding]:
-    return held_lenses(e.session, e.solution.state.intrinsics, e.solved.has_prior & e.placed, "ball")
+    shown = shown_lenses(e.adjusted.problem.free_intrinsics, e.placed, e.solved.has_prior).any()
+    found = held_lenses(e.session, e.solution.state.intrinsics, e.solved.has_prior & e.placed, "ball")
+    return [replace(one, severity="info") for one in found] if shown else found  # stated by what the others are off
 
 
 def held_lenses(session: Session, intrinsics: FloatArray, held: BoolArray, kind: str) -> list[Finding]:

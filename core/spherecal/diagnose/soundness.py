@@ -53,7 +53,8 @@ def _size(e: Evidence) -> list[Finding]:
 
 
 # Findings that explain why a camera's observations were left out.
-_BLAMES = ("camera-moved", "cameras-moved", "ball-moved", "wrong-placement", "image-contradicts", "cameras-swapped")
+_MOTIONS = ("cameras-moved", "camera-unsteady", "ball-moved")
+_BLAMES = ("camera-moved", *_MOTIONS, "wrong-placement", "image-contradicts", "cameras-swapped")
 
 
 def outlier_share(e: Evidence) -> tuple[BoolArray, int, bool]:
@@ -151,7 +152,7 @@ def locked(e: Evidence) -> bool:
 
 def _contradicting(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
     """The finding where the tests of lenses and others fail together on most cameras, so that no cause can be named."""
-    if any(f.code in ("fixed-intrinsics-contradicted", "cameras-moved", "ball-moved") for f in reported):  # explains it
+    if any(f.code in ("fixed-intrinsics-contradicted", *_MOTIONS) for f in reported):  # explains it
         return []
     lenses = {name for f in reported if f.code == "lens-misfit" and f.severity == "warning" for name in f.where}
     if len(lenses) < MOST_CAMERAS * e.placed.sum():

@@ -15,6 +15,7 @@ from spherecal.geometry.posed import PosedCameras
 
 # Pairs tried of one point; 45 are all pairs of ten views, and of more views a wrong third leaves 20 good ones of them.
 MOST_PAIRS = 45
+_MOST_PREDICTED = 20_000  # image points that are predicted at a time
 
 
 def agreeing_views(
@@ -79,25 +80,31 @@ def _largest_set(member: IntArray, of: _Views) -> BoolArray:
     own, cameras = of.camera[member], of.cameras
     best = np.zeros(member.shape, dtype=bool)
     best_score = np.zeros(len(member))
-    for i, j in zip(first.tolist(), second.tolist(), strict=True):
-        one, other = member[:, i], member[:, j]
+    at_once = max(_MOST_PREDICTED // member.size, 1)  # long tracks are few of each length: loops of a pair took longer
+    for begin in range(0, len(first), at_once):
+        i, j = first[begin : begin + at_once], second[begin : begin + at_once]
+        one, other = member[:, i].T, member[:, j].T  # (k,f): k pairs
         points = _midpoints(of.centre[one], of.ray[one], of.centre[other], of.ray[other])
-        x = np.einsum("fvij,fj->fvi", cameras.rotation[own], points) + cameras.translation[own]
+        x = np.einsum("fvij,kfj->kfvi", cameras.rotation[own], points) + cameras.translation[own]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            flat = project(x.reshape(-1, 3), cameras.intrinsics[own.reshape(-1)]).reshape(*own.shape, 2)
-            error = np.linalg.norm(flat - of.uv[member], axis=2) / of.gate_px[member]
-        fits = (error <= 1) & (x[:, :, 2] > 0)
-        score = np.where(fits, 2.0 - np.where(fits, error, 0.0) ** 2 / views, 0.0).sum(axis=1)  # count before error
-        better = fits[:, i] & fits[:, j] & (score > best_score)
-        best[better], best_score[better] = fits[better], score[better]
+            lens = np.tile(cameras.intrinsics[own.reshape(-1)], (len(i), 1))
+            flat = project(x.reshape(-1, 3), lens).reshape(*x.shape[:3], 2)
+            error = np.linalg.norm(flat - of.uv[member], axis=3) / of.gate_px[member]
+        fits = (error <= 1) & (x[..., 2] > 0)
+        score = np.where(fits, 2.0 - np.where(fits, error, 0.0) ** 2 / views, 0.0).sum(axis=2)  # count before error
+        pair, point = np.arange(len(i)), np.arange(len(member))
+        score *= fits[pair, :, i] & fits[pair, :, j]
+        top = score.argmax(axis=0)
+        better = score[top, point] > best_score
+        best[better], best_score[better] = fits[top, point][better], score[top, point][better]
     return best
 
 
 def _midpoints(c1: FloatArray, d1: FloatArray, c2: FloatArray, d2: FloatArray) -> FloatArray:
-    """The middles (n,3) of the shortest lines between pairs of rays; not finite where they are parallel."""
-    between, cosine = c2 - c1, (d1 * d2).sum(axis=1)
-    a, b = (between * d1).sum(axis=1), (between * d2).sum(axis=1)
+    """The middles (...,3) of the shortest lines between pairs of rays; not finite where they are parallel."""
+    between, cosine = c2 - c1, (d1 * d2).sum(axis=-1)
+    a, b = (between * d1).sum(axis=-1), (between * d2).sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         determinant = 1 - cosine**2
         s, t = (a - cosine * b) / determinant, (cosine * a - b) / determinant
-    return (c1 + s[:, None] * d1 + c2 + t[:, None] * d2) / 2
+    return (c1 + s[..., None] * d1 + c2 + t[..., None] * d2) / 2

@@ -1,0 +1,66 @@
+"""Realistic recordings in which nothing was done wrong end VALID, and right; each was refused or amber before."""
+
+import numpy as np
+import pytest
+
+from benchmarks.studies.realistic import record
+from spherecal.adjust.intrinsic_priors import like_the_others, prior_sigmas
+from spherecal.adjust.lens_field import beyond_lens, field_basis
+from spherecal.data.verdict import effect, ruled
+from spherecal.geometry.camera import estimated_mask, intrinsics_vector
+from spherecal.geometry.volume_map import LengthMap
+from spherecal.result.build_result import _said_of
+
+LENS = intrinsics_vector(np.array([[2300.0, 0, 1032], [0, 2300, 772], [0, 0, 1]]), [-0.1, 0.02, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        9200,  # a camera of few dots that no others share was unlinked: it is resected from all of the ball
+        9210,  # lengths grew by what parts disagree, poses did not: two cameras were 3.2 and 4.6 times their U off
+        9204,  # a ball with stickers on one half: fields were refused, as lenses took up most of them
+    ],
+)
+def test_nothing_wrong_is_valid_and_right(seed: int) -> None:
+    judged = record(seed).judged
+    assert judged.verdict == "valid", judged.findings
+    assert not judged.wrong, judged.worst_words()
+    assert not judged.missing
+
+
+@pytest.mark.parametrize(("typical_mm", "refused"), [(203.0, True), (60.0, True), (40.0, False)])
+def test_what_is_hardly_determined_is_refused(typical_mm: float, refused: bool) -> None:
+    """Cameras above a plane that is only shifted (seed 9211): 203 mm on 500, and poses 14 times their U off."""
+    lengths = LengthMap(500.0, 2.0, 0.1, np.zeros((1, 3)), np.eye(3), np.full((1, 3), typical_mm))
+    codes = {finding.code for finding in ruled(_said_of(lengths)) if effect(finding) == "not-valid"}
+    assert codes == ({"degenerate-geometry"} if refused else set())
+
+
+def test_held_lenses_are_like_the_others_of_the_rig() -> None:
+    nominal = np.tile(LENS, (6, 1))
+    nominal[:, 4:] = 0.0
+    nominal[5, :2] = 800.0  # another kind of lens: its distortion is not that of the others
+    ratio = np.array([1.1, 1.1, 1.09, 1.11, 1.0, 1.0])
+    estimated = nominal.copy()
+    estimated[:, :2] *= ratio[:, None]
+    estimated[:4, 4] = [-0.31, -0.30, -0.29, -0.30]
+    shown = np.array([True, True, True, True, False, False])
+    known, sigma = like_the_others(nominal, estimated, shown)
+    assert known[4, 0] == pytest.approx(2530.0)
+    assert known[5, 0] == pytest.approx(880.0)
+    assert known[4:, 4] == pytest.approx([-0.30, 0.0])
+    assert (sigma >= 0.9 * prior_sigmas(nominal)).all()
+    same, stated = like_the_others(nominal, estimated, np.zeros(6, dtype=bool))
+    assert (same == nominal).all()
+    assert (stated == prior_sigmas(nominal)).all()
+
+
+def test_over_a_part_of_the_image_a_field_is_mostly_what_its_lens_takes_up() -> None:
+    free = estimated_mask("brown")
+    basis = field_basis(np.array([2064.0, 1544.0]), LENS, free, 40, 1e-4)
+    uv = np.random.default_rng(1).uniform([700, 500], [1300, 1000], (400, 2))  # a sixth of its area
+    field = basis.at(uv) @ np.random.default_rng(2).normal(size=basis.count)
+    rest = beyond_lens(field, uv, LENS, free)
+    assert (rest**2).sum() < 0.1 * (field**2).sum()
+    assert beyond_lens(rest, uv, LENS, free) == pytest.approx(rest, abs=1e-4)

@@ -795,6 +795,18 @@
         <source>In this rig: whoever is left out is not opened and hinders nobody.</source>
         <translation>In diesem Aufbau: Wer weggelassen ist, wird nicht geöffnet und stört niemanden.</translation>
     </message>
+    <message>
+        <source>Driver</source>
+        <translation>Treiber</translation>
+    </message>
+    <message>
+        <source>Use the built-in driver</source>
+        <translation>Eingebauten Treiber verwenden</translation>
+    </message>
+    <message>
+        <source>For GigE and USB3 Vision cameras of any maker.</source>
+        <translation>Für GigE- und USB3-Vision-Kameras aller Hersteller.</translation>
+    </message>
 </context>
 <context>
     <name>CameraTile</name>
@@ -1066,6 +1078,10 @@ px</translation>
         <translation>Sie antwortet, aber kein Treiber erreicht sie.</translation>
     </message>
     <message>
+        <source>It answers, but no driver reaches it: install {package}.</source>
+        <translation>Sie antwortet, aber kein Treiber erreicht sie: {package} installieren.</translation>
+    </message>
+    <message>
         <source>Its address {address} is in another subnet than this computer.</source>
         <translation>Ihre Adresse {address} liegt in einem anderen Subnetz als dieser Rechner.</translation>
     </message>
@@ -1311,6 +1327,10 @@ px</translation>
     <message>
         <source>No camera driver is installed.</source>
         <translation>Kein Kameratreiber ist installiert.</translation>
+    </message>
+    <message>
+        <source>The driver does not reach these cameras: {names}.</source>
+        <translation>Der Treiber erreicht diese Kameras nicht: {names}.</translation>
     </message>
     <message>
         <source>The driver {name} is not allowed, so it was not loaded.</source>
@@ -3703,6 +3723,14 @@ mm</translation>
     <message>
         <source>Yes, this matches</source>
         <translation>Ja, das stimmt</translation>
+    </message>
+    <message>
+        <source>{cameras}. What is on the bench?</source>
+        <translation>{cameras}. Welche Messmittel sind da?</translation>
+    </message>
+    <message>
+        <source>Describe the bench</source>
+        <translation>Messmittel beschreiben</translation>
     </message>
     <message>
         <source>{cameras}. Is this on the bench?</source>

@@ -39,7 +39,7 @@ class CameraLine:
     """One camera: name, model, serial, how it is, and what it is known by: serial and size of its images.
 
     `listed`: a driver lists it, so that it can be in the rig or left out. `cured_at` is the camera on the network that
-    needs an address. `details` are the engine's own words, which are English.
+    needs an address; `builtin`: the built-in driver would reach it. `details` are the engine's own words, in English.
     """
 
     name: str
@@ -51,6 +51,7 @@ class CameraLine:
     in_rig: bool = True
     listed: bool = False
     cured_at: "WireCamera | None" = None
+    builtin: bool = False
     details: str = ""
 
 
@@ -92,11 +93,14 @@ class DrawnBench:
 
 
 def camera_lines(
-    connection: "Connection | None", expected: tuple[str, ...], wire: "tuple[WireCamera, ...]" = ()
+    connection: "Connection | None",
+    expected: tuple[str, ...],
+    wire: "tuple[WireCamera, ...]" = (),
+    builtin: bool = False,
 ) -> list[CameraLine]:
     """Every camera that was found, in whatever state; those that were expected and are missing come first.
 
-    `connection` None: nothing is connected.
+    `connection` None: nothing is connected. `builtin`: the built-in driver can be used, and is not.
     """
     from spherecal_cameras.driver_help import unlisted
     from spherecal_cameras.protocol import Discovery
@@ -109,7 +113,7 @@ def camera_lines(
     ]
     lines = [_line(connection, info) for info in found.cameras] if connection is not None else []
     lines.sort(key=lambda line: as_people_count(line.name))
-    return [*missing, *lines, *(_unlisted_line(camera, wire) for camera in unlisted(found, wire))]
+    return [*missing, *lines, *(_unlisted_line(camera, wire, builtin) for camera in unlisted(found, wire))]
 
 
 def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
@@ -135,14 +139,21 @@ def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     return replace(line, word=word, level=level, details=details)
 
 
-def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> CameraLine:
+def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]", builtin: bool) -> CameraLine:
     """A camera that answers on the network and that no driver lists."""
+    from spherecal_cameras.makers import maker_of
+
     name = camera.user_name or camera.serial or camera.mac
     about = f"{camera.serial} · {camera.ip_address}".strip(" ·")
     line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), f"{camera.mac} {camera.serial}", "", "bad", about)
     if not camera.subnet_ok:
         return replace(line, word=_elsewhere(camera), cured_at=_addressed(camera, wire))
-    return replace(line, word=translate("Connect", "It answers, but no driver reaches it."))
+    maker = maker_of(camera.maker)
+    text = translate("Connect", "It answers, but no driver reaches it.")
+    if maker is not None:
+        text = translate("Connect", "It answers, but no driver reaches it: install {package}.")
+        text = text.format(package=maker.driver)
+    return replace(line, word=text, builtin=builtin)
 
 
 def _addressed(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "WireCamera | None":

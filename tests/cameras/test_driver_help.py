@@ -35,6 +35,10 @@ def test_each_reason_has_its_name() -> None:
     none = ProducerVerdict("a.cti", True, "The driver works, but sees no camera.")
     assert kinds(Discovery(())) == ["no-driver"]
     assert kinds(Discovery((), (none,))) == ["no-cameras"]
+    (other,) = driver_troubles(Discovery((), (none,)), [wired("02:01", "1")])
+    assert (other.kind, other.makers) == ("wrong-driver", ("Maker",)), "cameras answer, and it lists none"
+    elsewhere = replace(wired("02:01", "1"), subnet_ok=False)
+    assert driver_troubles(Discovery((), (none,)), [elsewhere])[0].kind == "no-cameras", "no driver would reach it"
     refused = ProducerVerdict("b.cti", False, "You did not allow this driver.", "...", refused=True)
     broken = ProducerVerdict("c.cti", False, "The file is empty.", "Install the driver again.")
     assert kinds(Discovery((), (refused, broken))) == ["not-allowed", "not-loaded"]

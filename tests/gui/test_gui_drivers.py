@@ -15,6 +15,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QPushButton
 
+from spherecal_cameras.builtin_driver import BuiltinDriver
 from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.genicam import discovery
 from spherecal_cameras.genicam.trust import TrustStore
@@ -115,3 +116,13 @@ def test_a_driver_that_is_not_allowed_is_allowed_on_the_page(page):
     assert TrustStore().look(str(file)).state == "known"
     assert "maker.cti does not work" in shown(page.page), "allowed, but no library"
     assert Path(file).is_file()
+
+
+def test_a_driver_of_other_cameras_names_the_makers_package_and_offers_the_built_in_one():
+    trouble = DriverTrouble("wrong-driver", "/opt/a.cti", makers=("Basler",))
+    (note,) = driver_notes([trouble], "linux", BuiltinDriver("can-be-built"))
+    assert note.builtin and "a.cti" in note.title and "pylon" in words(note) and "light" not in words(note)
+    (note,) = driver_notes([trouble], "linux", BuiltinDriver("lacking", lacks=("compiler",), install="apt install g++"))
+    assert not note.builtin and "apt install g++" in words(note)
+    (note,) = driver_notes([DriverTrouble("wrong-driver", "/x/spherecal_aravis.cti")], "linux", BuiltinDriver("installed"))
+    assert not note.builtin, "it is the one that does not reach them"

@@ -357,16 +357,6 @@ class ConnectPage(Page):
             {name: row.picture.image for name, row in rows.items() if row.picture.image is not None},
         )
 
-    def dress(self) -> None:
-        """Draw in the new colours."""
-        self.space.view.dress()
-        super().dress()
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.space.view.close_view()
-        super().close_page()
-
     def pictures(self) -> tuple[Thumbnail, ...]:
         """The images of the rig's cameras, in the order of the list."""
         connection = self.controller.cameras.connection

@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QCoreApplication
 
@@ -129,7 +129,7 @@ def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     seen = on_wire(info, connection.wire)
     problem = connection.rig.problems.get(serial)
     if problem is not None and seen is not None and not seen.subnet_ok:
-        return replace(line, word=_elsewhere(seen), level="bad", cured_at=_addressed(seen, connection.wire))
+        return replace(line, level="bad", **_elsewhere(seen, connection.wire))
     if problem is not None and status is not None and status.state.usable:  # it sends images of another size
         return replace(line, word=" ".join(error_text(problem)), level="bad")
     if problem is not None and seen is not None and seen.controlled_by_other:
@@ -147,7 +147,7 @@ def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]", builtin
     about = f"{camera.serial} · {camera.ip_address}".strip(" ·")
     line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), f"{camera.mac} {camera.serial}", "", "bad", about)
     if not camera.subnet_ok:
-        return replace(line, word=_elsewhere(camera), cured_at=_addressed(camera, wire))
+        return replace(line, **_elsewhere(camera, wire))
     maker = maker_of(camera.maker)
     text = translate("Connect", "It answers, but no driver reaches it.")
     if maker is not None:
@@ -156,14 +156,14 @@ def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]", builtin
     return replace(line, word=text, builtin=builtin)
 
 
-def _addressed(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "WireCamera | None":
-    """The camera if an address can be given to it alone, by its hardware address."""
-    return camera if sum(one.mac == camera.mac for one in wire) == 1 else None
-
-
-def _elsewhere(camera: "WireCamera") -> str:
+def _elsewhere(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "dict[str, Any]":
+    """What a row says of a camera in another subnet; an address is given to it alone, by its hardware address."""
     text = translate("Connect", "Its address {address} is in another subnet than this computer.")
-    return text.format(address=camera.ip_address)
+    text = text.format(address=camera.ip_address)
+    if sum(one.mac == camera.mac for one in wire) == 1:
+        return {"word": text, "cured_at": camera}
+    hint = translate("Connect", "Give the camera an address with its maker's program.")
+    return {"word": f"{text} {hint}"}
 
 
 def lens_line(connection: "Connection | None") -> LensLine | None:

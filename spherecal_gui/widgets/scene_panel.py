@@ -152,10 +152,3 @@ class ScenePanel(QWidget):
             return
         self.said.emit("info", self.tr("Saved: {path}").format(path=path), "")
 
-    def dress(self) -> None:
-        """Take the palette's colours."""
-        self.view.dress()
-
-    def close_view(self) -> None:
-        """Let go of what renders."""
-        self.view.close_view()

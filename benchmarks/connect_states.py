@@ -14,6 +14,7 @@ import ctypes.util
 import json
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -21,8 +22,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from unittest.mock import patch
-
-ROOT = Path(__file__).resolve().parents[1]
 
 from installer.walk import Walk, virtual_screen
 from spherecal.base.context import Context
@@ -32,8 +31,10 @@ from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.gige.gvcp import CONTROL_REGISTER, Gvcp
 from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
 from spherecal_gentl.producer.feed import RigFeed, SessionScenes
+from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from spherecal_sim.render_session import demo_session
 
+ROOT = Path(__file__).resolve().parents[1]
 STOCK = "arv-fake-gv-camera-0.8"
 # As the rig starts its cameras: INTERFACE SERIAL ...; what follows a point in the serial number is ours alone.
 _AS_STOCK = f'#!/bin/sh\necho ready\nexec {STOCK} -i "$1" -s "${{2%%.*}}" >&2\n'
@@ -46,6 +47,13 @@ exec "$@"
 _USER_NAME = 0xE8
 _IN_TIME_S = 90.0
 COUNT = 6
+
+
+def viky() -> dict[str, str]:
+    """The producer that genicam brings."""
+    import genicam
+
+    return {DISCOVERY_VARIABLE: str(Path(str(genicam.__file__)).parent)}
 
 
 class Missed(Exception):
@@ -100,7 +108,9 @@ class FreshUser(Walk):
         self.folder = pictures
         seen = self.times()
         found = f"{seen.get('live pictures')} pictures, {seen.get('with dots')} with dots"
-        self.rows.append((f"{self.name}: {what}", f"{self.pressed}", f"{seconds:.1f}", found if right else f"MISSED: {found}"))
+        self.rows.append(
+            (f"{self.name}: {what}", f"{self.pressed}", f"{seconds:.1f}", found if right else f"MISSED: {found}")
+        )
         print(" | ".join(self.rows[-1]), flush=True)
         if not right:
             raise Missed(what)
@@ -148,7 +158,9 @@ class States:
         self.users: list[FreshUser] = []
 
     @contextmanager
-    def user(self, name: str, inside: Sequence[str] = (), variables: dict[str, str] | None = None) -> Iterator[FreshUser]:
+    def user(
+        self, name: str, inside: Sequence[str] = (), variables: dict[str, str] | None = None
+    ) -> Iterator[FreshUser]:
         """A new user's window, ended after the state was seen."""
         made = FreshUser(self.folder, self.display, name, inside, self.driver if variables is None else variables)
         self.users.append(made)
@@ -223,14 +235,35 @@ class States:
             user.shown("after one click", COUNT, 0 if stock else COUNT)
 
     def wrong_driver(self, stock: bool, name: str) -> None:
-        """A driver is there that does not reach these cameras; one click makes the one that does."""
+        """A driver is there that sees no camera; one click makes the one that reaches these."""
         (self.folder / "other").mkdir(exist_ok=True)
         other = {DISCOVERY_VARIABLE: str(build_producer(self.folder / "other").parent)}
-        with rig(stock, self.folder) as made, self.user(name, made.inside(), other) as user:
-            user.begin()
-            user.shown("a driver of other cameras", 0, also=lambda: "builtin-driver" in user.buttons())
-            user.press("builtin-driver")
-            user.shown("after one click", COUNT, 0 if stock else COUNT)
+        with rig(stock, self.folder) as made, ProducerControl([SimulatedCamera("S1", 320, 240)]) as nobody:
+            nobody.unplug("S1")
+            with self.user(name, made.inside(), {**nobody.environment, **other}) as user:
+                user.begin()
+                user.shown("a driver of other cameras", 0, also=lambda: "builtin-driver" in user.buttons())
+                user.press("builtin-driver")
+                user.shown("after one click", COUNT, 0 if stock else COUNT)
+
+    def other_driver(self, stock: bool, name: str) -> None:
+        """A driver has cameras of its own, and six more answer that it does not reach."""
+        with rig(stock, self.folder) as made, self.user(name, made.inside(), viky()) as user:
+            user.begin(driver_asked=False)
+            cures = lambda: [key for key in user.buttons() if key.startswith("cure-")]  # noqa: E731
+            user.shown("three and six without a driver", 3, also=lambda: len(cures()) == COUNT)
+            user.press(cures()[0])
+            user.shown("after one click", COUNT + 3, 0 if stock else COUNT)
+
+    def small_packets(self, stock: bool, name: str) -> None:
+        """The computer's network card takes smaller packets than the cameras send; one click mends it."""
+        with rig(stock, self.folder) as made:
+            subprocess.run(made.inside(["ip", "link", "set", "eth0", "mtu", "1200"]), check=True)
+            with self.user(name, made.inside()) as user:
+                user.begin()
+                user.shown("a network card of small packets", COUNT, also=lambda: "apply-cure" in user.buttons())
+                user.press("apply-cure")
+                user.shown("after one click", COUNT, also=lambda: "apply-cure" not in user.buttons())
 
     def texts(self) -> None:
         """A producer whose texts are not UTF-8, and one of its cameras is held."""
@@ -245,10 +278,8 @@ class States:
 
     def viky(self) -> None:
         """The producer that genicam brings."""
-        import genicam
-
-        with self.user("viky", (), {DISCOVERY_VARIABLE: str(Path(str(genicam.__file__)).parent)}) as user:
-            user.begin()
+        with self.user("viky", (), viky()) as user:
+            user.begin(driver_asked=False)
             user.shown("three live", 3)
 
     def tl_simu(self) -> None:
@@ -261,7 +292,8 @@ class States:
     def all(self) -> dict[str, Callable[[], None]]:
         """Every state that can be made here."""
         found: dict[str, Callable[[], None]] = {}
-        for state in ("six", "subnet", "held", "equal", "no_driver", "no_producer", "wrong_driver"):
+        names = "six subnet held equal no_driver no_producer wrong_driver other_driver small_packets"
+        for state in names.split():
             for kind in ("stock", "ball"):
                 name, make = f"{state.replace('_', '-')}-{kind}", getattr(self, state)
                 found[name] = lambda make=make, name=name, kind=kind: make(kind == "stock", name)
@@ -286,7 +318,11 @@ def main() -> int:
             if not options.states or name in options.states:
                 make()
     rows = [row for user in states.users for row in user.rows]
-    lines = ["| state | clicks | seconds | shown |", "|---|---|---|---|", *("| " + " | ".join(row) + " |" for row in rows)]
+    lines = [
+        "| state | clicks | seconds | shown |",
+        "|---|---|---|---|",
+        *("| " + " | ".join(row) + " |" for row in rows),
+    ]
     (folder / "connect.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     missed = [row[0] for row in rows if row[3].startswith("MISSED")]
     print(f"load {os.getloadavg()[0]:.1f}; missed: {', '.join(missed) or 'none'}")

@@ -4,7 +4,7 @@ for camera in found_on_wire():
 if not camera.subnet_ok:
 offer = proposed_address(camera)                  # a free one of the interface's network, or None
 give_address(camera.mac, offer.ip, offer.mask)    # until its next start; persistent=True: for good
-for fact in interface_facts():
+for fact in interface_facts(found_on_wire()):
 if fact.cure and can_apply(fact.cure):
 apply_cure(fact.cure)                             # asks for an administrator (pkexec, UAC)
 """
@@ -18,7 +18,7 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -372,23 +372,29 @@ _FACT_OF: dict[str, FactName] = {
 }
 
 
-def interface_facts(loads: dict[str, CameraLoad] | None = None) -> tuple[InterfaceFact, ...]:
-    """What of this computer's network matters to cameras, good or wrong, of every interface where one answers.
+def interface_facts(
+    wire: Iterable[WireCamera], loads: Mapping[str, CameraLoad] | None = None
+) -> tuple[InterfaceFact, ...]:
+    """What of this computer's network matters to these cameras, good or wrong, of every interface where one answers.
 
-    Windows: only the firewall is looked at.
+    `loads`: what each is to send, by serial number; None: as cameras of 2 MP. Windows: only the firewall is looked at.
     """
+    wire = tuple(wire)
     if sys.platform == "win32":
-        return (_windows_firewall(),)
+        return (_windows_firewall(),) if wire else ()
     facts: list[InterfaceFact] = []
     for line in network_lines():
-        with suppress(OSError):
-            if cameras := search(line.interface):
-                facts += _facts_of(line, cameras, loads)
+        cameras = [
+            NetworkCamera(c.interface, c.ip_address, c.mask, c.mac, c.maker, c.model, c.serial, c.user_name)
+            for c in wire
+            if c.interface == line.interface
+        ]
+        facts += _facts_of(line, cameras, loads) if cameras else []
     return tuple(facts)
 
 
 def _facts_of(
-    line: NetworkLine, cameras: Sequence[NetworkCamera], loads: dict[str, CameraLoad] | None
+    line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad] | None
 ) -> list[InterfaceFact]:
     examined = assess(line, cameras, loads or {camera.serial: _NOMINAL for camera in cameras})
     values: dict[FactName, str] = {

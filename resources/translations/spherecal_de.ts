@@ -1070,6 +1070,10 @@ px</translation>
         <translation>fehlt: anstecken, dann erneut suchen</translation>
     </message>
     <message>
+        <source>called {name}, as another camera</source>
+        <translation>heißt {name} wie eine andere Kamera</translation>
+    </message>
+    <message>
         <source>left out of the rig</source>
         <translation>gehört nicht zum Aufbau</translation>
     </message>
@@ -1410,6 +1414,10 @@ px</translation>
     <message>
         <source>Use the built-in driver</source>
         <translation>Eingebauten Treiber verwenden</translation>
+    </message>
+    <message>
+        <source>Do it now</source>
+        <translation>Jetzt ausführen</translation>
     </message>
 </context>
 <context>

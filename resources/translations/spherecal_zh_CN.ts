@@ -1070,6 +1070,10 @@ px</translation>
         <translation>缺失：请接好后重新查找</translation>
     </message>
     <message>
+        <source>called {name}, as another camera</source>
+        <translation>名称 {name} 与另一台相机相同</translation>
+    </message>
+    <message>
         <source>left out of the rig</source>
         <translation>已排除在系统之外</translation>
     </message>
@@ -1410,6 +1414,10 @@ px</translation>
     <message>
         <source>Use the built-in driver</source>
         <translation>使用内置驱动</translation>
+    </message>
+    <message>
+        <source>Do it now</source>
+        <translation>立即执行</translation>
     </message>
 </context>
 <context>

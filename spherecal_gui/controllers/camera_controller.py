@@ -14,10 +14,11 @@ from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
     from spherecal_cameras.builtin_driver import BuiltinDriver
-    from spherecal_cameras.camera_network import WireCamera
+    from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.driver_help import DriverTrouble
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
@@ -50,11 +51,12 @@ class CameraController(ControllerPart):
         self.driver_troubles: tuple[DriverTrouble, ...] = ()  # of the last search
         self.wire: tuple[WireCamera, ...] = ()  # who answered on the network then
         self.builtin: BuiltinDriver | None = None  # as it was before that search
+        self.facts: tuple[InterfaceFact, ...] = ()  # of this computer's network
 
     def close(self) -> None:
         """Let go of the cameras."""
         self._disconnect()
-        self.driver_troubles, self.wire = (), ()
+        self.driver_troubles, self.wire, self.facts = (), (), ()
 
     def _disconnect(self) -> None:
         if self.live is not None:
@@ -73,14 +75,16 @@ class CameraController(ControllerPart):
             return
         self._disconnect()
         project = changes.without_failure(project, "connect")
-        self.driver_troubles, self.wire = (), ()
+        self.driver_troubles, self.wire, self.facts = (), (), ()
         self.main.update(project)
 
         def work(context: Context) -> "Connection":
             from spherecal_cameras.builtin_driver import state  # as above; starts programs that take their time
 
             self.builtin = state()
-            return jobs.connect(project, context, self._asker(context))
+            connection = jobs.connect(project, context, self._asker(context))
+            self.facts = jobs.network_facts(connection, self.live_hz)
+            return connection
 
         self.runner.start("connect", work, self._connected, self._not_connected)
 
@@ -209,6 +213,15 @@ class CameraController(ControllerPart):
         from spherecal_cameras.builtin_driver import prepare  # as above
 
         self.runner.start("connect", prepare, lambda _: self.connect_all(), self.main.failed("connect"))
+
+    def cure_network(self, cure: str) -> None:
+        """Run the command that cures this computer's network, as its system allows, and search again."""
+        from spherecal_cameras.camera_network import apply_cure  # as above
+
+        def refused(error: BaseException) -> None:
+            self.main.tell("bad", *error_text(error))
+
+        self.runner.start("connect", lambda _: apply_cure(cure), lambda _: self.connect_all(), refused)
 
     def choose_bench(self, path: str) -> None:
         """Take targets, ball and bars from another file, and connect again."""

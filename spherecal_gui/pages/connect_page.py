@@ -34,7 +34,7 @@ from spherecal_gui.presenters.connect_presenter import (
     lens_line,
     recording_text,
 )
-from spherecal_gui.presenters.drivers_presenter import DriverNote, driver_notes
+from spherecal_gui.presenters.drivers_presenter import DriverNote, driver_notes, network_notes
 from spherecal_gui.presenters.step_states import ConnectFacts, connect_says
 from spherecal_gui.standing import Deed, Said
 from spherecal_gui.tasks.jobs import artefacts_of
@@ -253,6 +253,9 @@ class ConnectPage(Page):
         self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
         column.addWidget(self.drivers)
         column.addWidget(inner)
+        self.network = DriversPanel(of_drivers=False)
+        self.network.cured.connect(self.controller.cameras.cure_network)
+        column.addWidget(self.network)
         column.addStretch(1)
         scroll.setWidget(inside)
         self.cameras.body.addWidget(scroll, 2)
@@ -311,6 +314,8 @@ class ConnectPage(Page):
         if notes and self.summary.text().startswith(notes[0].title):  # the headline says it, with the first step
             notes[0] = replace(notes[0], title="", steps=notes[0].steps[1:])
         self.drivers.show_notes(notes)
+        all_well = not any(line.level == "bad" for line in lines)
+        self.network.show_notes([] if running == "connect" else network_notes(self.controller.cameras.facts, all_well))
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)

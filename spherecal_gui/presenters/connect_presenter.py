@@ -118,11 +118,15 @@ def camera_lines(
 
 def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     from spherecal_cameras.driver_help import on_wire
+    from spherecal_cameras.new_recording import camera_name
 
     serial, status = info.serial, connection.source.statuses().get(info.serial)
     name = connection.names.get(serial) or connection.rig.names.get(serial, serial)
     size = next((report.image_size for report in connection.reports if report.serial == serial), None)
     about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
+    called = camera_name(connection.profile, info)
+    if [camera_name(connection.profile, one) for one in connection.discovery.cameras].count(called) > 1:
+        about = translate("Connect", "called {name}, as another camera").format(name=called) + f" · {about}"
     line = CameraLine(name, model_text(info.model), serial, "", "none", about, listed=True)
     if not connection.profile.entry(serial).in_rig:
         return replace(line, word=translate("Connect", "left out of the rig"), in_rig=False)

@@ -4,12 +4,18 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_cameras.builtin_driver import BuiltinDriver, state
 from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
+from spherecal_gui import languages
+from spherecal_gui.standing import Level
+
+if TYPE_CHECKING:
+    from spherecal_cameras.camera_network import InterfaceFact
 
 translate = QCoreApplication.translate
 
@@ -20,7 +26,8 @@ ENVIRONMENT = "GENICAM_GENTL64_PATH"
 class DriverNote:
     """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click.
 
-    `details`: what is for the person at the desk. `builtin`: the built-in driver can be used instead.
+    `details`: what is for the person at the desk. `builtin`: the built-in driver can be used instead. `cure`: a command
+    that can be run from here.
     """
 
     title: str
@@ -28,6 +35,8 @@ class DriverNote:
     allow: str = ""
     details: str = ""
     builtin: bool = False
+    cure: str = ""
+    level: Level = "bad"
 
 
 def driver_notes(
@@ -115,6 +124,26 @@ def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
         steps.append(translate("Drivers", "GigE: spherecal cameras doctor examines the network line."))
         steps.append(translate("Drivers", "USB3: replug the cameras after installing the driver (its udev rules)."))
     return DriverNote(title, tuple(steps))
+
+
+def network_notes(facts: "Sequence[InterfaceFact]", all_well: bool) -> list[DriverNote]:
+    """What is wrong with this computer's network and cures it; a firewall is only named where not `all_well`.
+
+    Addresses are not among it: the cameras' rows have them.
+    """
+    from spherecal_cameras.camera_network import can_apply  # the window starts without the cameras' modules
+
+    notes = []
+    for fact in facts:
+        found = fact.finding
+        if found is None or fact.name == "addresses" or (found.severity == "info" and fact.name != "firewall"):
+            continue
+        if fact.name == "firewall" and all_well:
+            continue
+        title, *steps = (found.words(part, languages.now()) for part in ("title", "message", "hint"))
+        cure = fact.cure if can_apply(fact.cure) else ""
+        notes.append(DriverNote(title, tuple(steps), cure=cure, level="caution"))
+    return notes
 
 
 def makers_rows(system: str = sys.platform) -> list[tuple[str, str, str, str]]:

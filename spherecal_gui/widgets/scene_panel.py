@@ -151,4 +151,3 @@ class ScenePanel(QWidget):
             self.said.emit("bad", self.tr("{path} could not be written.").format(path=path), str(error.strerror or ""))
             return
         self.said.emit("info", self.tr("Saved: {path}").format(path=path), "")
-

@@ -126,15 +126,15 @@ def test_the_computers_part_is_told_and_cured(rig: GigeRig) -> None:
     def run(*command: str) -> None:
         subprocess.run(command, check=True)
 
-    facts = {fact.name: fact for fact in network.interface_facts()}
+    facts = {fact.name: fact for fact in network.interface_facts(found_on_wire())}
     assert not any(fact.finding for fact in facts.values()) and facts["mtu"].value == "1500 bytes"
     run("ip", "link", "set", "eth0", "mtu", "1400")
     try:
-        wrong = next(fact for fact in network.interface_facts() if fact.name == "mtu")
+        wrong = next(fact for fact in network.interface_facts(found_on_wire()) if fact.name == "mtu")
         assert wrong.finding is not None and wrong.finding.code == "packets-too-large"
         assert wrong.cure == "sudo ip link set eth0 mtu 1500" and network.can_apply(wrong.cure)
         network.apply_cure(wrong.cure)
-        assert next(f for f in network.interface_facts() if f.name == "mtu").finding is None
+        assert next(f for f in network.interface_facts(found_on_wire()) if f.name == "mtu").finding is None
     finally:
         run("ip", "link", "set", "eth0", "mtu", "1500")
     with pytest.raises(CameraError, match="nonsense0"):

@@ -124,5 +124,6 @@ def test_a_driver_of_other_cameras_names_the_makers_package_and_offers_the_built
     assert note.builtin and "a.cti" in note.title and "pylon" in words(note) and "light" not in words(note)
     (note,) = driver_notes([trouble], "linux", BuiltinDriver("lacking", lacks=("compiler",), install="apt install g++"))
     assert not note.builtin and "apt install g++" in words(note)
-    (note,) = driver_notes([DriverTrouble("wrong-driver", "/x/spherecal_aravis.cti")], "linux", BuiltinDriver("installed"))
+    own = DriverTrouble("wrong-driver", "/x/spherecal_aravis.cti")
+    (note,) = driver_notes([own], "linux", BuiltinDriver("installed"))
     assert not note.builtin, "it is the one that does not reach them"

@@ -326,6 +326,32 @@ def largest_packet(camera: str, mtu: int) -> PacketTest:
                 registers.write(CONTROL_REGISTER, 0, _ASK_S)
 
 
+def cut_packets(wire: Iterable[WireCamera]) -> tuple[Finding, ...]:
+    """The cameras whose packets do not arrive whole though the network card takes them: a switch between does not.
+
+    Only of those that nobody has open and that send test packets; blocking, some seconds.
+    """
+    wire = tuple(wire)
+    mtu = {line.interface: line.mtu for line in network_lines()}
+    asked = [c for c in wire if c.subnet_ok and c.controlled_by_other is False and c.interface in mtu]
+    with ThreadPoolExecutor(max(len(asked), 1)) as pool:
+        found = list(pool.map(lambda camera: _cut(camera, mtu[camera.interface]), asked))
+    return tuple(one for one in found if one is not None)
+
+
+def _cut(camera: WireCamera, mtu: int) -> Finding | None:
+    with _asking(camera.ip_address) as registers:
+        wanted = (registers.read(_PACKET_SIZE, _ASK_S) or 0) & 0xFFFF
+    try:
+        arrives = largest_packet(camera.ip_address, mtu).largest
+    except CameraError:  # somebody has opened it meanwhile
+        return None
+    if arrives is None or arrives >= min(wanted, mtu):
+        return None
+    values = {"largest": arrives, "wanted": wanted, "interface": camera.interface}
+    return Finding("packets-cut", "warning", values, (camera.serial,))
+
+
 def _tried(registers: Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
     """By halves; the least and the most first, which mostly say it all."""
     tried: list[int] = []

@@ -206,7 +206,7 @@ def _health(status: CameraStatus | None) -> tuple[str, Level]:
     share = lost / max(counted.delivered + lost, 1)
     if share > _ILL:
         text = translate("Connect", "link: {share:.0f} % of the images damaged. Check cable, switch and packet size.")
-        return text.format(share=100 * share), "caution"
+        return text.format(share=100 * share), "caution" if counted.delivered else "bad"
     return translate("Connect", "ready"), "good"
 
 

@@ -3,6 +3,7 @@
 import subprocess
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.protocol import CameraError
 from spherecal_cameras.usb import usb_cameras
 from spherecal_gentl.gige.gige_control import GigeRig
+from spherecal_gentl.gige.gvcp import CONTROL_REGISTER, Gvcp
 from spherecal_gentl.producer.build_producer import ARAVIS_CTI_FILE
 from tests.gige_rig import aravis_producer, wired
 
@@ -120,6 +122,25 @@ def test_packets_are_tried_by_the_cameras_own(rig: GigeRig) -> None:
             largest_packet(address, 1500)
     finally:
         rig.fault("plug", "GE02")
+
+
+def test_a_switch_that_cuts_packets_is_found(rig: GigeRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The card is said to take 9000 bytes, one camera sends so many, the switch takes 1500."""
+    lines = [replace(line, mtu=9000) for line in network.network_lines()]
+    monkeypatch.setattr(network, "network_lines", lambda: lines)
+    assert network.cut_packets(found_on_wire()) == ()
+    registers = Gvcp(on_wire()["GE02"].ip_address)
+    try:
+        assert registers.write(CONTROL_REGISTER, 2, 1.0) and registers.write(0x0D04, 8000, 1.0)
+        registers.write(CONTROL_REGISTER, 0, 1.0)
+        (found,) = network.cut_packets(found_on_wire())
+        assert (found.code, found.where, found.values["largest"]) == ("packets-cut", ("GE02",), 1500)
+        assert "8000 bytes" in found.message and "1500" in found.hint
+    finally:
+        registers.write(CONTROL_REGISTER, 2, 1.0)
+        registers.write(0x0D04, 1500, 1.0)
+        registers.write(CONTROL_REGISTER, 0, 1.0)
+        registers.close()
 
 
 def test_the_computers_part_is_told_and_cured(rig: GigeRig) -> None:

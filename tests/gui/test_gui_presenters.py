@@ -267,6 +267,8 @@ def test_an_ill_link_names_the_remedy():
     (line,) = camera_lines(connection({"S1": status(delivered=90, incomplete=10)}), ())
     assert line.level == "caution"
     assert "10 % of the images damaged. Check cable" in line.word
+    (line,) = camera_lines(connection({"S1": status(delivered=0, incomplete=10)}), ())
+    assert line.level == "bad", "no image arrives whole"
 
 
 # --- calibrate -------------------------------------------------------------------------------------------------------

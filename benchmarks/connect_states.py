@@ -94,7 +94,7 @@ class FreshUser(Walk):
     def shown(self, what: str, images: int, dots: int | None = None, also: Callable[[], bool] | None = None) -> None:
         """Until so many live pictures are there, with dots in so many; a picture of it, and a row of the table."""
         until = time.monotonic() + _IN_TIME_S
-        right = False
+        right, seen = False, self.times()
         while not right and time.monotonic() < until and self.process.poll() is None:
             seen = self.times()
             right = seen.get("live pictures") == images and (dots is None or seen.get("with dots", 0) >= dots)
@@ -106,7 +106,6 @@ class FreshUser(Walk):
         pictures, self.folder = self.folder, self.pictures
         self.picture(file)
         self.folder = pictures
-        seen = self.times()
         found = f"{seen.get('live pictures')} pictures, {seen.get('with dots')} with dots"
         self.rows.append(
             (f"{self.name}: {what}", f"{self.pressed}", f"{seconds:.1f}", found if right else f"MISSED: {found}")

@@ -1070,8 +1070,8 @@ px</translation>
         <translation>fehlt: anstecken, dann erneut suchen</translation>
     </message>
     <message>
-        <source>called {name}, as another camera</source>
-        <translation>heißt {name} wie eine andere Kamera</translation>
+        <source>{count} called {name}</source>
+        <translation>{count} mit Namen {name}</translation>
     </message>
     <message>
         <source>left out of the rig</source>

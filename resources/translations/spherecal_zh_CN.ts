@@ -1070,8 +1070,8 @@ px</translation>
         <translation>缺失：请接好后重新查找</translation>
     </message>
     <message>
-        <source>called {name}, as another camera</source>
-        <translation>名称 {name} 与另一台相机相同</translation>
+        <source>{count} called {name}</source>
+        <translation>{count} 台同名 {name}</translation>
     </message>
     <message>
         <source>left out of the rig</source>

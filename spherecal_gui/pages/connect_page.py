@@ -352,8 +352,10 @@ class ConnectPage(Page):
                     self.refresh()
 
     def _follow_space(self) -> None:
-        """The rig in space, once it is known where its cameras are."""
-        live = self.controller.cameras.live
+        """The rig in space, once it is known where its cameras are; without a bench nobody knows how large it is."""
+        live, connection = self.controller.cameras.live, self.controller.cameras.connection
+        if connection is None or artefacts_of(connection.plan) is None:
+            return
         rows = {row.line.name: row for row in self._rows.values() if row.line.in_rig}
         found = {name: live.sight(row.line.serial) for name, row in rows.items()} if live is not None else {}
         self.space.follow(

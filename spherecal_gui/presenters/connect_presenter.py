@@ -125,8 +125,9 @@ def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     size = next((report.image_size for report in connection.reports if report.serial == serial), None)
     about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
     called = camera_name(connection.profile, info)
-    if [camera_name(connection.profile, one) for one in connection.discovery.cameras].count(called) > 1:
-        about = translate("Connect", "called {name}, as another camera").format(name=called) + f" · {about}"
+    count = [camera_name(connection.profile, one) for one in connection.discovery.cameras].count(called)
+    if count > 1:
+        about = translate("Connect", "{count} called {name}").format(count=count, name=called) + f" · {about}"
     line = CameraLine(name, model_text(info.model), serial, "", "none", about, listed=True)
     if not connection.profile.entry(serial).in_rig:
         return replace(line, word=translate("Connect", "left out of the rig"), in_rig=False)

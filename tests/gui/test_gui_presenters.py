@@ -257,7 +257,7 @@ def test_cameras_of_one_name_say_so_each():
     linked = connection({"S1": status(), "S2": status(), "S3": status()})
     linked.discovery = Discovery(tuple(replace(one, user_name="Center") for one in linked.discovery.cameras[:2]))
     assert [line.about for line in camera_lines(linked, ())] == [
-        "called Center, as another camera · S1 · 640 x 480", "called Center, as another camera · S2 · 640 x 480",
+        "2 called Center · S1 · 640 x 480", "2 called Center · S2 · 640 x 480",
     ]  # fmt: skip
     linked.profile = linked.profile.with_entry(replace(linked.profile.entry("S2"), name="Left"))
     assert [line.about for line in camera_lines(linked, ())] == ["S1 · 640 x 480", "S2 · 640 x 480"]

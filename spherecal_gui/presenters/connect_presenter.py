@@ -123,11 +123,13 @@ def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     serial, status = info.serial, connection.source.statuses().get(info.serial)
     name = connection.names.get(serial) or connection.rig.names.get(serial, serial)
     size = next((report.image_size for report in connection.reports if report.serial == serial), None)
-    about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
+    known = ("" if name == serial else serial, "" if size is None else f"{size[0]} x {size[1]}")
+    about = " · ".join(filter(None, known))
     called = camera_name(connection.profile, info)
     count = [camera_name(connection.profile, one) for one in connection.discovery.cameras].count(called)
     if count > 1:
-        about = translate("Connect", "{count} called {name}").format(count=count, name=called) + f" · {about}"
+        alike = translate("Connect", "{count} called {name}").format(count=count, name=called)
+        about = f"{alike} · {about}".strip(" ·")
     line = CameraLine(name, model_text(info.model), serial, "", "none", about, listed=True)
     if not connection.profile.entry(serial).in_rig:
         return replace(line, word=translate("Connect", "left out of the rig"), in_rig=False)

@@ -138,7 +138,8 @@ def test_what_is_wrong_with_the_network_has_its_command_and_a_firewall_is_named_
     cured = []
     panel.cured.connect(cured.append)
     panel.show_notes([note])
-    QTest.mouseClick(panel.findChild(QPushButton, "apply-cure"), Qt.MouseButton.LeftButton)
+    (do_it,) = (one for one in panel.findChildren(QPushButton) if one.property("key") == "apply-cure")
+    QTest.mouseClick(do_it, Qt.MouseButton.LeftButton)
     assert cured == [card.cure] and not panel.makers.isVisible()
     monkeypatch.setattr(camera_network, "can_apply", lambda _: False)
     (note,) = network_notes((card,), all_well=True)

@@ -97,11 +97,22 @@ class WalkTimes(QObject):
             seen = [s for one in scenes if (s := getattr(one, "first_picture_s", None)) is not None]
             self._first_s = max([*seen, self._first_s or 0.0]) or None
         found = {"clicks": self._clicks, "seconds": round(now, 2), "entered, s": self._steps}
+        found |= {"live pictures": len(shown := live_pictures()), "with dots": sum(map(bool, shown))}
         found |= {
             "longest stall, ms": round(1e3 * self._stall_s),
             "first picture of the scene, s": self._first_s,
         }
         write_whole(self._path, json.dumps(found, indent=1).encode())
+
+
+def live_pictures() -> list[int]:
+    """The dots in each small live picture that is in sight and not of a camera that sends no more."""
+    small = [one for window in QApplication.topLevelWidgets() for one in window.findChildren(QWidget, "thumbnail")]
+    return [getattr(one, "dots", 0) for one in small if one.isVisible() and _is_live(one)]
+
+
+def _is_live(thumbnail: QWidget) -> bool:
+    return bool(getattr(thumbnail, "has_image", False)) and not getattr(thumbnail, "past", False)
 
 
 def wanted() -> Path | None:

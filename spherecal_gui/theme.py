@@ -199,7 +199,8 @@ def style_sheet(c: Colours) -> str:
     QToolTip {{ background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; padding: 6px; }}
     QFrame#card {{ background: {c.surface}; border: 1px solid {c.border}; border-radius: 8px; }}
     QFrame#header {{ background: {c.surface}; border: none; border-bottom: 1px solid {c.border}; }}
-    QFrame#footer {{ background: {c.surface}; border: none; border-top: 1px solid {c.border}; }}
+    QFrame#footer {{ background: {c.surface}; border: none; border-top: 1px solid {c.border};
+        min-height: {pt(34) + 18 + 2 * SMALL:.0f}px; }}
     QFrame#banner {{ border-radius: 8px; border: 1px solid {c.border}; background: {c.surface}; }}
     QFrame#banner[level="good"] {{ background: {c.tint("good")}; border-color: {c.good}; }}
     QFrame#banner[level="caution"] {{ background: {c.tint("caution")}; border-color: {c.caution}; }}

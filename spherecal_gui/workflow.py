@@ -42,6 +42,9 @@ class Reason:
     go_to: str | None = None
 
 
+_NOT_VALID = Reason("not valid", (), "results")
+
+
 @dataclass(frozen=True)
 class StepState:
     """A step and its state; `reason` is there for all but READY, RUNNING and DONE."""
@@ -54,6 +57,12 @@ class StepState:
     def open(self) -> bool:
         """Whether the step can be worked on."""
         return self.status is not Status.BLOCKED
+
+    @property
+    def not_begun(self) -> bool:
+        """Whether nothing was done here yet and what is wrong is the calibration: that is said where it is mended."""
+        uses_it = self.step.kind in ("verify", "save", "measure")
+        return uses_it and self.reason == _NOT_VALID and self.status is Status.FAILED
 
 
 @dataclass(frozen=True)
@@ -254,7 +263,7 @@ def _calibrate(_: Step, project: Project, __: Running) -> Judged:
 def _judge_verdict(calibrated: Computation) -> Judged:
     """A calibration by its verdict."""
     if not usable(calibrated.verdict):
-        return Status.FAILED, Reason("not valid", (), "results")
+        return Status.FAILED, _NOT_VALID
     return (Status.DONE, None) if calibrated.verdict == "valid" else (Status.CARE, Reason("with care", (), "results"))
 
 

@@ -68,7 +68,9 @@ def _facts(_: str) -> dict[Any, list]:
         recorded=ON,
     )
     return {
-        st.connect_says: every(st.ConnectFacts, summary=tuple(_connected()), cameras=ON, confirmed=ON, busy=ON),
+        st.connect_says: every(
+            st.ConnectFacts, summary=tuple(_connected()), cameras=ON, confirmed=ON, busy=ON, described=ON
+        ),
         st.look_says: [
             st.LookFacts(("", "none")),
             *every(st.LookFacts, summary=tuple(_looked()), images=ON, searched=ON, accepted=ON, moved=ON),

@@ -4,7 +4,7 @@ for camera in found_on_wire():
 if not camera.subnet_ok:
 offer = proposed_address(camera)                  # a free one of the interface's network, or None
 give_address(camera.mac, offer.ip, offer.mask)    # until its next start; persistent=True: for good
-for fact in interface_facts():
+for fact in interface_facts(found_on_wire()):
 if fact.cure and can_apply(fact.cure):
 apply_cure(fact.cure)                             # asks for an administrator (pkexec, UAC)
 """
@@ -18,7 +18,7 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -326,6 +326,32 @@ def largest_packet(camera: str, mtu: int) -> PacketTest:
                 registers.write(CONTROL_REGISTER, 0, _ASK_S)
 
 
+def cut_packets(wire: Iterable[WireCamera]) -> tuple[Finding, ...]:
+    """The cameras whose packets do not arrive whole though the network card takes them: a switch between does not.
+
+    Only of those that nobody has open and that send test packets; blocking, some seconds.
+    """
+    wire = tuple(wire)
+    mtu = {line.interface: line.mtu for line in network_lines()}
+    asked = [c for c in wire if c.subnet_ok and c.controlled_by_other is False and c.interface in mtu]
+    with ThreadPoolExecutor(max(len(asked), 1)) as pool:
+        found = list(pool.map(lambda camera: _cut(camera, mtu[camera.interface]), asked))
+    return tuple(one for one in found if one is not None)
+
+
+def _cut(camera: WireCamera, mtu: int) -> Finding | None:
+    with _asking(camera.ip_address) as registers:
+        wanted = (registers.read(_PACKET_SIZE, _ASK_S) or 0) & 0xFFFF
+    try:
+        arrives = largest_packet(camera.ip_address, mtu).largest
+    except CameraError:  # somebody has opened it meanwhile
+        return None
+    if arrives is None or arrives >= min(wanted, mtu):
+        return None
+    values = {"largest": arrives, "wanted": wanted, "interface": camera.interface}
+    return Finding("packets-cut", "warning", values, (camera.serial,))
+
+
 def _tried(registers: Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
     """By halves; the least and the most first, which mostly say it all."""
     tried: list[int] = []
@@ -372,23 +398,29 @@ _FACT_OF: dict[str, FactName] = {
 }
 
 
-def interface_facts(loads: dict[str, CameraLoad] | None = None) -> tuple[InterfaceFact, ...]:
-    """What of this computer's network matters to cameras, good or wrong, of every interface where one answers.
+def interface_facts(
+    wire: Iterable[WireCamera], loads: Mapping[str, CameraLoad] | None = None
+) -> tuple[InterfaceFact, ...]:
+    """What of this computer's network matters to these cameras, good or wrong, of every interface where one answers.
 
-    Windows: only the firewall is looked at.
+    `loads`: what each is to send, by serial number; None: as cameras of 2 MP. Windows: only the firewall is looked at.
     """
+    wire = tuple(wire)
     if sys.platform == "win32":
-        return (_windows_firewall(),)
+        return (_windows_firewall(),) if wire else ()
     facts: list[InterfaceFact] = []
     for line in network_lines():
-        with suppress(OSError):
-            if cameras := search(line.interface):
-                facts += _facts_of(line, cameras, loads)
+        cameras = [
+            NetworkCamera(c.interface, c.ip_address, c.mask, c.mac, c.maker, c.model, c.serial, c.user_name)
+            for c in wire
+            if c.interface == line.interface
+        ]
+        facts += _facts_of(line, cameras, loads) if cameras else []
     return tuple(facts)
 
 
 def _facts_of(
-    line: NetworkLine, cameras: Sequence[NetworkCamera], loads: dict[str, CameraLoad] | None
+    line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad] | None
 ) -> list[InterfaceFact]:
     examined = assess(line, cameras, loads or {camera.serial: _NOMINAL for camera in cameras})
     values: dict[FactName, str] = {

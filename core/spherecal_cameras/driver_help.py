@@ -14,7 +14,7 @@ from spherecal_gentl.gige.gvcp import NetworkCamera
 if TYPE_CHECKING:  # the window's start waits for no more than it must
     from spherecal_cameras.builtin_driver import BuiltinDriver
 
-Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras"]
+Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "wrong-driver"]
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,17 @@ def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tu
     A driver without cameras is only a reason where no driver has any.
     """
     found: list[DriverTrouble] = []
+    near = [one for one in wire if one.subnet_ok]
+    makers = tuple(sorted({one.maker for one in near if one.maker}))
     if not discovery.producers:
-        makers = sorted({one.maker for one in wire if one.maker})
-        found.append(DriverTrouble("no-driver", makers=tuple(makers)))
+        found.append(DriverTrouble("no-driver", makers=makers))
     for one in discovery.producers:
         if not one.usable:
             kind: Trouble = "not-allowed" if one.refused else "not-loaded"
             found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
     if not discovery.cameras:
-        found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
+        kind = "wrong-driver" if near else "no-cameras"
+        found += [DriverTrouble(kind, one.file, one.message, makers) for one in discovery.producers if one.usable]
     return tuple(found)
 
 

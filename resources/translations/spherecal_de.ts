@@ -795,6 +795,18 @@
         <source>In this rig: whoever is left out is not opened and hinders nobody.</source>
         <translation>In diesem Aufbau: Wer weggelassen ist, wird nicht geöffnet und stört niemanden.</translation>
     </message>
+    <message>
+        <source>Driver</source>
+        <translation>Treiber</translation>
+    </message>
+    <message>
+        <source>Use the built-in driver</source>
+        <translation>Eingebauten Treiber verwenden</translation>
+    </message>
+    <message>
+        <source>For GigE and USB3 Vision cameras of any maker.</source>
+        <translation>Für GigE- und USB3-Vision-Kameras aller Hersteller.</translation>
+    </message>
 </context>
 <context>
     <name>CameraTile</name>
@@ -1058,12 +1070,20 @@ px</translation>
         <translation>fehlt: anstecken, dann erneut suchen</translation>
     </message>
     <message>
+        <source>{count} called {name}</source>
+        <translation>{count} mit Namen {name}</translation>
+    </message>
+    <message>
         <source>left out of the rig</source>
         <translation>gehört nicht zum Aufbau</translation>
     </message>
     <message>
         <source>It answers, but no driver reaches it.</source>
         <translation>Sie antwortet, aber kein Treiber erreicht sie.</translation>
+    </message>
+    <message>
+        <source>It answers, but no driver reaches it: install {package}.</source>
+        <translation>Sie antwortet, aber kein Treiber erreicht sie: {package} installieren.</translation>
     </message>
     <message>
         <source>Its address {address} is in another subnet than this computer.</source>
@@ -1313,6 +1333,10 @@ px</translation>
         <translation>Kein Kameratreiber ist installiert.</translation>
     </message>
     <message>
+        <source>The driver does not reach these cameras: {names}.</source>
+        <translation>Der Treiber erreicht diese Kameras nicht: {names}.</translation>
+    </message>
+    <message>
         <source>The driver {name} is not allowed, so it was not loaded.</source>
         <translation>Der Treiber {name} ist nicht erlaubt und wurde nicht geladen.</translation>
     </message>
@@ -1390,6 +1414,10 @@ px</translation>
     <message>
         <source>Use the built-in driver</source>
         <translation>Eingebauten Treiber verwenden</translation>
+    </message>
+    <message>
+        <source>Do it now</source>
+        <translation>Jetzt ausführen</translation>
     </message>
 </context>
 <context>
@@ -3703,6 +3731,14 @@ mm</translation>
     <message>
         <source>Yes, this matches</source>
         <translation>Ja, das stimmt</translation>
+    </message>
+    <message>
+        <source>{cameras}. What is on the bench?</source>
+        <translation>{cameras}. Welche Messmittel sind da?</translation>
+    </message>
+    <message>
+        <source>Describe the bench</source>
+        <translation>Messmittel beschreiben</translation>
     </message>
     <message>
         <source>{cameras}. Is this on the bench?</source>

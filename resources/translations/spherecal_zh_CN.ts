@@ -795,6 +795,18 @@
         <source>In this rig: whoever is left out is not opened and hinders nobody.</source>
         <translation>属于本系统：被排除的相机不会打开，也不妨碍其他相机。</translation>
     </message>
+    <message>
+        <source>Driver</source>
+        <translation>驱动</translation>
+    </message>
+    <message>
+        <source>Use the built-in driver</source>
+        <translation>使用内置驱动</translation>
+    </message>
+    <message>
+        <source>For GigE and USB3 Vision cameras of any maker.</source>
+        <translation>适用于任何厂商的 GigE 和 USB3 Vision 相机。</translation>
+    </message>
 </context>
 <context>
     <name>CameraTile</name>
@@ -1058,12 +1070,20 @@ px</translation>
         <translation>缺失：请接好后重新查找</translation>
     </message>
     <message>
+        <source>{count} called {name}</source>
+        <translation>{count} 台同名 {name}</translation>
+    </message>
+    <message>
         <source>left out of the rig</source>
         <translation>已排除在系统之外</translation>
     </message>
     <message>
         <source>It answers, but no driver reaches it.</source>
         <translation>它有应答，但没有驱动能访问它。</translation>
+    </message>
+    <message>
+        <source>It answers, but no driver reaches it: install {package}.</source>
+        <translation>它有应答，但没有驱动能访问它：请安装 {package}。</translation>
     </message>
     <message>
         <source>Its address {address} is in another subnet than this computer.</source>
@@ -1313,6 +1333,10 @@ px</translation>
         <translation>没有安装相机驱动。</translation>
     </message>
     <message>
+        <source>The driver does not reach these cameras: {names}.</source>
+        <translation>该驱动无法访问这些相机：{names}。</translation>
+    </message>
+    <message>
         <source>The driver {name} is not allowed, so it was not loaded.</source>
         <translation>驱动 {name} 未被允许，因此没有加载。</translation>
     </message>
@@ -1390,6 +1414,10 @@ px</translation>
     <message>
         <source>Use the built-in driver</source>
         <translation>使用内置驱动</translation>
+    </message>
+    <message>
+        <source>Do it now</source>
+        <translation>立即执行</translation>
     </message>
 </context>
 <context>
@@ -3703,6 +3731,14 @@ mm</translation>
     <message>
         <source>Yes, this matches</source>
         <translation>是，一致</translation>
+    </message>
+    <message>
+        <source>{cameras}. What is on the bench?</source>
+        <translation>{cameras}。台上放的是什么？</translation>
+    </message>
+    <message>
+        <source>Describe the bench</source>
+        <translation>描述器具</translation>
     </message>
     <message>
         <source>{cameras}. Is this on the bench?</source>

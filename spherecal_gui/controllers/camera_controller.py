@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import QCoreApplication, Signal
@@ -13,9 +14,11 @@ from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
-    from spherecal_cameras.camera_network import WireCamera
+    from spherecal_cameras.builtin_driver import BuiltinDriver
+    from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.driver_help import DriverTrouble
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
@@ -47,11 +50,13 @@ class CameraController(ControllerPart):
         self.somebody_answers = False
         self.driver_troubles: tuple[DriverTrouble, ...] = ()  # of the last search
         self.wire: tuple[WireCamera, ...] = ()  # who answered on the network then
+        self.builtin: BuiltinDriver | None = None  # as it was before that search
+        self.facts: tuple[InterfaceFact, ...] = ()  # of this computer's network
 
     def close(self) -> None:
         """Let go of the cameras."""
         self._disconnect()
-        self.driver_troubles, self.wire = (), ()
+        self.driver_troubles, self.wire, self.facts = (), (), ()
 
     def _disconnect(self) -> None:
         if self.live is not None:
@@ -70,14 +75,18 @@ class CameraController(ControllerPart):
             return
         self._disconnect()
         project = changes.without_failure(project, "connect")
-        self.driver_troubles, self.wire = (), ()
+        self.driver_troubles, self.wire, self.facts = (), (), ()
         self.main.update(project)
-        self.runner.start(
-            "connect",
-            lambda context: jobs.connect(project, context, self._asker(context)),
-            self._connected,
-            self._not_connected,
-        )
+
+        def work(context: Context) -> "Connection":
+            from spherecal_cameras.builtin_driver import state  # as above; starts programs that take their time
+
+            self.builtin = state()
+            connection = jobs.connect(project, context, self._asker(context))
+            self.facts = jobs.network_facts(connection, self.live_hz)
+            return connection
+
+        self.runner.start("connect", work, self._connected, self._not_connected)
 
     def _not_connected(self, error: BaseException) -> None:
         """Say what is in the way; what drivers have to do with it is kept for the page."""
@@ -118,7 +127,7 @@ class CameraController(ControllerPart):
             connection.source.close()
             return
         self.connection, self.wire = connection, connection.wire
-        self.driver_troubles = driver_troubles(connection.discovery)
+        self.driver_troubles = driver_troubles(connection.discovery, connection.wire)
         project = changes.with_cameras(self.project, tuple(connection.names))
         if not project.taken and project.artefacts is None and project.purpose != "check":
             placements, scale, checks = jobs.planned_sets(connection.plan)
@@ -190,11 +199,29 @@ class CameraController(ControllerPart):
 
         self.runner.start("connect", work, lambda _: self.connect_all(), self.main.failed("connect"))
 
+    @property
+    def builtin_helps(self) -> bool:
+        """Whether the built-in driver can be used and is not: cameras that no other one lists would be reached."""
+        from spherecal_cameras.makers import ANY_MAKER  # as above
+
+        found = self.connection.discovery.producers if self.connection is not None else ()
+        used = any(one.usable and Path(one.file).name in ANY_MAKER.files for one in found)
+        return self.builtin is not None and self.builtin.kind != "lacking" and bool(found) and not used
+
     def use_builtin_driver(self) -> None:
         """Build the built-in driver where it is not there yet, allow it, and search again."""
         from spherecal_cameras.builtin_driver import prepare  # as above
 
         self.runner.start("connect", prepare, lambda _: self.connect_all(), self.main.failed("connect"))
+
+    def cure_network(self, cure: str) -> None:
+        """Run the command that cures this computer's network, as its system allows, and search again."""
+        from spherecal_cameras.camera_network import apply_cure  # as above
+
+        def refused(error: BaseException) -> None:
+            self.main.tell("bad", *error_text(error))
+
+        self.runner.start("connect", lambda _: apply_cure(cure), lambda _: self.connect_all(), refused)
 
     def choose_bench(self, path: str) -> None:
         """Take targets, ball and bars from another file, and connect again."""

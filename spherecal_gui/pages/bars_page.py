@@ -166,18 +166,6 @@ class ScalePage(LivePage):
             ends = bar_ends(known.ghost.lenses, dots, self.bar_targets())
         self.space.follow({}, *self.tiles_now(), bars=(ends,) if ends is not None else (), with_ball=False)
 
-    def dress(self) -> None:
-        """Draw in the new colours."""
-        if self.space is not None:
-            self.space.view.dress()
-        super().dress()
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        if self.space is not None:
-            self.space.view.close_view()
-        super().close_page()
-
     def bar_facts(self) -> BarFacts:
         """The pose to take next, and who sees the bar."""
         own = self.bar_targets()

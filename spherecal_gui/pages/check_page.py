@@ -190,15 +190,6 @@ class CheckPage(Page):
             return
         self.panel.show_scene(check_scene(rig, found) if found is not None else rig_scene(rig))
 
-    def dress(self) -> None:
-        """Draw in the new colours."""
-        self.panel.dress()
-        self.refresh()
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.panel.close_view()
-
     def said(self) -> Said:
         """Check; once the rig is known to be well, finish."""
         project, state, running = self.project, self.state, self.controller.runner.running or ""

@@ -34,9 +34,10 @@ from spherecal_gui.presenters.connect_presenter import (
     lens_line,
     recording_text,
 )
-from spherecal_gui.presenters.drivers_presenter import driver_notes
+from spherecal_gui.presenters.drivers_presenter import DriverNote, driver_notes, network_notes
 from spherecal_gui.presenters.step_states import ConnectFacts, connect_says
 from spherecal_gui.standing import Deed, Said
+from spherecal_gui.tasks.jobs import artefacts_of
 from spherecal_gui.widgets.basic import (
     MARKS,
     Card,
@@ -124,7 +125,11 @@ class CameraRow(QWidget):
         if not taken and not busy:
             self.in_rig.setToolTip(self.tr("In this rig: whoever is left out is not opened and hinders nobody."))
         self.which.setVisible(ours)
-        self.cure.setVisible(line.cured_at is not None)
+        narrow = self.which.text() == "?"
+        self.cure.setVisible(line.cured_at is not None or line.builtin)
+        if line.builtin:
+            self.cure.setText(self.tr("Driver") if narrow else self.tr("Use the built-in driver"))
+            self.cure.setToolTip(self.tr("For GigE and USB3 Vision cameras of any maker."))
         self.cure.setEnabled(not busy)
 
     def follow(self) -> None:
@@ -139,7 +144,9 @@ class CameraRow(QWidget):
             self.picture.show_dots(sight.dots.uv, sight.dots.image_size)
 
     def _cure(self) -> None:
-        if self.line.cured_at is not None:
+        if self.line.builtin:
+            self._page.controller.cameras.use_builtin_driver()
+        elif self.line.cured_at is not None:
             self._page.controller.cameras.give_address(self.line.cured_at)
 
 
@@ -245,6 +252,9 @@ class ConnectPage(Page):
         self.drivers.allowed.connect(self.controller.cameras.allow_driver)
         self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
         column.addWidget(self.drivers)
+        self.network = DriversPanel(of_drivers=False)
+        self.network.cured.connect(self.controller.cameras.cure_network)
+        column.addWidget(self.network)
         column.addWidget(inner)
         column.addStretch(1)
         scroll.setWidget(inside)
@@ -300,10 +310,12 @@ class ConnectPage(Page):
         self._show_lines(lines)
         taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
         self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))
-        notes = [] if running == "connect" else driver_notes(self.controller.cameras.driver_troubles)
+        notes = [] if running == "connect" else self._notes()
         if notes and self.summary.text().startswith(notes[0].title):  # the headline says it, with the first step
             notes[0] = replace(notes[0], title="", steps=notes[0].steps[1:])
         self.drivers.show_notes(notes)
+        all_well = not any(line.level == "bad" for line in lines)
+        self.network.show_notes([] if running == "connect" else network_notes(self.controller.cameras.facts, all_well))
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)
@@ -319,7 +331,11 @@ class ConnectPage(Page):
 
     def _lines(self) -> list[CameraLine]:
         expected = self.project.cameras if self.project is not None else ()
-        return camera_lines(self.controller.cameras.connection, expected, self.controller.cameras.wire)
+        cameras = self.controller.cameras
+        return camera_lines(cameras.connection, expected, cameras.wire, cameras.builtin_helps)
+
+    def _notes(self) -> list[DriverNote]:
+        return driver_notes(self.controller.cameras.driver_troubles, builtin=self.controller.cameras.builtin)
 
     def tick(self) -> None:
         """States of cameras change by themselves."""
@@ -336,8 +352,10 @@ class ConnectPage(Page):
                     self.refresh()
 
     def _follow_space(self) -> None:
-        """The rig in space, once it is known where its cameras are."""
-        live = self.controller.cameras.live
+        """The rig in space, once it is known where its cameras are; without a bench nobody knows how large it is."""
+        live, connection = self.controller.cameras.live, self.controller.cameras.connection
+        if connection is None or artefacts_of(connection.plan) is None:
+            return
         rows = {row.line.name: row for row in self._rows.values() if row.line.in_rig}
         found = {name: live.sight(row.line.serial) for name, row in rows.items()} if live is not None else {}
         self.space.follow(
@@ -345,16 +363,6 @@ class ConnectPage(Page):
             {name: row.line.level for name, row in rows.items()},
             {name: row.picture.image for name, row in rows.items() if row.picture.image is not None},
         )
-
-    def dress(self) -> None:
-        """Draw in the new colours."""
-        self.space.view.dress()
-        super().dress()
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.space.view.close_view()
-        super().close_page()
 
     def pictures(self) -> tuple[Thumbnail, ...]:
         """The images of the rig's cameras, in the order of the list."""
@@ -424,13 +432,14 @@ class ConnectPage(Page):
             return Said("none", "")
         connection, running = self.controller.cameras.connection, self.controller.runner.running
         failure = self.project.failures.get("connect", "")
-        notes = driver_notes(self.controller.cameras.driver_troubles) if running != "connect" else []
+        notes = self._notes() if running != "connect" else []
         wrong = recording_text(self.project.source) if failure else ""
         summary = connect_summary(self._lines(), running == "connect", wrong or failure, notes)
         there, confirmed = connection is not None and bool(connection.names), self.project.artefacts is not None
-        return connect_says(ConnectFacts(summary, there, confirmed, running is not None))
+        described = connection is None or artefacts_of(connection.plan) is not None
+        return connect_says(ConnectFacts(summary, there, confirmed, running is not None, described))
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Confirm."""
-        return {"confirm": self.controller.recording.confirm_bench}
+        """Confirm; before that, describe."""
+        return {"confirm": self.controller.recording.confirm_bench, "describe": self.bench_wanted.emit}

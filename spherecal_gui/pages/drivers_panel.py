@@ -4,17 +4,21 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.drivers_presenter import DriverNote, makers_rows
-from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
+from spherecal_gui.widgets.basic import button, clear, details_button, label, plain, set_level
 from spherecal_gui.widgets.table import Table
 
 
 class DriversPanel(QWidget):
-    """One block for each reason; `allowed` (file) when somebody allows a driver, `builtin` to use the built-in one."""
+    """One block for each reason; `allowed` (file) when somebody allows a driver, `builtin` to use the built-in one.
+
+    `cured` (command) to have this computer's network mended. `of_drivers`: the list of makers is offered too.
+    """
 
     allowed = Signal(str)
     builtin = Signal()
+    cured = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None, of_drivers: bool = True) -> None:
         super().__init__(parent)
         self._notes: list[DriverNote] | None = None
         column = QVBoxLayout(self)
@@ -26,6 +30,8 @@ class DriversPanel(QWidget):
         self.makers.clicked.connect(self.show_makers)
         line = QHBoxLayout()
         line.addWidget(self.makers)
+        if not of_drivers:
+            self.makers.hide()
         line.addStretch(1)
         column.addLayout(line)
         self.hide()
@@ -47,7 +53,7 @@ class DriversPanel(QWidget):
         column.setSpacing(2)
         if note.title:
             title = label(note.title, "big")
-            set_level(title, "bad")
+            set_level(title, note.level)
             column.addWidget(title)
         for step in note.steps:
             line = label(f"• {step}")
@@ -63,6 +69,11 @@ class DriversPanel(QWidget):
             use = button(self.tr("Use the built-in driver"), "builtin-driver")
             use.clicked.connect(self.builtin)
             column.addWidget(use, 0, Qt.AlignmentFlag.AlignLeft)
+        if note.cure:
+            cure = button(self.tr("Do it now"), "apply-cure")
+            cure.setToolTip(plain(note.cure))
+            cure.clicked.connect(lambda _, command=note.cure: self.cured.emit(command))
+            column.addWidget(cure, 0, Qt.AlignmentFlag.AlignLeft)
         if note.details:
             said = label(note.details, "soft")
             column.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignLeft)

@@ -105,16 +105,6 @@ class LookPage(LivePage):
             row.addWidget(one)
         return row
 
-    def dress(self) -> None:
-        """Draw in the new colours."""
-        self.space.view.dress()
-        super().dress()
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.space.view.close_view()
-        super().close_page()
-
     @property
     def headline(self) -> QLabel:
         """The label with the state of the page."""

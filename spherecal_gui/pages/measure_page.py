@@ -130,7 +130,7 @@ class MeasurePage(Page):
     def close_page(self) -> None:
         """The program ends."""
         self._end()
-        self.space.close_view()
+        super().close_page()
 
     def _begin(self) -> None:
         connection, result = self.controller.cameras.connection, self.controller.result

@@ -209,8 +209,7 @@ class PlacementPage(LivePage):
         """Draw in the new colours."""
         self._drawn = None
         self._show_keys()
-        self.space.dress()
-        self.refresh()
+        super().dress()
 
     def scene(self) -> Scene:
         """What the cameras see now."""
@@ -462,11 +461,6 @@ class PlacementPage(LivePage):
     @property
     def _all_taken(self) -> bool:
         return all(name in self.open_project.taken for name in self.open_project.placements)
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.space.close_view()
-        super().close_page()
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""

@@ -182,7 +182,7 @@ class ResultsPage(Page):
 
     def dress(self) -> None:
         """Draw in the new colours."""
-        self.panel.dress()
+        self.panel.view.dress()
         self.histogram.setVisible(not theme.is_far())
         if self.controller.result is not None and self._shown is not None:
             camera, placement = self._camera, self.image.currentData()
@@ -317,10 +317,6 @@ class ResultsPage(Page):
         buffer.open(QIODevice.OpenModeFlag.WriteOnly)
         QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)).save(buffer, "PNG")
         return bytes(data.data())
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.panel.close_view()
 
 
 def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:

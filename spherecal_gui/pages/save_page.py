@@ -286,15 +286,6 @@ class SavePage(Page):
         self.scene.setVisible(shown)
         self._room.setVisible(not shown)
 
-    def dress(self) -> None:
-        """Draw in the new colours."""
-        self.scene.dress()
-        self.refresh()
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.scene.close_view()
-
     @property
     def headline(self) -> QLabel:
         """The label with the state of the page."""

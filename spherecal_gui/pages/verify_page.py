@@ -357,17 +357,6 @@ class VerifyPage(ScalePage):
         levels, images = self.tiles_now()
         self.view.show_live(LiveParts(None, near, tuple(bars), levels, images, box=in_scene(data, corners)))
 
-    def dress(self) -> None:
-        """Draw in the new colours."""
-        self.refresh()
-        self.view.dress()
-        self.outcome.panel.dress()
-
-    def close_page(self) -> None:
-        """Let go of the 3-D view."""
-        self.view.close_view()
-        self.outcome.panel.close_view()
-
     # --- its state ---------------------------------------------------------------------------------------------------
 
     def said(self) -> Said:

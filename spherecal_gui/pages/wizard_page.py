@@ -10,6 +10,7 @@ from spherecal_gui.project import Project
 from spherecal_gui.standing import NEEDS_CAMERAS, Button, Deed, Part, Said, Standing, level_of, stand
 from spherecal_gui.texts import moved_text, reason_text
 from spherecal_gui.widgets.basic import set_level
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.workflow import Reason, Status, Step, StepState
 
 
@@ -52,10 +53,14 @@ class Page(QWidget):
 
     def dress(self) -> None:
         """The palette has changed."""
+        for view in self.findChildren(SceneView):
+            view.dress()
         self.refresh()
 
     def close_page(self) -> None:
-        """The program ends."""
+        """The program ends: let go of the 3-D views."""
+        for view in self.findChildren(SceneView):
+            view.close_view()
 
     def action(self) -> Button | None:
         """The large button; None for none."""

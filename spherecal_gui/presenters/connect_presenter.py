@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QCoreApplication
 
@@ -39,7 +39,7 @@ class CameraLine:
     """One camera: name, model, serial, how it is, and what it is known by: serial and size of its images.
 
     `listed`: a driver lists it, so that it can be in the rig or left out. `cured_at` is the camera on the network that
-    needs an address. `details` are the engine's own words, which are English.
+    needs an address; `builtin`: the built-in driver would reach it. `details` are the engine's own words, in English.
     """
 
     name: str
@@ -51,6 +51,7 @@ class CameraLine:
     in_rig: bool = True
     listed: bool = False
     cured_at: "WireCamera | None" = None
+    builtin: bool = False
     details: str = ""
 
 
@@ -92,11 +93,14 @@ class DrawnBench:
 
 
 def camera_lines(
-    connection: "Connection | None", expected: tuple[str, ...], wire: "tuple[WireCamera, ...]" = ()
+    connection: "Connection | None",
+    expected: tuple[str, ...],
+    wire: "tuple[WireCamera, ...]" = (),
+    builtin: bool = False,
 ) -> list[CameraLine]:
     """Every camera that was found, in whatever state; those that were expected and are missing come first.
 
-    `connection` None: nothing is connected.
+    `connection` None: nothing is connected. `builtin`: the built-in driver can be used, and is not.
     """
     from spherecal_cameras.driver_help import unlisted
     from spherecal_cameras.protocol import Discovery
@@ -109,23 +113,30 @@ def camera_lines(
     ]
     lines = [_line(connection, info) for info in found.cameras] if connection is not None else []
     lines.sort(key=lambda line: as_people_count(line.name))
-    return [*missing, *lines, *(_unlisted_line(camera, wire) for camera in unlisted(found, wire))]
+    return [*missing, *lines, *(_unlisted_line(camera, wire, builtin) for camera in unlisted(found, wire))]
 
 
 def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     from spherecal_cameras.driver_help import on_wire
+    from spherecal_cameras.new_recording import camera_name
 
     serial, status = info.serial, connection.source.statuses().get(info.serial)
     name = connection.names.get(serial) or connection.rig.names.get(serial, serial)
     size = next((report.image_size for report in connection.reports if report.serial == serial), None)
-    about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
+    known = ("" if name == serial else serial, "" if size is None else f"{size[0]} x {size[1]}")
+    about = " · ".join(filter(None, known))
+    called = camera_name(connection.profile, info)
+    count = [camera_name(connection.profile, one) for one in connection.discovery.cameras].count(called)
+    if count > 1:
+        alike = translate("Connect", "{count} called {name}").format(count=count, name=called)
+        about = f"{alike} · {about}".strip(" ·")
     line = CameraLine(name, model_text(info.model), serial, "", "none", about, listed=True)
     if not connection.profile.entry(serial).in_rig:
         return replace(line, word=translate("Connect", "left out of the rig"), in_rig=False)
     seen = on_wire(info, connection.wire)
     problem = connection.rig.problems.get(serial)
     if problem is not None and seen is not None and not seen.subnet_ok:
-        return replace(line, word=_elsewhere(seen), level="bad", cured_at=_addressed(seen, connection.wire))
+        return replace(line, level="bad", **_elsewhere(seen, connection.wire))
     if problem is not None and status is not None and status.state.usable:  # it sends images of another size
         return replace(line, word=" ".join(error_text(problem)), level="bad")
     if problem is not None and seen is not None and seen.controlled_by_other:
@@ -135,24 +146,31 @@ def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     return replace(line, word=word, level=level, details=details)
 
 
-def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> CameraLine:
+def _unlisted_line(camera: "WireCamera", wire: "tuple[WireCamera, ...]", builtin: bool) -> CameraLine:
     """A camera that answers on the network and that no driver lists."""
+    from spherecal_cameras.makers import maker_of
+
     name = camera.user_name or camera.serial or camera.mac
     about = f"{camera.serial} · {camera.ip_address}".strip(" ·")
     line = CameraLine(name, f"{camera.maker} {camera.model}".strip(), f"{camera.mac} {camera.serial}", "", "bad", about)
     if not camera.subnet_ok:
-        return replace(line, word=_elsewhere(camera), cured_at=_addressed(camera, wire))
-    return replace(line, word=translate("Connect", "It answers, but no driver reaches it."))
+        return replace(line, **_elsewhere(camera, wire))
+    maker = maker_of(camera.maker)
+    text = translate("Connect", "It answers, but no driver reaches it.")
+    if maker is not None:
+        text = translate("Connect", "It answers, but no driver reaches it: install {package}.")
+        text = text.format(package=maker.driver)
+    return replace(line, word=text, builtin=builtin)
 
 
-def _addressed(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "WireCamera | None":
-    """The camera if an address can be given to it alone, by its hardware address."""
-    return camera if sum(one.mac == camera.mac for one in wire) == 1 else None
-
-
-def _elsewhere(camera: "WireCamera") -> str:
+def _elsewhere(camera: "WireCamera", wire: "tuple[WireCamera, ...]") -> "dict[str, Any]":
+    """What a row says of a camera in another subnet; an address is given to it alone, by its hardware address."""
     text = translate("Connect", "Its address {address} is in another subnet than this computer.")
-    return text.format(address=camera.ip_address)
+    text = text.format(address=camera.ip_address)
+    if sum(one.mac == camera.mac for one in wire) == 1:
+        return {"word": text, "cured_at": camera}
+    hint = translate("Connect", "Give the camera an address with its maker's program.")
+    return {"word": f"{text} {hint}"}
 
 
 def lens_line(connection: "Connection | None") -> LensLine | None:
@@ -191,7 +209,7 @@ def _health(status: CameraStatus | None) -> tuple[str, Level]:
     share = lost / max(counted.delivered + lost, 1)
     if share > _ILL:
         text = translate("Connect", "link: {share:.0f} % of the images damaged. Check cable, switch and packet size.")
-        return text.format(share=100 * share), "caution"
+        return text.format(share=100 * share), "caution" if counted.delivered else "bad"
     return translate("Connect", "ready"), "good"
 
 

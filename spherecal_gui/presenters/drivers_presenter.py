@@ -4,12 +4,18 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal_cameras.builtin_driver import state
+from spherecal_cameras.builtin_driver import BuiltinDriver, state
 from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
+from spherecal_gui import languages
+from spherecal_gui.standing import Level
+
+if TYPE_CHECKING:
+    from spherecal_cameras.camera_network import InterfaceFact
 
 translate = QCoreApplication.translate
 
@@ -20,7 +26,8 @@ ENVIRONMENT = "GENICAM_GENTL64_PATH"
 class DriverNote:
     """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click.
 
-    `details`: what is for the person at the desk. `builtin`: the built-in driver can be used instead.
+    `details`: what is for the person at the desk. `builtin`: the built-in driver can be used instead. `cure`: a command
+    that can be run from here.
     """
 
     title: str
@@ -28,39 +35,63 @@ class DriverNote:
     allow: str = ""
     details: str = ""
     builtin: bool = False
+    cure: str = ""
+    level: Level = "bad"
 
 
-def driver_notes(troubles: Sequence[DriverTrouble], system: str = sys.platform) -> list[DriverNote]:
-    """One note for each trouble; drivers without cameras share one."""
+def driver_notes(
+    troubles: Sequence[DriverTrouble], system: str = sys.platform, builtin: BuiltinDriver | None = None
+) -> list[DriverNote]:
+    """One note for each trouble; drivers without cameras share one.
+
+    `builtin` None: it is looked for now, which takes some milliseconds.
+    """
     windows = system.startswith("win")
     notes = []
     without = [one.file for one in troubles if one.kind == "no-cameras"]
+    wrong = [one for one in troubles if one.kind == "wrong-driver"]
+    builtin = builtin or (state() if troubles else BuiltinDriver("lacking"))
     for one in troubles:
         if one.kind == "no-driver":
-            notes.append(_no_driver(one.makers, windows))
+            notes.append(_no_driver(one.makers, windows, builtin))
         elif one.kind == "not-allowed":
             notes.append(_not_allowed(one))
         elif one.kind == "not-loaded":
-            notes.append(_not_loaded(one))
+            notes.append(_not_loaded(one, builtin))
+    if wrong:
+        notes.append(_wrong_driver(wrong, builtin))
     if without:
         notes.append(_no_cameras(without, windows))
     return notes
 
 
-def _no_driver(makers: Sequence[str], windows: bool) -> DriverNote:
+def _no_driver(makers: Sequence[str], windows: bool, builtin: BuiltinDriver) -> DriverNote:
     own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
     other = translate("Drivers", "Installed already? {name} must name the folder of its .cti file.")
     if windows:
         own = translate("Drivers", "Install the 64-bit driver package of the cameras' maker, then restart SphereCal.")
-    packages = [f"{name}: {maker.driver}" for name in makers if (maker := maker_of(name)) is not None]
-    steps = [own, *packages]
-    builtin = state()
-    if builtin.install:
-        text = translate("Drivers", "Or the built-in driver, for GigE and USB3 Vision cameras of any maker: {line}")
-        steps.append(text.format(line=builtin.install))
-    can_be_used = builtin.kind in ("installed", "can-be-built")
+    steps = (own, *_packages(makers), *_builtin_lacks(builtin))
     title, details = translate("Drivers", "No camera driver is installed."), other.format(name=ENVIRONMENT)
-    return DriverNote(title, tuple(steps), details=details, builtin=can_be_used)
+    return DriverNote(title, steps, details=details, builtin=builtin.kind != "lacking")
+
+
+def _packages(makers: Sequence[str]) -> list[str]:
+    return [f"{name}: {maker.driver}" for name in makers if (maker := maker_of(name)) is not None]
+
+
+def _builtin_lacks(builtin: BuiltinDriver) -> list[str]:
+    text = translate("Drivers", "Or the built-in driver, for GigE and USB3 Vision cameras of any maker: {line}")
+    return [text.format(line=builtin.install)] if builtin.install else []
+
+
+def _wrong_driver(troubles: Sequence[DriverTrouble], builtin: BuiltinDriver) -> DriverNote:
+    """Cameras answer, and no driver that is there lists one: it is another maker's."""
+    names = [Path(one.file).name for one in troubles]
+    title = translate("Drivers", "The driver does not reach these cameras: {names}.").format(names=", ".join(names))
+    own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
+    in_use = ANY_MAKER.files[0] in names
+    steps = (own, *_packages(troubles[0].makers), *([] if in_use else _builtin_lacks(builtin)))
+    return DriverNote(title, steps, builtin=not in_use and builtin.kind != "lacking")
 
 
 def _not_allowed(one: DriverTrouble) -> DriverNote:
@@ -70,10 +101,11 @@ def _not_allowed(one: DriverTrouble) -> DriverNote:
     return DriverNote(title, (one.file, message), one.file)
 
 
-def _not_loaded(one: DriverTrouble) -> DriverNote:
+def _not_loaded(one: DriverTrouble, builtin: BuiltinDriver) -> DriverNote:
     title = translate("Drivers", "The driver {name} does not work.").format(name=Path(one.file).name)
     message = translate("Drivers", "Install it again with its maker's installer; never copy the file alone.")
-    return DriverNote(title, (one.file, message), details=one.said)
+    instead = builtin.kind != "lacking" and Path(one.file).name not in ANY_MAKER.files
+    return DriverNote(title, (one.file, message), details=one.said, builtin=instead)
 
 
 def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
@@ -92,6 +124,26 @@ def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
         steps.append(translate("Drivers", "GigE: spherecal cameras doctor examines the network line."))
         steps.append(translate("Drivers", "USB3: replug the cameras after installing the driver (its udev rules)."))
     return DriverNote(title, tuple(steps))
+
+
+def network_notes(facts: "Sequence[InterfaceFact]", all_well: bool) -> list[DriverNote]:
+    """What is wrong with this computer's network and cures it; a firewall is only named where not `all_well`.
+
+    Addresses are not among it: the cameras' rows have them.
+    """
+    from spherecal_cameras.camera_network import can_apply  # the window starts without the cameras' modules
+
+    notes = []
+    for fact in facts:
+        found = fact.finding
+        if found is None or fact.name == "addresses" or (found.severity == "info" and fact.name != "firewall"):
+            continue
+        if fact.name == "firewall" and all_well:
+            continue
+        title, *steps = (found.words(part, languages.now()) for part in ("title", "message", "hint"))
+        cure = fact.cure if can_apply(fact.cure) else ""
+        notes.append(DriverNote(title, tuple(steps), cure=cure, level="caution"))
+    return notes
 
 
 def makers_rows(system: str = sys.platform) -> list[tuple[str, str, str, str]]:

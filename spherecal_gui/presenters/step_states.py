@@ -45,12 +45,16 @@ def _also(can: Mapping[str, bool]) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class ConnectFacts:
-    """`summary`: the cameras in one sentence (connect_presenter.connect_summary); `confirmed`: what is on the bench."""
+    """`summary`: the cameras in one sentence (connect_presenter.connect_summary); `confirmed`: what is on the bench.
+
+    `described`: it is known what should lie there.
+    """
 
     summary: tuple[str, Level]
     cameras: bool = False
     confirmed: bool = False
     busy: bool = False
+    described: bool = True
 
 
 def connect_says(f: ConnectFacts) -> Said:
@@ -64,6 +68,10 @@ def connect_says(f: ConnectFacts) -> Said:
     else:
         why = translate("State", "It was confirmed already.") if done else ""
     words = translate("State", "Bench confirmed") if done else translate("State", "Yes, this matches")
+    if not why and not f.described:
+        if level == "good":
+            text = translate("State", "{cameras}. What is on the bench?").format(cameras=text)
+        return Said(level, text, Button(translate("State", "Describe the bench"), "describe"))
     if level == "good" and not why:
         text = translate("State", "{cameras}. Is this on the bench?").format(cameras=text)
     return Said(level, text, Button(words, "confirm", not why, why, done=done and not f.busy, accepts=True))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from spherecal.verify.verification_file import BarReport
     from spherecal_boards.board_detector import BoardDetector
     from spherecal_cameras.averaging import Stillness
-    from spherecal_cameras.camera_network import WireCamera
+    from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.genicam.trust import Ask
     from spherecal_cameras.plan import CapturePlan
     from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet, SetupReport
@@ -84,6 +84,15 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     except BaseException:
         source.close()
         raise
+
+
+def network_facts(connection: "Connection", rate_hz: float) -> "tuple[InterfaceFact, ...]":
+    """What of this computer's network matters to the cameras on it, at this many images a second."""
+    from spherecal_cameras.camera_network import interface_facts
+    from spherecal_cameras.network_lines import loads_of
+
+    loads = loads_of(connection.source, connection.discovery, rate_hz, "GEV GigEVision")
+    return interface_facts(connection.wire, loads)
 
 
 def joined(

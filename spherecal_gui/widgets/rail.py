@@ -50,7 +50,6 @@ class RailItem(QAbstractButton):
         self.setAccessibleName(f"{title}, {word}")
         self.setAccessibleDescription(why)
         self.setToolTip(plain(f"{title}: {word}. {why}".strip()))
-        self.setCursor(Qt.CursorShape.PointingHandCursor if state.open else Qt.CursorShape.ForbiddenCursor)
         self.update()
 
     def sizeHint(self) -> QSize:
@@ -177,7 +176,10 @@ class Rail(QFrame):
         for item, one in zip(self._items, state.steps, strict=False):
             current = one.step.id == state.current
             shown = one if standing is None or not current else _no_better(one, standing)
+            if one.not_begun and not current:
+                shown = replace(one, status=Status.BLOCKED)
             item.show_state(shown, current)
+            item.setCursor(Qt.CursorShape.PointingHandCursor if one.open else Qt.CursorShape.ForbiddenCursor)
         for number, item in enumerate(self._items):
             item.setVisible(number < len(state.steps))
         self._share_height()

@@ -151,11 +151,3 @@ class ScenePanel(QWidget):
             self.said.emit("bad", self.tr("{path} could not be written.").format(path=path), str(error.strerror or ""))
             return
         self.said.emit("info", self.tr("Saved: {path}").format(path=path), "")
-
-    def dress(self) -> None:
-        """Take the palette's colours."""
-        self.view.dress()
-
-    def close_view(self) -> None:
-        """Let go of what renders."""
-        self.view.close_view()

@@ -20,6 +20,7 @@ class Thumbnail(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.setObjectName("thumbnail")
         self._image: QImage | None = None
         self._shown_s: float | None = None
         self._dots = np.empty((0, 2))  # shares of width and height

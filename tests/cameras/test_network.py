@@ -3,6 +3,7 @@
 import subprocess
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.protocol import CameraError
 from spherecal_cameras.usb import usb_cameras
 from spherecal_gentl.gige.gige_control import GigeRig
+from spherecal_gentl.gige.gvcp import CONTROL_REGISTER, Gvcp
 from spherecal_gentl.producer.build_producer import ARAVIS_CTI_FILE
 from tests.gige_rig import aravis_producer, wired
 
@@ -122,19 +124,38 @@ def test_packets_are_tried_by_the_cameras_own(rig: GigeRig) -> None:
         rig.fault("plug", "GE02")
 
 
+def test_a_switch_that_cuts_packets_is_found(rig: GigeRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The card is said to take 9000 bytes, one camera sends so many, the switch takes 1500."""
+    lines = [replace(line, mtu=9000) for line in network.network_lines()]
+    monkeypatch.setattr(network, "network_lines", lambda: lines)
+    assert network.cut_packets(found_on_wire()) == ()
+    registers = Gvcp(on_wire()["GE02"].ip_address)
+    try:
+        assert registers.write(CONTROL_REGISTER, 2, 1.0) and registers.write(0x0D04, 8000, 1.0)
+        registers.write(CONTROL_REGISTER, 0, 1.0)
+        (found,) = network.cut_packets(found_on_wire())
+        assert (found.code, found.where, found.values["largest"]) == ("packets-cut", ("GE02",), 1500)
+        assert "8000 bytes" in found.message and "1500" in found.hint
+    finally:
+        registers.write(CONTROL_REGISTER, 2, 1.0)
+        registers.write(0x0D04, 1500, 1.0)
+        registers.write(CONTROL_REGISTER, 0, 1.0)
+        registers.close()
+
+
 def test_the_computers_part_is_told_and_cured(rig: GigeRig) -> None:
     def run(*command: str) -> None:
         subprocess.run(command, check=True)
 
-    facts = {fact.name: fact for fact in network.interface_facts()}
+    facts = {fact.name: fact for fact in network.interface_facts(found_on_wire())}
     assert not any(fact.finding for fact in facts.values()) and facts["mtu"].value == "1500 bytes"
     run("ip", "link", "set", "eth0", "mtu", "1400")
     try:
-        wrong = next(fact for fact in network.interface_facts() if fact.name == "mtu")
+        wrong = next(fact for fact in network.interface_facts(found_on_wire()) if fact.name == "mtu")
         assert wrong.finding is not None and wrong.finding.code == "packets-too-large"
         assert wrong.cure == "sudo ip link set eth0 mtu 1500" and network.can_apply(wrong.cure)
         network.apply_cure(wrong.cure)
-        assert next(f for f in network.interface_facts() if f.name == "mtu").finding is None
+        assert next(f for f in network.interface_facts(found_on_wire()) if f.name == "mtu").finding is None
     finally:
         run("ip", "link", "set", "eth0", "mtu", "1500")
     with pytest.raises(CameraError, match="nonsense0"):

@@ -165,7 +165,8 @@ def test_cameras_that_no_driver_lists_are_rows_with_their_cure() -> None:
     elsewhere, near = _wire("S1", subnet_ok=False), _wire("S2", user_name="left")
     first, second = camera_lines(None, (), (elsewhere, near))
     assert first.cured_at == elsewhere and "192.168.8.20 is in another subnet" in first.word
-    assert second.name == "left" and "no driver" in second.word and second.cured_at is None
+    assert second.name == "left" and "install pylon" in second.word and second.cured_at is None
+    assert not second.builtin and camera_lines(None, (), (near,), builtin=True)[0].builtin
 
 
 def test_a_listed_camera_in_another_subnet_offers_an_address() -> None:

@@ -15,13 +15,17 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QPushButton
 
+from spherecal.data.findings import Finding
+from spherecal_cameras import camera_network
+from spherecal_cameras.builtin_driver import BuiltinDriver
+from spherecal_cameras.camera_network import InterfaceFact
 from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.genicam import discovery
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.connect_page import ConnectPage
 from spherecal_gui.pages.drivers_panel import DriversPanel, MakersDialog
-from spherecal_gui.presenters.drivers_presenter import driver_notes, makers_rows
+from spherecal_gui.presenters.drivers_presenter import driver_notes, makers_rows, network_notes
 from spherecal_gui.workflow import Step
 from tests.gui_walking import settle
 
@@ -115,3 +119,39 @@ def test_a_driver_that_is_not_allowed_is_allowed_on_the_page(page):
     assert TrustStore().look(str(file)).state == "known"
     assert "maker.cti does not work" in shown(page.page), "allowed, but no library"
     assert Path(file).is_file()
+
+
+def test_what_is_wrong_with_the_network_has_its_command_and_a_firewall_is_named_only_in_trouble(qtbot, monkeypatch):
+    values = {"interface": "eth1", "mtu": 1500, "command": "sudo ip link set eth1 mtu 9000"}
+    large = Finding("packets-too-large", "warning", values, ("S1",))
+    card = InterfaceFact("mtu", "eth1", "1500", large, values["command"])
+    on = Finding("firewall-on", "info", values | {"firewall": "ufw"})
+    wall = InterfaceFact("firewall", "eth1", "ufw", on, "sudo ufw x")
+    well = InterfaceFact("speed", "eth1", "1000 Mbit/s")
+    elsewhere = InterfaceFact("addresses", "eth1", "", Finding("other-subnet", "error", {}, ("S2",)), "sudo ip x")
+    monkeypatch.setattr(camera_network, "can_apply", bool)
+    (note,) = network_notes((card, wall, well, elsewhere), all_well=True)
+    assert note.cure == values["command"] and values["command"] in words(note) and note.level == "caution"
+    assert [one.cure for one in network_notes((card, wall), all_well=False)] == [card.cure, wall.cure]
+    panel = DriversPanel(of_drivers=False)
+    qtbot.addWidget(panel)
+    cured = []
+    panel.cured.connect(cured.append)
+    panel.show_notes([note])
+    (do_it,) = (one for one in panel.findChildren(QPushButton) if one.property("key") == "apply-cure")
+    QTest.mouseClick(do_it, Qt.MouseButton.LeftButton)
+    assert cured == [card.cure] and not panel.makers.isVisible()
+    monkeypatch.setattr(camera_network, "can_apply", lambda _: False)
+    (note,) = network_notes((card,), all_well=True)
+    assert not note.cure and values["command"] in words(note), "the line to paste"
+
+
+def test_a_driver_of_other_cameras_names_the_makers_package_and_offers_the_built_in_one():
+    trouble = DriverTrouble("wrong-driver", "/opt/a.cti", makers=("Basler",))
+    (note,) = driver_notes([trouble], "linux", BuiltinDriver("can-be-built"))
+    assert note.builtin and "a.cti" in note.title and "pylon" in words(note) and "light" not in words(note)
+    (note,) = driver_notes([trouble], "linux", BuiltinDriver("lacking", lacks=("compiler",), install="apt install g++"))
+    assert not note.builtin and "apt install g++" in words(note)
+    own = DriverTrouble("wrong-driver", "/x/spherecal_aravis.cti")
+    (note,) = driver_notes([own], "linux", BuiltinDriver("installed"))
+    assert not note.builtin, "it is the one that does not reach them"

@@ -253,10 +253,22 @@ def test_expected_cameras_that_are_missing_come_first_and_are_named():
     assert connect_summary(lines, False, "No driver. Install it.")[0] == "No driver. Install it."
 
 
+def test_cameras_of_one_name_say_so_each():
+    linked = connection({"S1": status(), "S2": status(), "S3": status()})
+    linked.discovery = Discovery(tuple(replace(one, user_name="Center") for one in linked.discovery.cameras[:2]))
+    assert [line.about for line in camera_lines(linked, ())] == [
+        "2 called Center · S1 · 640 x 480", "2 called Center · S2 · 640 x 480",
+    ]  # fmt: skip
+    linked.profile = linked.profile.with_entry(replace(linked.profile.entry("S2"), name="Left"))
+    assert [line.about for line in camera_lines(linked, ())] == ["S1 · 640 x 480", "S2 · 640 x 480"]
+
+
 def test_an_ill_link_names_the_remedy():
     (line,) = camera_lines(connection({"S1": status(delivered=90, incomplete=10)}), ())
     assert line.level == "caution"
     assert "10 % of the images damaged. Check cable" in line.word
+    (line,) = camera_lines(connection({"S1": status(delivered=0, incomplete=10)}), ())
+    assert line.level == "bad", "no image arrives whole"
 
 
 # --- calibrate -------------------------------------------------------------------------------------------------------

@@ -294,10 +294,15 @@ def test_a_click_on_a_thumbnail_is_heard(qtbot):
 def test_the_footer_does_not_jump(window):
     controller = at_placement(window)
     window.page.tick()
-    next_at = window.footer.next.geometry()
+    next_at, height = window.footer.next.geometry(), window.footer.height()
     controller.go("connect")
     assert window.footer.action.isHidden()
     assert window.footer.next.geometry().right() == next_at.right()
+    for kind in ("plain", "primary"):  # neither button may be the one to press
+        for one in (window.footer.action, window.footer.next):
+            window.footer._set_kind(one, kind)
+        settle(controller)
+        assert window.footer.height() == height
 
 
 # 15

@@ -23,6 +23,7 @@ from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import WIZARD, load_project, new_folder, recent_projects, save_project, taken_in
 from spherecal_gui.texts import reason_text, step_task, step_title
+from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.workflow import Reason, Running, Status, resolve, steps_of
 
 BENCH = Artefacts("dots8", "500 mm", "bar B", "B", ("A",), "bar A")
@@ -157,6 +158,17 @@ def test_nothing_that_uses_a_calibration_looks_better_than_it():
     assert {doubtful[step] for step in ("verify", "save")} == {Status.READY}
     project = changes.with_set(changes.with_calibration(taken_project(), "valid"), "P2", "later")
     assert statuses(project)["measure"] is Status.STALE
+
+
+def test_a_step_that_was_not_begun_has_no_problem_of_its_own(qtbot):
+    """A run that was stopped left "problem" at Verify, Save and Measure too."""
+    rail = Rail()
+    qtbot.addWidget(rail)
+    project = replace(changes.with_calibration(taken_project(), "not valid"), step="calibrate")
+    rail.show_state(resolve(project, Running(connected=True)))
+    said = {step: rail.item(step).accessibleName().partition(", ")[2] for step in ("results", "verify", "save")}
+    assert said == {"results": "problem", "verify": "not yet", "save": "not yet"}
+    assert rail.item("verify").cursor().shape().name == "PointingHandCursor", "one can go there all the same"
 
 
 def test_a_bar_that_contradicts_is_a_problem():

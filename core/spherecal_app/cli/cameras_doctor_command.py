@@ -1,12 +1,14 @@
 """`spherecal cameras doctor`: lines, rates and triggers tested."""
 
 import argparse
+from dataclasses import replace
 
 from rich.markup import escape
 from rich.table import Table
 
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
 from spherecal_app.cli import cameras_lines
 from spherecal_app.cli.answer import answer, plain_fields
 from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
@@ -15,6 +17,7 @@ from spherecal_app.cli.drivers_command import advice_for
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_doctor import brightness, covered_camera, examine
+from spherecal_cameras.camera_network import cut_packets, found_on_wire
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.network_lines import examined, shares
 from spherecal_cameras.new_recording import camera_name
@@ -25,13 +28,14 @@ def doctor(options: argparse.Namespace) -> int:
     """`spherecal cameras doctor`."""
     profile = profile_of(options)
     with open_named(options, profile) as source, shown_progress() as context:
-        discovery = _open_all(source, profile, context)
+        discovery, cut = _open_all(source, profile, context)
         examination = examine(source, options.seconds, options.rate, context)
         lines = examined(source, discovery, options.rate)
         if options.stagger:
             cameras_lines.keep_staggered(options, profile, source, shares(source, discovery, lines))
         if options.order:
             _order_test(source, discovery, profile)
+    examination = replace(examination, findings=(*examination.findings, *cut))
     well = examination.well and cameras_lines.well(lines)
     answer(options, {"source": source.kind, **plain_fields(examination), "lines": lines})
     table = Table("camera", "state", box=None)
@@ -71,15 +75,16 @@ def doctor(options: argparse.Namespace) -> int:
     return DONE if well else NOT_VALID
 
 
-def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> Discovery:
-    """Discover and open every camera of the rig; CameraError where there is none."""
+def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> tuple[Discovery, tuple[Finding, ...]]:
+    """Discover and open every camera of the rig, and whose packets are cut; CameraError where there is none."""
     discovery = discovered(source, context)
     if not (serials := profile.rig_of(discovery.serials)):
         say(*(advice_for(discovery) if source.kind == "genicam" else ()))
         raise CameraError(Phrase("error-no-camera-found"))
     context.report("opening the cameras", 0.0)
+    cut = cut_packets(found_on_wire()) if source.kind == "genicam" else ()
     source.open(serials, profile.settings())
-    return discovery
+    return discovery, cut
 
 
 def _order_test(source: CameraSource, discovery: Discovery, profile: CameraProfile) -> None:

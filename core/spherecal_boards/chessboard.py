@@ -142,7 +142,7 @@ def _corners(
     if shown.sum() < _LEAST_SHOWN:
         return 0.0
     one, facing, other, opposite = (
-        cv2.remap(grey, q[shown].astype(np.float32)[None], None, cv2.INTER_LINEAR)[0] for q in squares
+        cv2.remap(grey, *q[shown].astype(np.float32).T[:, None], cv2.INTER_LINEAR)[0] for q in squares
     )
     contrast = np.abs(one + facing - other - opposite) / 2
     unlike = np.maximum(np.abs(one - facing), np.abs(other - opposite))

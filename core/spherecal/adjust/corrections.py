@@ -261,8 +261,6 @@ def corrected(
         return network, adjusted  # what only the ball as one object asks for may be its own change of shape
     design = design_of(network, adjusted) if found is None else found.design
     limit = None if found is None or isinstance(network.ball, Free) else MOST_GROWTH * found.variances
-    if limit is None:
-        limit = _first_variances(design, adjusted)[1]
     for _ in range(ROUNDS):
         before = found
         found = _estimated(network, adjusted, places, design, found, limit)
@@ -356,14 +354,14 @@ def _estimated(
             return before
         if before is None:
             effects = effects_of(network, adjusted, design, system, None).quadratic
-            found = chosen(design, effects, *_first_variances(design, adjusted))
+            found = chosen(design, effects, _first_variances(design, adjusted))
             if found is not None and (found.variances[design.kind == FIELD] > LARGE**2).any():
                 design = design_of(network, adjusted, FINE_SHARE)
                 effects = effects_of(network, adjusted, design, system, None).quadratic
-                found = chosen(design, effects, *_first_variances(design, adjusted))
+                found = chosen(design, effects, _first_variances(design, adjusted))
             if found is None or _predicts(network, adjusted, places, found):
                 return found
-            return chosen(design, effects, *_first_variances(design, adjusted), frozenset({MOTION}))
+            return chosen(design, effects, _first_variances(design, adjusted), frozenset({MOTION}))
         effects = effects_of(network, adjusted, before.design, system, before.applied).quadratic
         found = estimated(effects, before.variances, limit)
         freedom = float(found.freedom.sum())
@@ -373,16 +371,15 @@ def _estimated(
 
 
 def chosen(
-    design: Design, effects: Effects, first: FloatArray, most: FloatArray, kinds: frozenset[int] | None = None
+    design: Design, effects: Effects, first: FloatArray, kinds: frozenset[int] | None = None
 ) -> Corrections | None:
     """The effects that the data ask for beside the others, taken one kind after the other; None for none.
 
-    `first`, `most` (parts,): variances to begin with, and the largest, over sigma0 squared; `kinds`: those that may be
-    taken, None for all.
+    `first` (parts,): variances to begin with, over sigma0 squared; `kinds`: those that may be taken, None for all.
     """
 
     def of(kinds: frozenset[int]) -> Estimate:
-        return estimated(effects, np.where(np.isin(design.kind, list(kinds)), first, 0.0), most)
+        return estimated(effects, np.where(np.isin(design.kind, list(kinds)), first, 0.0))
 
     taken: frozenset[int] = frozenset()
     tried = {taken: of(taken)}
@@ -455,10 +452,7 @@ def _half(network: Network, adjusted: Adjustment, places: Places | None, design:
     return effects_of(network, own, design, system, None).quadratic
 
 
-def _first_variances(design: Design, adjusted: Adjustment) -> tuple[FloatArray, FloatArray]:
-    """The variances (parts,) to begin with, and the largest: linear, from a lens off by 0.2 px, fields reach 5 px."""
+def _first_variances(design: Design, adjusted: Adjustment) -> FloatArray:
     noise = max(float(np.sqrt(adjusted.variance)), 1e-6) / float(np.median(adjusted.problem.weight))
     turns = FIRST_PX / adjusted.state.intrinsics[:, 0]
-    first = np.concatenate([np.full(len(design.fields), FIRST_PX / noise), turns / noise]) ** 2
-    most = np.concatenate([np.full(len(design.fields), (MOST_FIELD_PX / noise) ** 2), np.full(len(turns), np.inf)])
-    return first, most
+    return np.concatenate([np.full(len(design.fields), FIRST_PX / noise), turns / noise]) ** 2

@@ -76,9 +76,6 @@ class CameraRow(QWidget):
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
         self.picture = Thumbnail()
         self.picture.clicked.connect(lambda: page.open_camera(self.line.serial))
-        policy = self.picture.sizePolicy()
-        policy.setRetainSizeWhenHidden(not theme.is_far())
-        self.picture.setSizePolicy(policy)
         self.picture.setFixedSize(int(theme.pt(60 if narrow else 76)), int(theme.pt(45 if narrow else 57)))
         self.name = Elided("", "big")
         self.about = Elided("", "soft")
@@ -114,6 +111,9 @@ class CameraRow(QWidget):
             set_level(part, line.level if line.level in ("bad", "caution") else "none")
         for part in (self.name, self.about, self.word):
             part.setEnabled(line.in_rig)
+        policy = self.picture.sizePolicy()
+        policy.setRetainSizeWhenHidden(self._page.has_room)
+        self.picture.setSizePolicy(policy)
         self.picture.setVisible(self._page.has_room and line.in_rig)
         self.picture.show_past(line.level == "bad")
         self.in_rig.setVisible(line.listed and project is not None and project.source.startswith("genicam"))
@@ -384,7 +384,7 @@ class ConnectPage(Page):
     def _show_lines(self, lines: list[CameraLine]) -> None:
         self._shown = lines
         most = _ONE_COLUMN if self.space.view.isHidden() else _BESIDE_SCENE
-        columns = 1 if theme.is_far() or len(lines) <= most else 2
+        columns = 1 if not self.has_room or len(lines) <= most else 2
         if [line.serial for line in lines] != list(self._rows) or columns != self._columns:
             clear(self._grid)
             self._columns = columns

@@ -141,9 +141,8 @@ def _corners(
     shown = np.all([((q >= 0) & (q <= np.array(grey.shape[::-1]) - 1)).all(axis=1) for q in squares], axis=0)
     if shown.sum() < _LEAST_SHOWN:
         return 0.0
-    one, facing, other, opposite = (
-        cv2.remap(grey, *q[shown].astype(np.float32).T[:, None], cv2.INTER_LINEAR)[0] for q in squares
-    )
+    u, v = np.stack(squares)[:, shown].astype(np.float32).transpose(2, 0, 1)
+    one, facing, other, opposite = cv2.remap(grey, u, v, cv2.INTER_LINEAR)
     contrast = np.abs(one + facing - other - opposite) / 2
     unlike = np.maximum(np.abs(one - facing), np.abs(other - opposite))
     return float(((unlike < _UNLIKE * contrast) & (contrast > least_contrast)).mean())

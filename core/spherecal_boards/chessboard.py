@@ -32,6 +32,7 @@ _CORNERS = 0.5
 _UNLIKE = 0.5  # of the contrast at a corner: opposite squares of one colour differ by less, a square and paper by 1
 _FAINT = 0.2  # of the contrast of the whole board: less between neighbours is no corner
 _LEAST_SHOWN = 3  # places
+_LEAST_CORNERS = (3, 3)  # of a board of unknown size
 _ORDER = 4  # of the polynomial for lens and paper
 
 
@@ -47,7 +48,8 @@ def find_chessboard(image: Grey, pattern: BoardPattern) -> FloatArray | None:
 def _coarse(image: Grey, size: tuple[int, int]) -> Iterator[FloatArray]:
     """Where OpenCV's finders see the board, (rows, columns, 2) px, the quickest first."""
     for scale in dict.fromkeys(min(1.0, side / max(image.shape)) for side in _SIDES):
-        small = image if scale == 1.0 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        resized = image if scale == 1.0 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        small = np.asarray(resized, dtype=np.uint8)
         for flags in _SETTINGS:
             found, corners = (
                 cv2.findChessboardCorners(small, size, flags=_OLD)
@@ -56,6 +58,22 @@ def _coarse(image: Grey, size: tuple[int, int]) -> Iterator[FloatArray]:
             )
             if found and corners is not None:
                 yield (np.asarray(corners, dtype=float).reshape(size[1], size[0], 2) + 0.5) / scale - 0.5
+        # the rest takes 5 s where another large board is seen
+        other = largest_chessboard(small)
+        if other is not None and sorted(other.shape[:2]) != sorted(size) and is_whole_board(small, other):
+            return
+
+
+def largest_chessboard(image: Grey) -> FloatArray | None:
+    """The corners (rows, columns, 2) px of the largest chessboard that OpenCV's finder of sectors sees in an image."""
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
+    for more in (0, cv2.CALIB_CB_NORMALIZE_IMAGE):
+        found, corners, meta = cv2.findChessboardCornersSBWithMeta(image, _LEAST_CORNERS, flags | more)
+        if found and corners is not None:
+            grid = np.asarray(corners, dtype=float).reshape(*np.asarray(meta).shape[:2], 2)
+            if grid.size > 2 * np.prod(_LEAST_CORNERS) and off_grid_px(grid) <= ROUGH * square_px(grid):
+                return grid
+    return None
 
 
 def _refined(image: Grey, coarse: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.board_pattern import APRILTAGS, tag_dictionary
-from spherecal_boards.chessboard import ROUGH, off_grid_px, square_px
+from spherecal_boards.chessboard import largest_chessboard
 
 Grey = NDArray[np.uint8]
 LOOKED_AT = 8  # images
@@ -33,7 +33,6 @@ _OFF = 0.45
 _MOST_WRONG = 0.15  # of the markers, such as those of another board in view
 _SAME_LENGTH = 0.1  # of a marker's side as seen through a lens that is not known
 _AS_GOOD = 0.02  # shares of markers that differ by less are alike
-_LEAST_CHESSBOARD = (3, 3)
 
 
 @dataclass(frozen=True)
@@ -212,23 +211,15 @@ def _step(corners: FloatArray) -> float:
 
 def look_for_chessboard(images: Sequence[GreyImage]) -> tuple[int, int] | None:
     """Rows and columns of inner corners of the largest chessboard that is seen; None where none is."""
-    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
     seen: dict[tuple[int, int], int] = {}
     for image in images:
         grey = np.asarray(image, dtype=np.uint8)
         scale = min(1.0, 1200 / max(grey.shape))
         small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
-        for more in (0, cv2.CALIB_CB_NORMALIZE_IMAGE):
-            found, corners, meta = cv2.findChessboardCornersSBWithMeta(
-                np.asarray(small), _LEAST_CHESSBOARD, flags | more
-            )
-            if not found or corners is None:
-                continue
-            grid = np.asarray(corners, dtype=float).reshape(*np.asarray(meta).shape[:2], 2)
-            if grid.size > 2 * np.prod(_LEAST_CHESSBOARD) and off_grid_px(grid) <= ROUGH * square_px(grid):
-                rows, columns = sorted(grid.shape[:2])
-                seen[rows, columns] = seen.get((rows, columns), 0) + 1
-                break
+        grid = largest_chessboard(np.asarray(small, dtype=np.uint8))
+        if grid is not None:
+            rows, columns = sorted(grid.shape[:2])
+            seen[rows, columns] = seen.get((rows, columns), 0) + 1
     return max(seen, key=lambda size: (seen[size], size)) if seen else None
 
 

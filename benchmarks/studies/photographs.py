@@ -329,8 +329,10 @@ def report(runs: int | None = None) -> Report:
     )
     rows = [(name, *seconds(*own)) for name, own in TIMED.items()]
     page.table(("images, board", "looked at", "seconds", "processor seconds", "said"), rows)
-    most = max(row[3] for row in rows) / 2
-    page.verdict("at most 30 s on two cores (processor seconds over 2)", most <= 30, f"at most {most:.1f} s")
+    most = max(row[3] for row in rows if row[1] == IMAGES) / 2
+    page.verdict(
+        f"{IMAGES} in at most 30 s on two cores (processor seconds over 2)", most <= 30, f"at most {most:.1f} s"
+    )
     page.text("")
     rows, apart = _rigs(page)
     page.heading("Halves against stated uncertainties")

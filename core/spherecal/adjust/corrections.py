@@ -191,13 +191,14 @@ def _part(
     local = np.repeat(np.arange(len(points)), count)  # point of each row
     rows = np.arange(len(local)) + np.repeat(start[points] - np.cumsum(count) + count, count)
     linear, camera, image, uv = system.linear.at(rows), problem.camera[rows], image[rows], uv[rows]
-    weight, placement = problem.weight[rows], problem.placement[rows] if problem.n_placements else rows
+    weight = problem.weight[rows]
     order = np.argsort(image, kind="stable")
     bounds = np.flatnonzero(np.diff(image[order], prepend=-1, append=-2))
     groups = [order[begin:end] for begin, end in pairwise(bounds.tolist())]
     met = [design.columns(int(image[k[0]])) for k in groups]
     moved = [np.arange(c * width, (c + 1) * width) for c in (int(camera[k[0]]) for k in groups)]
     if problem.n_placements:
+        placement = problem.placement[rows]
         first = [problem.n_cameras * width + POSE * int(placement[k[0]]) for k in groups]
         moved = [np.append(own, at + np.arange(POSE)) for own, at in zip(moved, first, strict=True)]
     kept = np.flatnonzero(np.isin(problem.kept_points, points))
@@ -205,11 +206,8 @@ def _part(
     effects, columns = np.unique(np.concatenate(met)), np.unique(np.concatenate([*moved, ends.ravel()]))
     s, t = len(effects), len(columns)
     own, by_columns, gradient, of_columns = np.zeros((s, s)), np.zeros((t, s)), np.zeros(s), np.zeros(t)
-    by_effects, by_others, of_points = (
-        np.zeros((len(points), 3, s)),
-        np.zeros((len(points), 3, t)),
-        np.zeros((len(points), 3)),
-    )
+    by_effects, by_others = np.zeros((len(points), 3, s)), np.zeros((len(points), 3, t))
+    of_points = np.zeros((len(points), 3))
     for k, met_here, moved_here in zip(groups, met, moved, strict=True):
         theirs = linear.by_camera[k]
         values = design.derivatives(int(camera[k[0]]), uv[k], weight[k], theirs)  # (k,2,r)

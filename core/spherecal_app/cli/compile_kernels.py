@@ -26,6 +26,8 @@ from spherecal_app.cli.console import out
 from spherecal_app.cli.progress import shown_progress
 
 log = logging.getLogger("spherecal")
+_Tell = Callable[[int, int], None]  # done, all
+_Finish = Callable[[_Tell], None]
 _TRIAL = "spherecal_app.cli.kernel_trial"
 
 
@@ -87,14 +89,7 @@ def demo_kernels(context: Context) -> Iterator[None]:
 
     with _side_by_side(_TRIAL, "DEMO") as finish:
         yield
-        try:
-            finish(tell)
-        except Cancelled:
-            raise
-        except SpherecalError as error:  # whoever needs one compiles it
-            log.warning("%s", error)
-        else:
-            mark_compiled(made_from)
+        _mark_when_done(finish, tell, made_from)
 
 
 def compile_first(context: Context, trial: str = _TRIAL) -> None:
@@ -111,19 +106,24 @@ def compile_first(context: Context, trial: str = _TRIAL) -> None:
         context.check()
         context.report("compiling kernels, once", min(done / count, 1.0), f"{done} functions")
 
+    with _side_by_side(trial, "CALIBRATION") as finish:
+        _mark_when_done(finish, tell, made_from)
+
+
+def _mark_when_done(finish: _Finish, tell: _Tell, made_from: str) -> None:
+    """Wait for the parts, and remember that all is compiled; of a part that failed, whoever needs them compiles."""
     try:
-        with _side_by_side(trial, "CALIBRATION") as finish:
-            finish(tell)
+        finish(tell)
     except Cancelled:
         raise
-    except SpherecalError as error:  # whoever needs one compiles it
+    except SpherecalError as error:
         log.warning("%s", error)
     else:
         mark_compiled(made_from)
 
 
 @contextmanager
-def _side_by_side(trial: str, table: str) -> Iterator[Callable[[Callable[[int, int], None]], None]]:
+def _side_by_side(trial: str, table: str) -> Iterator[_Finish]:
     """Run the parts of a table of the trial, each in a process that ends with the body at the latest.
 
     Yields the function that waits for them; it calls `tell(done, all)` after every step, or of a table with a number of

@@ -68,7 +68,7 @@ def killed_while_taking(home: str, where: str) -> None:
     take(made, "P1")
     with pytest.MonkeyPatch.context() as patch:
         if where == "before the images":
-            patch.setattr("spherecal_cameras.capture.png", die)
+            patch.setattr("spherecal_cameras.capture.png_bytes", die)
         elif where == "before the metadata":
             patch.setattr(RecordedSession, "_write_metadata", die)
         take(made, "P2")

@@ -14,7 +14,6 @@ from threading import Lock
 from time import perf_counter
 from typing import Any
 
-import cv2
 import pytest
 
 import spherecal.calibrate as engine
@@ -31,9 +30,6 @@ from tests.networks import computed_once
 
 _KEPT = 96  # images of 1.3 MB
 # Neither compressed nor filtered: 1 ms for an image, where OpenCV knows the filter (since 4.12); without that 13 ms.
-_PLAIN = [cv2.IMWRITE_PNG_COMPRESSION, 0]
-if hasattr(cv2, "IMWRITE_PNG_FILTER"):
-    _PLAIN += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
 _TARGETS = 100  # 140 dots and more in each image; 100 are wanted
 
 
@@ -114,15 +110,9 @@ def images_at_rest() -> Iterator[None]:
             kept.is_grey = balanced is image
         return balanced
 
-    def png(frame: Frame) -> bytes:
-        done, data = cv2.imencode(".png", frame.image, _PLAIN)
-        assert done
-        return data.tobytes()
-
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("spherecal_cameras.simulated.stage.RENDERED", replace(RENDERED, targets=_TARGETS))
         patch.setattr("spherecal_gui.tasks.live_detection.balance_mosaic", balance_once)
-        patch.setattr("spherecal_cameras.capture.png", png)
         patch.setattr(SimulatedSource, "take_image", take_image)
         patch.setattr(Detector, "detect", detect_once)
         yield

@@ -1,6 +1,5 @@
 """Capturing a session: a folder that grows set by set and is a whole session after each."""
 
-import io
 import json
 import time
 from collections.abc import Mapping
@@ -9,8 +8,6 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-
-from PIL import Image
 
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import (
@@ -32,6 +29,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.files.capture_file import CAMERAS as CAPTURED_CAMERAS
 from spherecal.files.capture_file import CAPTURE_FILE, FORMAT, VERSION
 from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.png_file import png_bytes
 from spherecal.files.read_session import FORMAT as SESSION_FORMAT
 from spherecal.files.read_session import VERSION as SESSION_VERSION
 from spherecal.files.target_set_file import target_set_bytes
@@ -146,7 +144,9 @@ class SessionFolder:
         try:
             make_folder_below(self.folder, partial)
             with ThreadPoolExecutor(2) as pool:  # encoding leaves the interpreter alone
-                for name, data in zip(frames, pool.map(png, frames.values()), strict=True):
+                for name, data in zip(
+                    frames, pool.map(png_bytes, (frame.image for frame in frames.values())), strict=True
+                ):
                     write_new(self.folder, f"{partial}/{name}.png", data, durable=True)
             with uninterrupted():
                 # of a set whose metadata never came: its images go, anything else would stay and stop us
@@ -223,13 +223,6 @@ def _image(image: JsonValue) -> str:
     if problem := path_problem(text):
         raise image.error(Phrase("problem-path", {"problem": problem, "path": shown_name(text)}))
     return text
-
-
-def png(frame: Frame) -> bytes:
-    """The image as the bytes of a PNG file of 8 or 16 bits."""
-    data = io.BytesIO()
-    Image.fromarray(frame.image).save(data, "PNG", compress_level=1)
-    return data.getvalue()
 
 
 def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import cache_folder
 from spherecal.data.session import BarPose, Placement, Session
 from spherecal.files.atomic import SESSION, write_folder_whole
+from spherecal.files.png_file import png_bytes
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots
 from spherecal_sim.optics import Image
@@ -182,12 +183,7 @@ def write_png(path: Path, image: Image) -> None:
 
     `image`: the image, (height, width).
     """
-    import cv2
-
-    done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    if not done:
-        raise OutputError(f"{path}: the image cannot be encoded.")
-    create(path, data.tobytes())
+    create(path, png_bytes(image))
 
 
 _DOT_COLUMNS = (

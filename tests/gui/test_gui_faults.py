@@ -45,7 +45,7 @@ def test_a_full_disk_while_taking_keeps_what_was_taken(wizard, said, monkeypatch
     take(wizard, "P1")
     before = {path.name: path.read_bytes() for path in (wizard.project.folder / "placements" / "P1").iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr("spherecal_cameras.capture.png", full)
+        patch.setattr("spherecal_cameras.capture.png_bytes", full)
         take(wizard, "P2")
     assert status(wizard, "placement:P2") is Status.FAILED
     kind, text, hint = said[-1]
@@ -62,7 +62,7 @@ def test_a_full_disk_while_retaking_keeps_the_one_before(wizard, monkeypatch):
     take(wizard, "P1")
     at = wizard.project.taken["P1"]
     with monkeypatch.context() as patch:
-        patch.setattr("spherecal_cameras.capture.png", full)
+        patch.setattr("spherecal_cameras.capture.png_bytes", full)
         take(wizard, "P1")
     assert taken_in(wizard.project.folder) == {"P1": at}, "at once, without anybody's undo"
     assert wizard.sets.can_undo is None

@@ -18,6 +18,7 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.files.png_file import png_bytes
 from spherecal.targets.images import LARGEST_MEGAPIXELS
 
 STAGE = "looking at videos"
@@ -146,10 +147,7 @@ def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], 
     for number, grey in enumerate(_frames(path)):
         if number in wanted:
             context.report(STAGE, 0.85, Phrase("frame-of", {"file": path.name, "frame": number}))
-            done, data = cv2.imencode(".png", grey)
-            if not done:
-                raise InputError(Phrase("error-frame-not-kept", {"file": path, "frame": number}))
-            keep(number, data.tobytes())
+            keep(number, png_bytes(grey))
         if number >= max(wanted):
             break
 

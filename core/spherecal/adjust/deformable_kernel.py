@@ -59,11 +59,11 @@ def _add_through_deformation(p, v, g, v_place, g_place):
 
 
 @njit(**INNER)
-def _add_coupling(coupling, size, place, own, own_size, blocks, n_blocks, width):
+def _add_coupling(coupling, size, place, own, own_size, met, n_met, width):
     """coupling += own (3, own_size), whose columns are those of some blocks only."""
     first = 0
-    for s in range(n_blocks):
-        b = blocks[s]
+    for s in range(n_met):
+        b = met[s]
         for j in range(3):
             for i in range(width[b]):
                 coupling[j * size + place[b] + i] += own[j * own_size + first + i]
@@ -71,117 +71,72 @@ def _add_coupling(coupling, size, place, own, own_size, blocks, n_blocks, width)
 
 
 @njit(**KERNEL)
-def eliminate_places(
-    points,
-    begins,
-    ends,
-    camera,
-    placement,
-    n_cameras,
-    kept_block,
-    of_row,
-    shape_sd,
-    residual,
-    by_camera,
-    by_point,
-    by_placement,
-    offset,
-    width,
-    lens,
-    damping,
-    matrix,
-    gradient,
-    diagonal,
-    square,
-    inverse,
-    point_gradient,
-):
-    """Add the dots of a deformable ball, in the given order, to the reduced system; as `eliminate_points`.
+def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, square):
+    """Add the dots of a deformable ball, in their order, to the reduced system; as `eliminate_points`.
 
-    `points`, `begins`, `ends`: the dots (m,), and the first row of each and its end, (m,); `camera`, `placement`,
-    `n_cameras`: camera and placement of each row (k,), and the number of cameras; `kept_block` (p,); `of_row`,
-    `shape_sd`: the place that each row shows (k,), and tau of each place; `residual`, `by_camera`, `by_point`,
-    `by_placement` (k,2); `offset`, `width`, `lens` (b,); `inverse`, `point_gradient` (p,3,3).
+    `shape_sd`: tau of each place that `part.place` names.
     """
-    n_all = len(offset)
+    n_all = len(blocks.offset)
     place, place_in_own = np.full(n_all, -1), np.full(n_all, -1)
-    blocks, own_blocks = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
-    most = most_columns(camera, placement, n_cameras, begins, ends, lens, width, place)
+    met, own_met = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
+    most = most_columns(part, blocks, place)
     coupling, weighted = np.empty(3 * most), np.empty(3 * most)
     own, own_weighted = np.empty(3 * most), np.empty(3 * most)  # W' of a place by the blocks that it meets
     v, q, p = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     v_place, g_place = np.empty((3, 3)), np.empty(3)
-    for n in range(len(points)):
-        point, first, end = points[n], begins[n], ends[n]
-        n_blocks, size = meet(first, end, camera, placement, n_cameras, lens, width, place, blocks)
+    matrix, gradient = reduced.matrix, reduced.gradient
+    for n in range(len(part.points)):
+        point, first, end = part.points[n], part.begin[n], part.end[n]
+        n_met, size = meet(first, end, part, blocks, place, met, 0, 0)
         coupling[: 3 * size] = 0.0
-        v[:] = inverse[point]
-        g = point_gradient[point]
+        inverse = reduced.point_inverse[point]
+        v[:] = inverse
+        g = reduced.point_gradient[point]
         while first < end:
-            last = _end_of_place(first, end, of_row)
-            n_own, own_size = meet(first, last, camera, placement, n_cameras, lens, width, place_in_own, own_blocks)
+            last = _end_of_place(first, end, part.place)
+            n_own, own_size = meet(first, last, part, blocks, place_in_own, own_met, 0, 0)
             own[: 3 * own_size] = 0.0
             v_place[:] = 0.0
             g_place[:] = 0.0
             add_observations(
-                first,
-                last,
-                camera,
-                placement,
-                n_cameras,
-                residual,
-                by_camera,
-                by_point,
-                by_placement,
-                offset,
-                width,
-                lens,
-                place_in_own,
-                own,
-                0,
-                own_size,
-                v_place,
-                g_place,
-                matrix,
-                gradient,
-                square,
+                first, last, part, blocks, place_in_own, own, 0, own_size, v_place, g_place, reduced, square
             )
-            _weigh_deformation(v_place, shape_sd[of_row[first]] ** 2, q, p)
+            _weigh_deformation(v_place, shape_sd[part.place[first]] ** 2, q, p)
             weigh(own_weighted, own, 0, q, own_size)
-            subtract_point(matrix, own_weighted, own, own_size, own_blocks, n_own, offset, width)
-            subtract_gradient(gradient, own_weighted, 0, own_size, g_place, own_blocks, n_own, offset, width)
+            subtract_point(matrix, own_weighted, own, own_size, own_met, n_own, blocks)
+            subtract_gradient(gradient, own_weighted, 0, own_size, g_place, own_met, n_own, blocks)
             weigh(own_weighted, own, 0, p, own_size)
-            _add_coupling(coupling, size, place, own_weighted, own_size, own_blocks, n_own, width)
+            _add_coupling(coupling, size, place, own_weighted, own_size, own_met, n_own, blocks.width)
             _add_through_deformation(p, v, g, v_place, g_place)
             for s in range(n_own):
-                place_in_own[own_blocks[s]] = -1
+                place_in_own[own_met[s]] = -1
             first = last
         if kept_block[point] >= 0:
-            keep_point(
-                matrix, gradient, diagonal, offset, width, kept_block[point], v, g, blocks, n_blocks, coupling, size
-            )
-            inverse[point] = 0.0
+            keep_point(reduced, blocks, kept_block[point], v, g, met, n_met, coupling, size)
+            inverse[:] = 0.0
         else:
-            inverse_damped(v, damping, inverse[point])
-            weigh(weighted, coupling, 0, inverse[point], size)
-            subtract_gradient(gradient, weighted, 0, size, g, blocks, n_blocks, offset, width)
-            subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width)
-        for s in range(n_blocks):
-            place[blocks[s]] = -1
+            inverse_damped(v, damping, inverse)
+            weigh(weighted, coupling, 0, inverse, size)
+            subtract_gradient(gradient, weighted, 0, size, g, met, n_met, blocks)
+            subtract_point(matrix, weighted, coupling, size, met, n_met, blocks)
+        for s in range(n_met):
+            place[met[s]] = -1
 
 
 @njit(**INNER)
-def _change_of_row(k, camera, placement, n_cameras, by_camera, by_placement, offset, step, d0, d1):
-    """Residuals d0, d1 of row k after a step of the reduced system."""
-    first = offset[camera[k]]
-    for i in range(by_camera.shape[2]):
-        d0 += by_camera[k, 0, i] * step[first + i]
-        d1 += by_camera[k, 1, i] * step[first + i]
-    if len(placement) > 0:
-        first = offset[n_cameras + placement[k]]
+def _change_of_row(k, part, offset, n_cameras, step):
+    """Residuals of row k after a step of the reduced system."""
+    linear = part.linear
+    d0, d1 = linear.residual[k, 0], linear.residual[k, 1]
+    first = offset[part.camera[k]]
+    for i in range(linear.by_camera.shape[2]):
+        d0 += linear.by_camera[k, 0, i] * step[first + i]
+        d1 += linear.by_camera[k, 1, i] * step[first + i]
+    if len(part.placement) > 0:
+        first = offset[n_cameras + part.placement[k]]
         for i in range(POSE):
-            d0 += by_placement[k, 0, i] * step[first + i]
-            d1 += by_placement[k, 1, i] * step[first + i]
+            d0 += linear.by_placement[k, 0, i] * step[first + i]
+            d1 += linear.by_placement[k, 1, i] * step[first + i]
     return d0, d1
 
 
@@ -271,50 +226,23 @@ def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step
 
 
 @njit(**KERNEL)
-def substitute_places(
-    points,
-    begins,
-    ends,
-    camera,
-    placement,
-    n_cameras,
-    is_kept,
-    of_row,
-    shape_sd,
-    residual,
-    by_camera,
-    by_point,
-    by_placement,
-    offset,
-    inverse,
-    point_gradient,
-    step,
-    point_step,
-    squares,
-):
+def substitute_places(part, is_kept, shape_sd, offset, n_cameras, reduced, step, point_step, squares):
     """Fill the dots' step for a step of the reduced system; returns `squares` and those that both leave.
 
-    As `substitute_points`, with what the shape noise of the places takes off the squares.
-
-    `points`, `begins`, `ends`: the dots (m,), and the first row of each and its end, (m,); `camera`, `placement`,
-    `n_cameras`: camera and placement of each row (k,), and the number of cameras; `is_kept`: which dots are in the
-    reduced system, (p,); `of_row`, `shape_sd`: the place that each row shows (k,), and tau of each place; `residual`,
-    `by_camera`, `by_point`, `by_placement` (k,2); `offset`: first column of each block, (b,); `inverse`,
-    `point_gradient`: what the elimination left of the dots, (p,3,3) and (p,3); `step`, `point_step`: step of the
-    reduced system (e,).
+    As `substitute_points`, with what the shape noise of the places takes off the squares; `shape_sd`: tau of each place
+    that `part.place` names.
     """
-    change = np.empty((_most_rows(begins, ends), 2))
+    change = np.empty((_most_rows(part.begin, part.end), 2))
     q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for n in range(len(points)):
-        point, begin, end = points[n], begins[n], ends[n]
-        g[:] = point_gradient[point]
+    of_row, residual, by_point = part.place, part.linear.residual, part.linear.by_point
+    for n in range(len(part.points)):
+        point, begin, end = part.points[n], part.begin[n], part.end[n]
+        g[:] = reduced.point_gradient[point]
         for k in range(begin, end):
-            change[k - begin] = _change_of_row(
-                k, camera, placement, n_cameras, by_camera, by_placement, offset, step, residual[k, 0], residual[k, 1]
-            )
+            change[k - begin] = _change_of_row(k, part, offset, n_cameras, step)
         _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
         if not is_kept[point]:
-            _step_point(point_step[point], inverse[point], g[0], g[1], g[2])
+            _step_point(point_step[point], reduced.point_inverse[point], g[0], g[1], g[2])
         squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
         squares -= _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
     return squares

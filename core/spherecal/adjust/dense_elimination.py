@@ -38,62 +38,27 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
         rows = np.zeros((3 * len(some), layout.expanded))
         done = 0
         for part in point_blocks(problem, linear, some):
-            _couple(
-                part.points,
-                part.begin,
-                part.end,
-                part.camera,
-                part.placement,
-                problem.n_cameras,
-                part.linear.residual,
-                part.linear.by_camera,
-                part.linear.by_point,
-                part.linear.by_placement,
-                layout.block_offset,
-                damping,
-                reduced.matrix,
-                reduced.gradient,
-                reduced.diagonal,
-                reduced.point_inverse,
-                reduced.point_gradient,
-                rows[3 * done :],
-            )
+            _couple(part, problem.n_cameras, layout.block_offset, damping, reduced, rows[3 * done :])
             done += len(part.points)
         # in Fortran's eyes our upper triangle is the lower one
         dsyrk(-1.0, rows.T, beta=1.0, c=reduced.matrix.T, lower=1, overwrite_c=1)
 
 
 @njit(**KERNEL)
-def _couple(
-    points,
-    begins,
-    ends,
-    camera,
-    placement,
-    n_cameras,
-    residual,
-    by_camera,
-    by_point,
-    by_placement,
-    offset,
-    damping,
-    matrix,
-    gradient,
-    diagonal,
-    inverse,
-    point_gradient,
-    rows,
-):
+def _couple(part, n_cameras, offset, damping, reduced, rows):
     """Own normal equations of cameras and placements, and the points' whitened couplings (3m,e)."""
+    matrix, gradient, diagonal = reduced.matrix, reduced.gradient, reduced.diagonal
+    residual, by_camera, by_point, by_placement = part.linear
     v = np.empty((3, 3))
-    for i in range(len(points)):
-        p = points[i]
+    for i in range(len(part.points)):
+        p = part.points[i]
         w = rows[3 * i : 3 * i + 3]
-        v[:] = inverse[p]
-        g = point_gradient[p]
-        for k in range(begins[i], ends[i]):
+        inverse = reduced.point_inverse[p]
+        v[:] = inverse
+        g = reduced.point_gradient[p]
+        for k in range(part.begin[i], part.end[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]
-            c, t = offset[camera[k]], offset[n_cameras + placement[k]]
+            c, t = offset[part.camera[k]], offset[n_cameras + part.placement[k]]
             row0, row1, pose0, pose1 = by_camera[k, 0], by_camera[k, 1], by_placement[k, 0], by_placement[k, 1]
             _add_rows(matrix, gradient, diagonal, c, row0, row1, r0, r1)
             _add_rows(matrix, gradient, diagonal, t, pose0, pose1, r0, r1)
@@ -109,7 +74,7 @@ def _couple(
                     w[j, t + a] += p0 * pose0[a] + p1 * pose1[a]
                 for b in range(3):
                     v[j, b] += p0 * jp[0, b] + p1 * jp[1, b]
-        _whiten(v, damping, w, g, inverse[p], gradient)
+        _whiten(v, damping, w, g, inverse, gradient)
 
 
 @njit(**INNER)

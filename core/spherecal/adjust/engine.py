@@ -4,16 +4,18 @@ linear_model -> reduce -> back_substitute. The kernels of the elimination are in
 functions in plain numpy, to which these are equal to 1e-9, are in `tests/reference_engine.py`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from spherecal.adjust import dense_elimination, linear
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.linear import Linear, Linearisation, PointEquations, Reduced, point_blocks
+from spherecal.adjust.linear import Blocks, Linear, Linearisation, PointEquations, Reduced, point_blocks
 from spherecal.adjust.parameter_layout import POSE, Layout
 from spherecal.adjust.problem import Problem
-from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points
+from spherecal.adjust.schur_kernel import add_squares, eliminate_points
 from spherecal.adjust.state import State
 from spherecal.adjust.substitution_kernel import substitute_points
 from spherecal.base.arrays import FloatArray, IntArray
@@ -25,20 +27,7 @@ from spherecal.geometry.fisheye import AXIS_R2
 def residuals(problem: Problem, state: State) -> FloatArray:
     """Weighted residuals, predicted minus observed over sigma, (n,2)."""
     out = np.empty_like(problem.uv)
-    _residuals(
-        problem.camera,
-        problem.point,
-        problem.placement,
-        problem.uv,
-        problem.weight,
-        state.rotation,
-        state.translation,
-        state.intrinsics,
-        state.placement_rotation,
-        state.placement_translation,
-        state.points,
-        out,
-    )
+    _residuals(_observed(problem, problem.weight), _unknowns(state), out)
     return out
 
 
@@ -55,24 +44,7 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
         np.empty((n, 2, 3)),
         np.empty((n if problem.n_placements else 0, 2, POSE)),
     )
-    _linearise(
-        problem.camera,
-        problem.point,
-        problem.placement,
-        problem.uv,
-        weight,
-        state.rotation,
-        state.translation,
-        state.intrinsics,
-        state.placement_rotation,
-        state.placement_translation,
-        state.points,
-        problem.intrinsic_columns,
-        out.residual,
-        out.by_camera,
-        out.by_point,
-        out.by_placement,
-    )
+    _linearise(_observed(problem, weight), _unknowns(state), problem.intrinsic_columns, out)
     return out
 
 
@@ -89,43 +61,41 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     `known` None without any.
     """
     layout = problem.layout
-    matrix = np.zeros((layout.expanded, layout.expanded))
-    gradient = np.zeros(layout.expanded)
-    diagonal = np.zeros(layout.expanded)
-    inverse = np.zeros((problem.n_points, 3, 3)) if known is None else known.normal.copy()
-    point_gradient = np.zeros((problem.n_points, 3)) if known is None else known.gradient.copy()
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
     is_dense = dense_elimination.is_dense(problem)
-    reduced = Reduced(matrix, gradient, diagonal, inverse, point_gradient, is_gathered=not is_dense)
-    order, is_other = problem.elimination_runs
-    lenses = _own_lenses(layout, problem.n_cameras) if is_dense else _lenses(layout, problem.n_cameras)
+    reduced = Reduced(
+        np.zeros((layout.expanded, layout.expanded)),
+        np.zeros(layout.expanded),
+        np.zeros(layout.expanded),
+        np.zeros((problem.n_points, 3, 3)) if known is None else known.normal.copy(),
+        np.zeros((problem.n_points, 3)) if known is None else known.gradient.copy(),
+        is_gathered=not is_dense,
+    )
+    order, begins = problem.elimination_runs
+    blocks = _own_lenses(layout, problem.n_cameras) if is_dense else _shared_lenses(layout, problem.n_cameras)
     if is_dense:
         is_kept = kept_block[order] >= 0
         dense_elimination.eliminate(problem, linear, damping, order[~is_kept], reduced)
-        order, is_other = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
-    # parts end where a matrix product would as well, so that the sums are the same bits in one part or many
-    place = np.arange(len(order))
-    in_run = place - np.maximum.accumulate(np.where(is_other, place, 0)) if len(order) else place
-    square = np.zeros((len(lenses[0]), linear.width, linear.width))
-    for part in point_blocks(problem, linear, order, in_run % RUN == 0):
-        rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, kept_block)
-        derivatives = (part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement)
-        system = (matrix, gradient, diagonal, square, inverse, point_gradient)
+        order, begins = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
+    begins_run = np.zeros(problem.n_points, dtype=bool)
+    begins_run[order[begins]] = True
+    square = np.zeros((len(blocks.offset), linear.width, linear.width))
+    for part in point_blocks(problem, linear, order, begins):
         if not isinstance(problem.ball, Deformable):
-            eliminate_points(*rows, *derivatives, *lenses, damping, *system)
+            eliminate_points(part, begins_run, kept_block, blocks, damping, reduced, square)
         else:
-            eliminate_places(*rows, part.place, problem.ball.shape_sd, *derivatives, *lenses, damping, *system)
-    add_squares(matrix, diagonal, square, *lenses)
+            eliminate_places(part, kept_block, problem.ball.shape_sd, blocks, damping, reduced, square)
+    add_squares(reduced, square, blocks)
     return reduced
 
 
-def _own_lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Columns and widths of the blocks, and each camera's block of a shared lens: -1, as each has its own."""
-    return layout.block_offset, layout.block_width, np.full(n_cameras, -1)
+def _own_lenses(layout: Layout, n_cameras: int) -> Blocks:
+    """The blocks where each camera's lens is a part of its own."""
+    return Blocks(layout.block_offset, layout.block_width, np.full(n_cameras, -1))
 
 
-def _lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArray]:
+def _shared_lenses(layout: Layout, n_cameras: int) -> Blocks:
     """The same with another block, after all others, for each lens that several cameras share.
 
     A point then meets the lens once instead of once with each camera: of 60 views by one lens a third of the products.
@@ -138,7 +108,7 @@ def _lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArra
     width = layout.block_width.copy()
     width[:n_cameras][is_shared] = POSE
     offset = np.concatenate([layout.block_offset, layout.block_offset[first] + POSE])
-    return offset, np.concatenate([width, layout.block_width[first] - POSE]), block
+    return Blocks(offset, np.concatenate([width, layout.block_width[first] - POSE]), block)
 
 
 def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
@@ -153,41 +123,58 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
     is_kept[kept] = True
     squares = 0.0
     for part in point_blocks(problem, linear, np.arange(problem.n_points)):
-        rows = (part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept)
-        rest = (
-            part.linear.residual,
-            part.linear.by_camera,
-            part.linear.by_point,
-            part.linear.by_placement,
-            layout.block_offset,
-            reduced.point_inverse,
-            reduced.point_gradient,
-            step,
-            point_step,
-            squares,
-        )
+        rest = (layout.block_offset, problem.n_cameras, reduced, step, point_step, squares)
         if not isinstance(problem.ball, Deformable):
-            squares = substitute_points(*rows, *rest)
+            squares = substitute_points(part, is_kept, *rest)
         else:
-            squares = substitute_places(*rows, part.place, problem.ball.shape_sd, *rest)
+            squares = substitute_places(part, is_kept, problem.ball.shape_sd, *rest)
     point_step[kept] = 0.0
     return point_step, 0.5 * squares
 
 
+class _Observed(NamedTuple):
+    """What the kernels read of a problem: camera, point and placement of each row (n,), pixels and weights (n,2)."""
+
+    camera: IntArray
+    point: IntArray
+    placement: IntArray
+    uv: FloatArray
+    weight: FloatArray
+
+
+class _Unknowns(NamedTuple):
+    """What the kernels read of a state."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    intrinsics: FloatArray
+    placement_rotation: FloatArray
+    placement_translation: FloatArray
+    points: FloatArray
+
+
+def _observed(problem: Problem, weight: FloatArray) -> _Observed:
+    return _Observed(problem.camera, problem.point, problem.placement, problem.uv, weight)
+
+
+def _unknowns(s: State) -> _Unknowns:
+    return _Unknowns(s.rotation, s.translation, s.intrinsics, s.placement_rotation, s.placement_translation, s.points)
+
+
 @njit(**INNER)
-def _to_camera(k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points):
+def _to_camera(k, observed, unknowns):
     """Observation k's point in its camera's frame, in the world, and turned about the ball's origin."""
-    p, c = points[point[k]], camera[k]
+    p, c = unknowns.points[observed.point[k]], observed.camera[k]
     tx, ty, tz = p[0], p[1], p[2]
     wx, wy, wz = tx, ty, tz
-    if len(placement) > 0:
-        t = placement[k]
-        q, s = placement_rotation[t], placement_translation[t]
+    if len(observed.placement) > 0:
+        t = observed.placement[k]
+        q, s = unknowns.placement_rotation[t], unknowns.placement_translation[t]
         tx = q[0, 0] * p[0] + q[0, 1] * p[1] + q[0, 2] * p[2]
         ty = q[1, 0] * p[0] + q[1, 1] * p[1] + q[1, 2] * p[2]
         tz = q[2, 0] * p[0] + q[2, 1] * p[1] + q[2, 2] * p[2]
         wx, wy, wz = tx + s[0], ty + s[1], tz + s[2]
-    r, d = rotation[c], translation[c]
+    r, d = unknowns.rotation[c], unknowns.translation[c]
     x = r[0, 0] * wx + r[0, 1] * wy + r[0, 2] * wz + d[0]
     y = r[1, 0] * wx + r[1, 1] * wy + r[1, 2] * wz + d[1]
     z = r[2, 0] * wx + r[2, 1] * wy + r[2, 2] * wz + d[2]
@@ -195,25 +182,11 @@ def _to_camera(k, camera, point, placement, rotation, translation, placement_rot
 
 
 @njit(**KERNEL)
-def _residuals(
-    camera,
-    point,
-    placement,
-    uv,
-    weight,
-    rotation,
-    translation,
-    intrinsics,
-    placement_rotation,
-    placement_translation,
-    points,
-    out,
-):
-    for k in range(len(camera)):
-        xc, yc, zc, _, _, _ = _to_camera(
-            k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points
-        )
-        i = intrinsics[camera[k]]
+def _residuals(observed, unknowns, out):
+    uv, weight = observed.uv, observed.weight
+    for k in range(len(uv)):
+        xc, yc, zc, _, _, _ = _to_camera(k, observed, unknowns)
+        i = unknowns.intrinsics[observed.camera[k]]
         x, y = xc / zc, yc / zc
         r2 = x * x + y * y
         if i[15] == FISHEYE_MARK:
@@ -257,41 +230,22 @@ def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
 
 
 @njit(**KERNEL)
-def _linearise(
-    camera,
-    point,
-    placement,
-    uv,
-    weight,
-    rotation,
-    translation,
-    intrinsics,
-    placement_rotation,
-    placement_translation,
-    points,
-    columns,
-    residual,
-    by_camera,
-    by_point,
-    by_placement,
-):
+def _linearise(observed, unknowns, columns, out):
+    residual, by_camera, by_point, by_placement = out
     a = np.empty((2, 3))  # by the point in the camera's frame, weighted
     d = np.zeros((2, 16))  # by the intrinsics, weighted
-    for k in range(len(camera)):
-        c = camera[k]
-        xc, yc, zc, tx, ty, tz = _to_camera(
-            k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points
-        )
-        i = intrinsics[c]
+    for k in range(len(observed.camera)):
+        c = observed.camera[k]
+        xc, yc, zc, tx, ty, tz = _to_camera(k, observed, unknowns)
+        i = unknowns.intrinsics[c]
         iz = 1.0 / zc
         x, y = xc * iz, yc * iz
         r2 = x * x + y * y
-        wu, wv = weight[k, 0], weight[k, 1]
+        wu, wv = observed.weight[k, 0], observed.weight[k, 1]
         if i[15] == FISHEYE_MARK:
             xd, yd = _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d)
         else:
-            r4 = r2 * r2
-            r6 = r4 * r2
+            r4, r6 = r2 * r2, r2 * r2 * r2
             iden = 1 / (1 + i[9] * r2 + i[10] * r4 + i[11] * r6)
             radial = (1 + i[4] * r2 + i[5] * r4 + i[8] * r6) * iden
             slope = (i[4] + 2 * i[5] * r2 + 3 * i[8] * r4 - radial * (i[9] + 2 * i[10] * r2 + 3 * i[11] * r4)) * iden
@@ -318,11 +272,11 @@ def _linearise(
             d[1, 14], d[1, 15] = fv * r2, fv * r4
         a[0, 2] = -(a[0, 0] * x + a[0, 1] * y)
         a[1, 2] = -(a[1, 0] * x + a[1, 1] * y)
-        residual[k, 0] = (i[0] * xd + i[2] - uv[k, 0]) * wu
-        residual[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * wv
+        residual[k, 0] = (i[0] * xd + i[2] - observed.uv[k, 0]) * wu
+        residual[k, 1] = (i[1] * yd + i[3] - observed.uv[k, 1]) * wv
         d[0, 0], d[1, 1], d[0, 2], d[1, 3] = wu * xd, wv * yd, wu, wv
 
-        r = rotation[c]
+        r = unknowns.rotation[c]
         for e in range(2):
             by_camera[k, e, 0] = a[e, 2] * yc - a[e, 1] * zc
             by_camera[k, e, 1] = a[e, 0] * zc - a[e, 2] * xc
@@ -334,10 +288,10 @@ def _linearise(
             wx = a[e, 0] * r[0, 0] + a[e, 1] * r[1, 0] + a[e, 2] * r[2, 0]
             wy = a[e, 0] * r[0, 1] + a[e, 1] * r[1, 1] + a[e, 2] * r[2, 1]
             wz = a[e, 0] * r[0, 2] + a[e, 1] * r[1, 2] + a[e, 2] * r[2, 2]
-            if len(placement) == 0:
+            if len(observed.placement) == 0:
                 by_point[k, e, 0], by_point[k, e, 1], by_point[k, e, 2] = wx, wy, wz
             else:
-                q = placement_rotation[placement[k]]
+                q = unknowns.placement_rotation[observed.placement[k]]
                 for j in range(3):
                     by_point[k, e, j] = wx * q[0, j] + wy * q[1, j] + wz * q[2, j]
                 by_placement[k, e, 0] = wz * ty - wy * tz

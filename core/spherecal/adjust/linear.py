@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -23,8 +23,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 MOST_IN_MEMORY = 150_000
 
 
-@dataclass(frozen=True)
-class Linearisation:
+class Linearisation(NamedTuple):
     """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6).
 
     Those by the placement are (0,2,6) in the free form.
@@ -46,8 +45,18 @@ class Linearisation:
         return Linearisation(self.residual[rows], self.by_camera[rows], self.by_point[rows], by_placement)
 
 
-@dataclass(frozen=True)
-class Reduced:
+class Blocks(NamedTuple):
+    """Blocks of columns in the expanded layout: cameras, placements, points that are kept, lenses that cameras share.
+
+    `offset`, `width`: first column and number of columns (b,); `lens` (c,): block of the lens that a camera shares; -1.
+    """
+
+    offset: IntArray
+    width: IntArray
+    lens: IntArray
+
+
+class Reduced(NamedTuple):
     """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
 
     `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
@@ -115,8 +124,7 @@ def linear_model(problem: Problem, state: State, robust_weight: FloatArray | Non
     return LinearByBlocks(problem, state, robust_weight, linearise)
 
 
-@dataclass(frozen=True)
-class PointBlock:
+class PointBlock(NamedTuple):
     """Some points (m,) and their observations: rows `begin` to `end` (m,) of what follows."""
 
     points: IntArray

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from spherecal.adjust.ball_model import FREE, BallModel, Stored
+from spherecal.adjust.elimination_runs import elimination_runs
 from spherecal.adjust.parameter_layout import POSE, Layout
 from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.state import State
@@ -68,15 +69,9 @@ class Problem:
 
     @cached_property
     def elimination_runs(self) -> tuple[IntArray, BoolArray]:
-        """The elimination order (o,), and where in it (o,) begin points that other cameras or placements see."""
-        tag = np.random.default_rng(0).integers(1, 2**62, self.n_cameras + self.n_placements, dtype=np.uint64)
-        pattern = np.zeros(self.n_points, dtype=np.uint64)  # sums of tags: equal for equal sets, wrapping around
-        np.add.at(pattern, self.point, tag[self.camera])
-        if self.n_placements:
-            np.add.at(pattern, self.point, tag[self.n_cameras + self.placement])
-        order = np.argsort(pattern, kind="stable")
-        order = order[np.diff(self.point_start)[order] > 0]
-        return order, np.append(True, pattern[order][1:] != pattern[order][:-1])[: len(order)]
+        """The elimination order (o,), and where in it (o,) runs begin."""
+        width = POSE + len(self.intrinsic_columns)
+        return elimination_runs(self.camera, self.placement, self.point_start, self.n_cameras, self.n_placements, width)
 
     @cached_property
     def kept_points(self) -> IntArray:

@@ -10,8 +10,7 @@ from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.kernels import njit
 
-# Points that are eliminated by one matrix product; more than 64 gain nothing.
-RUN = 64
+_STRIP = 48  # columns of a product at a time: hall50's rigid form 3.7 us an observation in one piece, 2.7 in strips
 _KINDS = 3  # of blocks that an observation may meet, see `_block`
 
 
@@ -52,44 +51,56 @@ def weigh(weighted, coupling, at, inverse, size):
 
 
 @njit(**INNER)
-def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, width):
+def _flush(matrix, weighted, coupling, n_rows, size, run, n_run, blocks):
     """Subtract W V^-1 W' of all points of a run, which meet the same blocks, from the reduced matrix."""
     if n_rows == 0:
         return
     if n_rows == 3:
-        subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width)
+        subtract_point(matrix, weighted, coupling, size, run, n_run, blocks)
         return
-    product = np.dot(weighted[: n_rows * size].reshape(n_rows, size).T, coupling[: n_rows * size].reshape(n_rows, size))
-    left = 0
-    for s in range(n_blocks):
-        a = blocks[s]
-        right = left
-        for t in range(s, n_blocks):
-            b = blocks[t]
-            for i in range(width[a]):
-                if offset[a] <= offset[b]:  # only the upper block triangle is filled
-                    for j in range(width[b]):
-                        matrix[offset[a] + i, offset[b] + j] -= product[left + i, right + j]
-                else:
-                    for j in range(width[b]):
-                        matrix[offset[b] + j, offset[a] + i] -= product[left + i, right + j]
-            right += width[b]
-        left += width[a]
+    offset, width = blocks.offset, blocks.width
+    left_side = weighted[: n_rows * size].reshape(n_rows, size)
+    right_side = coupling[: n_rows * size].reshape(n_rows, size)
+    first, begin = 0, 0
+    while first < n_run:  # strip by strip, of which only what is right of its diagonal is needed
+        last, end = first, begin
+        while last < n_run and end - begin < _STRIP:
+            end += width[run[last]]
+            last += 1
+        strip = np.ascontiguousarray(left_side[:, begin:end]).T
+        product = np.dot(strip, np.ascontiguousarray(right_side[:, begin:]))
+        left = 0
+        for s in range(first, last):
+            a = run[s]
+            right = left
+            for t in range(s, n_run):
+                b = run[t]
+                for i in range(width[a]):
+                    if offset[a] <= offset[b]:  # only the upper block triangle is filled
+                        for j in range(width[b]):
+                            matrix[offset[a] + i, offset[b] + j] -= product[left + i, right + j]
+                    else:
+                        for j in range(width[b]):
+                            matrix[offset[b] + j, offset[a] + i] -= product[left + i, right + j]
+                right += width[b]
+            left += width[a]
+        first, begin = last, end
 
 
 @njit(**INNER)
-def subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width):
+def subtract_point(matrix, weighted, coupling, size, met, n_met, blocks):
     """Subtract W V^-1 W' of a single point, for which a matrix product costs more than it saves.
 
-    `weighted`, `coupling`, `size`: V^-1 W' and W' (3, size), flat, and their number of columns; `offset`, `width`:
-    first column and number of columns of each block, (b,).
+    `weighted`, `coupling`, `size`: V^-1 W' and W' (3, size), flat, and their number of columns; `met`, `n_met`: the
+    blocks that the point meets.
     """
+    offset, width = blocks.offset, blocks.width
     left = 0
-    for s in range(n_blocks):
-        a = blocks[s]
+    for s in range(n_met):
+        a = met[s]
         right = left
-        for t in range(s, n_blocks):
-            b = blocks[t]
+        for t in range(s, n_met):
+            b = met[t]
             # V^-1 is symmetric, so either side may be the weighted one
             row, column, i0, j0 = (a, b, left, right) if offset[a] <= offset[b] else (b, a, right, left)
             for i in range(width[row]):
@@ -105,41 +116,31 @@ def subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, w
 
 
 @njit(**INNER)
-def _block(kind, k, camera, placement, n_cameras, lens):
+def _block(kind, k, part, blocks):
     """The block of observation k that is of a kind: its camera, the lens that it shares, its placement; -1 for none."""
     if kind == 0:
-        return camera[k]
+        return part.camera[k]
     if kind == 1:
-        return lens[camera[k]]
-    return n_cameras + placement[k] if len(placement) > 0 else -1
+        return blocks.lens[part.camera[k]]
+    return len(blocks.lens) + part.placement[k] if len(part.placement) > 0 else -1
 
 
 @njit(**INNER)
-def meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
-    """The number of blocks that are coupled to a point, and of their columns together.
+def meet(begin, end, part, blocks, place, met, n_met, size):
+    """The number of blocks that are coupled to the point of rows begin to end, and of their columns together.
 
-    `camera`, `placement`, `n_cameras` (k,); `lens`, `width` (c,).
+    Fills `met` (b,) with them and `place` (b,), where it is -1, with the first column of each, after `n_met` blocks of
+    `size` columns.
     """
-    size, n_blocks = 0, 0
     for k in range(begin, end):
         for kind in range(_KINDS):
-            b = _block(kind, k, camera, placement, n_cameras, lens)
+            b = _block(kind, k, part, blocks)
             if b >= 0 and place[b] < 0:
                 place[b] = size
-                blocks[n_blocks] = b
-                n_blocks += 1
-                size += width[b]
-    return n_blocks, size
-
-
-@njit(**INNER)
-def _equal(blocks, n_blocks, run, n_run):
-    if n_blocks != n_run:
-        return False
-    for s in range(n_blocks):  # noqa: SIM110 - generators cannot be compiled
-        if blocks[s] != run[s]:
-            return False
-    return True
+                met[n_met] = b
+                n_met += 1
+                size += blocks.width[b]
+    return n_met, size
 
 
 @njit(**INNER)
@@ -173,166 +174,101 @@ def _add_point(v, g, by_point, r0, r1):
 
 
 @njit(**INNER)
-def add_observations(
-    begin,
-    end,
-    camera,
-    placement,
-    n_cameras,
-    residual,
-    by_camera,
-    by_point,
-    by_placement,
-    offset,
-    width,
-    lens,
-    place,
-    coupling,
-    at,
-    size,
-    v,
-    g,
-    matrix,
-    gradient,
-    square,
-):
+def add_observations(begin, end, part, blocks, place, coupling, at, size, v, g, reduced, square):
     """Add rows begin to end of a point: the blocks' own equations, and what its coupling W', V and g get.
 
-    `camera`, `placement`, `n_cameras` (k,); `residual`, `by_camera`, `by_point`, `by_placement` (k,2); `offset`,
-    `width`, `lens` (b,); `place`: first column in the coupling of each block that meets the point, (b,); `coupling`,
-    `at`, `size`: W' (3, size), flat, from place `at` on; `v`, `g`: the point's own normal equations, (3,3) and (3,).
+    `place`: first column in the coupling of each block that meets the point, (b,); `coupling`, `at`, `size`: W'
+    (3, size), flat, from place `at` on; `v`, `g`: the point's own normal equations, (3,3) and (3,).
     """
+    linear, offset, gradient = part.linear, blocks.offset, reduced.gradient
     for k in range(begin, end):
-        c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
-        rows = by_camera[k]
+        c, jp, r0, r1 = part.camera[k], linear.by_point[k], linear.residual[k, 0], linear.residual[k, 1]
+        rows = linear.by_camera[k]
         _add_square(square[c], rows)
-        split, shared = width[c], lens[c]  # from column `split` on, a lens that cameras share
+        split, shared = blocks.width[c], blocks.lens[c]  # from column `split` on, a lens that cameras share
         _add_block(rows, 0, split, r0, r1, jp, coupling, at + place[c], size, gradient, offset[c])
         if shared >= 0:
             _add_block(
                 rows, split, rows.shape[1], r0, r1, jp, coupling, at + place[shared], size, gradient, offset[shared]
             )
-        if len(placement) > 0:
-            t, pose = n_cameras + placement[k], by_placement[k]
+        if len(part.placement) > 0:
+            t, pose = len(blocks.lens) + part.placement[k], linear.by_placement[k]
             _add_square(square[t], pose)
             _add_block(pose, 0, POSE, r0, r1, jp, coupling, at + place[t], size, gradient, offset[t])
-            _add_rows(matrix, rows, 0, split, pose, offset[c], offset[t])
+            _add_rows(reduced.matrix, rows, 0, split, pose, offset[c], offset[t])
             if shared >= 0:
-                _add_rows(matrix, rows, split, rows.shape[1], pose, offset[shared], offset[t])
+                _add_rows(reduced.matrix, rows, split, rows.shape[1], pose, offset[shared], offset[t])
         _add_point(v, g, jp, r0, r1)
 
 
 @njit(**KERNEL)
-def eliminate_points(
-    order,
-    begins,
-    ends,
-    camera,
-    placement,
-    n_cameras,
-    kept_block,
-    residual,
-    by_camera,
-    by_point,
-    by_placement,
-    offset,
-    width,
-    lens,
-    damping,
-    matrix,
-    gradient,
-    diagonal,
-    square,
-    inverse,
-    point_gradient,
-):
-    """Adds points, in the given order, to the reduced system; runs that meet the same blocks are eliminated together.
+def eliminate_points(part, begins_run, kept_block, blocks, damping, reduced, square):
+    """Adds points, in their order, to the reduced system, run by run in the columns that any point of it meets.
 
-    `order`, `begins`, `ends`: the points (m,), and the first row of each and its end, (m,); `camera`, `placement`,
-    `n_cameras` (k,); `kept_block` (p,); `residual`, `by_camera`, `by_point`, `by_placement` (k,2); `offset`, `width`,
-    `lens` (b,); `matrix`, `gradient`, `diagonal` (e,e); `square` (b,w,w).
+    `part`: a `PointBlock`; `begins_run` (p,): which points begin a run; `kept_block`: block of each point that is kept
+    (p,), else -1; `blocks`: the `Blocks`; `reduced`: the `Reduced` that is added to; `square`: the blocks' own normal
+    equations, added to (b,w,w).
     """
-    n_all = len(offset)
-    place = np.full(n_all, -1)  # a block's first column among those that meet the present point
-    blocks, run = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
-    n_run, run_size, run_rows = 0, 0, 0
-    most = most_columns(camera, placement, n_cameras, begins, ends, lens, width, place)
-    coupling, weighted = np.empty(3 * RUN * most), np.empty(3 * RUN * most)
+    n_all = len(blocks.offset)
+    place = np.full(n_all, -1)  # a block's first column among those that the present run meets
+    run = np.empty(n_all, dtype=np.int64)
+    coupling, weighted = np.empty(0), np.empty(0)
     v = np.empty((3, 3))
-    for n in range(len(order)):
-        p, begin, end = order[n], begins[n], ends[n]
-        n_blocks, size = meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks)
-        if run_rows == 3 * RUN or not _equal(blocks, n_blocks, run, n_run):
-            _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
-            for s in range(n_blocks):
-                run[s] = blocks[s]
-            n_run, run_size, run_rows = n_blocks, size, 0
-        at = run_rows * size  # where the point's W' begins
-        for i in range(at, at + 3 * size):
-            coupling[i] = 0.0
-        v[:] = inverse[p]
-        g = point_gradient[p]
-        add_observations(
-            begin,
-            end,
-            camera,
-            placement,
-            n_cameras,
-            residual,
-            by_camera,
-            by_point,
-            by_placement,
-            offset,
-            width,
-            lens,
-            place,
-            coupling,
-            at,
-            size,
-            v,
-            g,
-            matrix,
-            gradient,
-            square,
-        )
-        if kept_block[p] >= 0:
-            keep_point(
-                matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, coupling[at:], size
-            )
-            inverse[p] = 0.0
-        else:
-            inverse_damped(v, damping, inverse[p])
-            weigh(weighted, coupling, at, inverse[p], size)
-            subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width)
-            run_rows += 3
-        for s in range(n_blocks):
-            place[blocks[s]] = -1
-    _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
+    first = 0
+    while first < len(part.points):
+        last = first + 1
+        while last < len(part.points) and not begins_run[part.points[last]]:
+            last += 1
+        n_run, size, rows = 0, 0, 0
+        for n in range(first, last):
+            n_run, size = meet(part.begin[n], part.end[n], part, blocks, place, run, n_run, size)
+        if len(coupling) < 3 * (last - first) * size:
+            coupling, weighted = np.empty(3 * (last - first) * size), np.empty(3 * (last - first) * size)
+        for n in range(first, last):
+            p = part.points[n]
+            at = rows * size  # where the point's W' begins
+            coupling[at : at + 3 * size] = 0.0
+            inverse = reduced.point_inverse[p]
+            v[:] = inverse
+            g = reduced.point_gradient[p]
+            add_observations(part.begin[n], part.end[n], part, blocks, place, coupling, at, size, v, g, reduced, square)
+            if kept_block[p] >= 0:
+                keep_point(reduced, blocks, kept_block[p], v, g, run, n_run, coupling[at:], size)
+                inverse[:] = 0.0
+            else:
+                inverse_damped(v, damping, inverse)
+                weigh(weighted, coupling, at, inverse, size)
+                subtract_gradient(reduced.gradient, weighted, at, size, g, run, n_run, blocks)
+                rows += 3
+        _flush(reduced.matrix, weighted, coupling, rows, size, run, n_run, blocks)
+        for s in range(n_run):
+            place[run[s]] = -1
+        first = last
 
 
 @njit(**INNER)
-def subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
+def subtract_gradient(gradient, weighted, at, size, g, met, n_met, blocks):
     """gradient -= W V^-1 g of one point.
 
     `gradient`: the reduced gradient, (e,); `weighted`, `at`, `size`: V^-1 W' (3, size), flat, from place `at` on; `g`:
-    the point's gradient, (3,); `offset`, `width`: first column and number of columns of each block, (b,).
+    the point's gradient, (3,); `met`, `n_met`: the blocks that the point meets.
     """
     first, g0, g1, g2 = at, g[0], g[1], g[2]
-    for s in range(n_blocks):
-        b = blocks[s]
-        for i in range(width[b]):
+    for s in range(n_met):
+        b = met[s]
+        for i in range(blocks.width[b]):
             j = first + i
-            gradient[offset[b] + i] -= weighted[j] * g0 + weighted[size + j] * g1 + weighted[2 * size + j] * g2
-        first += width[b]
+            gradient[blocks.offset[b] + i] -= weighted[j] * g0 + weighted[size + j] * g1 + weighted[2 * size + j] * g2
+        first += blocks.width[b]
 
 
 @njit(**KERNEL)
-def add_squares(matrix, diagonal, square, offset, width, lens):
+def add_squares(reduced, square, blocks):
     """Add the blocks' own normal equations to the matrix; their diagonal is what damping multiplies.
 
-    `matrix`, `diagonal`: the reduced system and its diagonal, added to, (e,e) and (e,); `square`: the blocks' own
-    normal equations from the elimination, (b,w,w); `offset`, `width`, `lens` (b,).
+    `square`: the blocks' own normal equations from the elimination, (b,w,w).
     """
+    matrix, diagonal, (offset, width, lens) = reduced.matrix, reduced.diagonal, blocks
     for b in range(len(offset)):
         for i in range(width[b]):
             diagonal[offset[b] + i] += square[b, i, i]
@@ -354,42 +290,39 @@ def add_squares(matrix, diagonal, square, offset, width, lens):
 
 
 @njit(**INNER)
-def most_columns(camera, placement, n_cameras, begins, ends, lens, width, place):
-    """The largest number of columns that are coupled to one point.
-
-    `camera`, `placement`, `n_cameras` (k,); `begins`, `ends`: first row of each point and its end, (m,); `lens`,
-    `width` (c,); `place`: working space (b,), -1 on entry and on return.
-    """
+def most_columns(part, blocks, place):
+    """The largest number of columns that are coupled to one point; `place`: working space (b,), -1 before and after."""
     most = 0
-    for p in range(len(begins)):
+    for p in range(len(part.begin)):
         columns = 0
-        for k in range(begins[p], ends[p]):
+        for k in range(part.begin[p], part.end[p]):
             for kind in range(_KINDS):
-                b = _block(kind, k, camera, placement, n_cameras, lens)
+                b = _block(kind, k, part, blocks)
                 if b >= 0 and place[b] != p:
                     place[b] = p
-                    columns += width[b]
+                    columns += blocks.width[b]
         most = max(most, columns)
     place[:] = -1
     return most
 
 
 @njit(**INNER)
-def keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
+def keep_point(reduced, blocks, kept, v, g, met, n_met, coupling, size):
     """Keep a point of a length row: its own block and its coupling go into the reduced system.
 
-    `offset`, `width`: first column and number of columns of each block, (b,); `v`, `g`: its own normal equations, (3,3)
-    and (3,); `coupling`, `size`: W' (3, size), flat, and its number of columns.
+    `kept`: its block; `v`, `g`: its own normal equations, (3,3) and (3,); `coupling`, `size`: W' (3, size), flat, and
+    its number of columns.
     """
+    matrix, offset, width = reduced.matrix, blocks.offset, blocks.width
     column = offset[kept]
     for j in range(3):
-        gradient[column + j] += g[j]
-        diagonal[column + j] += v[j, j]
+        reduced.gradient[column + j] += g[j]
+        reduced.diagonal[column + j] += v[j, j]
         for i in range(3):
             matrix[column + i, column + j] += v[i, j]
     first = 0
-    for s in range(n_blocks):
-        b = blocks[s]
+    for s in range(n_met):
+        b = met[s]
         for i in range(width[b]):
             for j in range(3):
                 matrix[offset[b] + i, column + j] += coupling[j * size + first + i]

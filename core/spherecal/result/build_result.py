@@ -44,7 +44,7 @@ from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
-from spherecal.result.camera_effects import drifting, effects_findings, image_motions, lens_field, turn_sd
+from spherecal.result.camera_effects import drifting, effects_findings, image_motions, lens_field, shared_with_fields, turn_sd
 from spherecal.scale.metric import MetricFit, Solution
 
 # Where the typical length is more uncertain than this share of it, uncertainties to first order say little: of eight
@@ -92,7 +92,9 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
     scale = _doubted(solution.scale, float(np.linalg.norm(further)))
+    uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
+    cameras = shared_with_fields(cameras, uv)
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
     turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
@@ -105,7 +107,6 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )
     lengths = _length_map(cameras, covariance, adjusted, solution, observations)
-    uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     motions = image_motions(session, observations.placements, corrections)
     said = [*_said_of(lengths), *_missed(lengths, session.wanted_uncertainty_mm)]
     findings = ruled([*findings, *said, *effects_findings(cameras, motions, uv)])

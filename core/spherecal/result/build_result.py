@@ -45,6 +45,7 @@ from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
 from spherecal.result.camera_effects import drifting, effects_findings, image_motions, lens_field, shared_with_fields, turn_sd
+from spherecal.scale.bar_scale import within_growth
 from spherecal.scale.metric import MetricFit, Solution
 
 # Where the typical length is more uncertain than this share of it, uncertainties to first order say little: of eight
@@ -89,6 +90,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     release_freed()
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
+    findings = ruled(within_growth(findings, float(factor.max(initial=1.0))))
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
     scale = _doubted(solution.scale, float(np.linalg.norm(further)))

@@ -88,8 +88,8 @@ def shared_with_fields(cameras: tuple[RigCamera, ...], uv: dict[str, FloatArray]
 def image_motions(
     session: Session, placements: tuple[str, ...], corrections: Corrections | None
 ) -> tuple[ImageMotion, ...]:
-    """How each image's camera is turned against its mean pose; () where no motions were estimated."""
-    if corrections is None or MOTION not in corrections.evidence:
+    """How each image's camera is turned against its mean pose; () where no motions were applied."""
+    if corrections is None or MOTION not in corrections.evidence or not corrections.turning:
         return ()
     design, turns = corrections.design, np.rad2deg(corrections.turns)
     each = zip(design.placement_of_image.tolist(), design.camera_of_image.tolist(), turns, strict=True)

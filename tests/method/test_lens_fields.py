@@ -139,7 +139,9 @@ def test_poses_are_as_uncertain_as_what_their_fields_do_like_a_turn_where_points
     sigma = CameraSigma(np.full(3, 0.01), np.full(3, 0.02), np.where(estimated_mask("brown"), 1e-3, 0.0))
     size = (2064, 1544)
     plain = RigCamera("C1", None, size, LENS, np.eye(3), np.zeros(3), rms_px=0.1, observations=400, sigma=sigma)
-    tables = (FieldTable(pitch, np.zeros(2), (k * off[:, 0]).reshape(shape), (k * off[:, 1]).reshape(shape)) for k in (1, 0))
+    tables = (
+        FieldTable(pitch, np.zeros(2), (k * off[:, 0]).reshape(shape), (k * off[:, 1]).reshape(shape)) for k in (1, 0)
+    )
     like_a_turn, nothing = (replace(plain, field=table) for table in tables)
     same, wider, equal = shared_with_fields((plain, like_a_turn, nothing), {"C1": seen})
     assert same.sigma is sigma

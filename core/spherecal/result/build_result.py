@@ -44,7 +44,14 @@ from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
-from spherecal.result.camera_effects import drifting, effects_findings, image_motions, lens_field, shared_with_fields, turn_sd
+from spherecal.result.camera_effects import (
+    drifting,
+    effects_findings,
+    image_motions,
+    lens_field,
+    shared_with_fields,
+    turn_sd,
+)
 from spherecal.scale.bar_scale import within_growth
 from spherecal.scale.metric import MetricFit, Solution
 

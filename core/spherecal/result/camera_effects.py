@@ -80,8 +80,9 @@ def shared_with_fields(cameras: tuple[RigCamera, ...], uv: dict[str, FloatArray]
             seen = uv[camera.id]
             lens, turn = lens_and_turns_in(camera.field.at(seen), seen, camera.intrinsics, s.intrinsics > 0)
             degrees, intrinsics = np.hypot(s.rotation_deg, np.rad2deg(turn)), np.hypot(s.intrinsics, lens)
-            camera = replace(camera, sigma=replace(s, rotation_deg=degrees, intrinsics=intrinsics))
-        wider.append(camera)
+            wider.append(replace(camera, sigma=replace(s, rotation_deg=degrees, intrinsics=intrinsics)))
+        else:
+            wider.append(camera)
     return tuple(wider)
 
 

@@ -1,6 +1,7 @@
 """Fields of lenses and motions of images: found, taken only where the data ask for them, kept in files, used after."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,15 @@ from spherecal.adjust.lens_field import field_basis
 from spherecal.adjust.variance_components import Effects, estimated
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.rig import Calibration
+from spherecal.data.rig import Calibration, CameraSigma
+from spherecal.data.rig_camera import RigCamera
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
-from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project_with_derivatives, undistort
+from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project, project_with_derivatives, undistort
 from spherecal.geometry.field_table import FieldTable, table_nodes
+from spherecal.geometry.rotation import exp_rotation
+from spherecal.result.camera_effects import shared_with_fields
 from spherecal_documents.export.write_export import export_rig
 from spherecal_sim.truth import SimulationOptions, Truth
 
@@ -123,6 +127,30 @@ def test_exports_say_what_is_lost_with_fields_and_maps_lose_nothing(
     maps = export_rig(rig, "maps", tmp_path / "maps")
     assert not maps.fields_lost
     assert maps.largest_difference_px < 0.01
+
+
+def test_poses_are_as_uncertain_as_what_their_fields_do_like_a_turn_where_points_were_seen() -> None:
+    """Seed 1013: cameras turned by 3 mrad, and right but for that, said 0.25 mrad."""
+    pitch, nodes, shape = table_nodes((2064, 1544))
+    seen = np.random.default_rng(1).uniform([300, 300], [1200, 1200], (400, 2))
+    turn = np.array([2e-3, 0.0, 0.0])
+    rays = np.column_stack([undistort(nodes, LENS)[0], np.ones(len(nodes))])
+    off = nodes - project(rays @ exp_rotation(turn).T, LENS)
+    sigma = CameraSigma(np.full(3, 0.01), np.full(3, 0.02), np.where(estimated_mask("brown"), 1e-3, 0.0))
+    size = (2064, 1544)
+    plain = RigCamera("C1", None, size, LENS, np.eye(3), np.zeros(3), rms_px=0.1, observations=400, sigma=sigma)
+    tables = (
+        FieldTable(pitch, np.zeros(2), (k * off[:, 0]).reshape(shape), (k * off[:, 1]).reshape(shape)) for k in (1, 0)
+    )
+    like_a_turn, nothing = (replace(plain, field=table) for table in tables)
+    same, wider, equal = shared_with_fields((plain, like_a_turn, nothing), {"C1": seen})
+    assert same.sigma is sigma
+    assert wider.sigma is not None
+    assert wider.sigma.rotation_deg == pytest.approx(np.hypot(0.01, np.rad2deg(turn)), abs=1e-3)
+    assert (wider.sigma.centre_mm == sigma.centre_mm).all()
+    assert (wider.sigma.intrinsics[~estimated_mask("brown")] == 0).all()
+    assert equal.sigma is not None
+    assert equal.sigma.rotation_deg == pytest.approx(sigma.rotation_deg)
 
 
 def test_a_table_is_bilinear_and_ends_at_its_edges() -> None:

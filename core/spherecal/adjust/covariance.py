@@ -3,6 +3,7 @@
 Where length rows give the scale, the datum removes it as well; `stretch` says how well it is known.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,9 +73,13 @@ class Covariance:
 
     def functional(self, gradient: FloatArray) -> float:
         """Cofactor of sum(gradient_f . x_f), gradient (f,3), with all correlations."""
-        by_column, by_noise = self._parts.transformed(gradient)
-        noise = np.einsum("pi,pij,pj->", by_noise, self._parts.point_inverse, by_noise)
-        return float(by_column @ self._parts.inverse @ by_column + noise)
+        return float(self.functionals([gradient])[0, 0])
+
+    def functionals(self, gradients: Sequence[FloatArray]) -> FloatArray:
+        """Cofactors (m,m) of the functions sum(gradient_f . x_f) with each other, gradients (f,3)."""
+        by_columns, by_noise = (np.array(part) for part in zip(*map(self._parts.transformed, gradients), strict=True))
+        noise = np.einsum("api,pij,bpj->ab", by_noise, self._parts.point_inverse, by_noise, optimize=True)
+        return by_columns @ self._parts.inverse @ by_columns.T + noise
 
     def all_cameras(self) -> FloatArray:
         """Cofactors of all cameras' parameters with each other, (c*w, c*w)."""

@@ -109,11 +109,28 @@ def _lens_and_turns(uv: FloatArray, intrinsics: FloatArray, free: BoolArray) -> 
 
 def beyond_lens(values: FloatArray, uv: FloatArray, intrinsics: FloatArray, free: BoolArray) -> FloatArray:
     """What neither the lens model (free parameters (16,)) nor a turn can do of values (n,2) px at pixels uv (n,2)."""
+    return values - _of_lens_and_turns(values, uv, intrinsics, free)[1]
+
+
+def lens_and_turns_in(
+    values: FloatArray, uv: FloatArray, intrinsics: FloatArray, free: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """The change (16,) of the lens model's free parameters and the turn (3,) rad nearest to values (n,2) px."""
+    taken = _of_lens_and_turns(values, uv, intrinsics, free)[0]
+    lens = np.zeros(len(free))
+    lens[free] = taken[:-3]
+    return lens, taken[-3:]
+
+
+def _of_lens_and_turns(
+    values: FloatArray, uv: FloatArray, intrinsics: FloatArray, free: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """The free parameters and turns nearest to values (n,2) px, (k+3,), and what they do of these, (n,2) px."""
     own = _lens_and_turns(uv, intrinsics, free)
     seen = np.isfinite(own).all(axis=(1, 2))
     design = own[seen].reshape(2 * int(seen.sum()), -1)
     size = np.linalg.norm(design, axis=0).clip(min=1e-30)
     taken = np.linalg.lstsq(design / size, values[seen].ravel(), rcond=1e-6)[0] / size
-    out = values.copy()
-    out[seen] -= (design @ taken).reshape(-1, 2)
-    return out
+    part = np.zeros_like(values)
+    part[seen] = (design @ taken).reshape(-1, 2)
+    return taken, part

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Design:
     placement_of_image: IntArray
     n_cameras: int
 
-    @property
+    @cached_property
     def n_fields(self) -> int:
         """Columns of the fields, the first ones."""
         return sum(field.basis.count for field in self.fields)
@@ -67,9 +68,13 @@ class Design:
         """The kind of each part."""
         return np.repeat([FIELD, MOTION], [len(self.fields), self.n_cameras])
 
+    @cached_property
+    def _fields_by_camera(self) -> list[list[Field]]:
+        return [[field for field in self.fields if camera in field.cameras] for camera in range(self.n_cameras)]
+
     def fields_of(self, camera: int) -> list[Field]:
         """The fields that a camera has."""
-        return [field for field in self.fields if camera in field.cameras]
+        return self._fields_by_camera[camera]
 
     def images(self, camera: IntArray, placement: IntArray) -> IntArray:
         """The image (n,) of observations by camera and placement (n,)."""

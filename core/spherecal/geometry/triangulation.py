@@ -147,16 +147,17 @@ def _rays(camera: IntArray, uv: FloatArray, cameras: PosedCameras) -> tuple[Floa
 
 def _largest_angle(feature: IntArray, ray: FloatArray, n_features: int) -> FloatArray:
     """The largest acute angle between any two unit rays (n, 3) of each feature, (m,); 0 for a single ray."""
-    order = np.argsort(feature, kind="stable")
-    feature, ray = feature[order], ray[order]
+    ray = ray[np.argsort(feature, kind="stable")]
+    count = np.bincount(feature, minlength=n_features)
+    first = np.cumsum(count) - count
     sine = np.zeros(n_features)
-    first = np.arange(len(feature))
-    step = 0
-    while len(first):  # pairs of rows `step` apart, as far as both still belong to one feature
-        step += 1
-        first = first[first + step < len(feature)]
-        first = first[feature[first] == feature[first + step]]
-        np.maximum.at(sine, feature[first], np.linalg.norm(cross(ray[first], ray[first + step]), axis=1))
+    for rays in np.unique(count[count > 1]).tolist():
+        own = np.flatnonzero(count == rays)
+        of_each = ray[first[own][:, None] + np.arange(rays)]
+        cosine = np.abs(of_each @ of_each.transpose(0, 2, 1)).reshape(len(own), -1)
+        one, other = np.divmod(cosine.argmin(axis=1), rays)  # of which the sine is exact for small angles, too
+        of_one, of_other = (np.take_along_axis(of_each, which[:, None, None], axis=1)[:, 0] for which in (one, other))
+        sine[own] = np.linalg.norm(cross(of_one, of_other), axis=1)
     return np.arcsin(sine.clip(max=1.0))
 
 

@@ -34,8 +34,10 @@ from spherecal.data.session import Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.flattening import flattening_doubt
 from spherecal.diagnose.rejected_edges import rejected_edges
 from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
+from spherecal.diagnose.scale_findings import bar_doubt
 from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.sticker_size import sticker_doubt
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
@@ -91,6 +93,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     factor, of_poses = widening(findings, names, choice.form)
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
+    further += [flattening_doubt(findings), bar_doubt(findings)]
     scale = _doubted(solution.scale, float(np.linalg.norm(further)))
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)

@@ -542,6 +542,20 @@ def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
     assert ("C05", "P2") in {f.where for f in implausible(session)}
 
 
+@pytest.mark.parametrize(("rig", "flattened_mm"), [("rigA", 0.3), ("rigB", 0.3), ("rigB", 0.0)])
+def test_a_ball_that_its_weight_flattens_is_strained_in_space(rig: str, flattened_mm: float) -> None:
+    """VALID with lengths 14 times U off, before: it is no change of the ball from one placement to the next."""
+    from benchmarks.studies.judged import calibrated_and_judged
+    from benchmarks.studies.mischief_optics import flattened
+    from benchmarks.studies.mischief_world import make_world
+
+    case = flattened(make_world(rig, 2001), flattened_mm, np.random.default_rng(5))
+    done = calibrated_and_judged(case.session, case.reference)
+    found = [(f.code, f.kind) for f in done.findings if f.severity == "warning"]
+    assert found == ([("ball-shape-changed", "in-space")] if flattened_mm else [])
+    assert not done.wrong and done.covered >= 0.95
+
+
 # --- verification and check ------------------------------------------------------------------------------------
 
 

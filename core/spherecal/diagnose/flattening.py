@@ -15,8 +15,8 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.geometry.camera import project
 
 # Once in 10,000 recordings by chance: chi-square 32 to 3,700 for 0.3 mm on 500 mm (rigs A and B, hall12, random), 1 to
-# 8 without. Lenses beyond their model pass for up to 0.016 % of strain (eight realistic recordings). Lengths on rig A are
-# off by a third of the strain, which 17 times U was on a random rig.
+# 8 without. Lenses beyond their model pass for up to 0.016 % of strain (eight realistic recordings). Lengths on rig A
+# are off by a third of the strain, which 17 times U was on a random rig.
 FALSE_ALARM, LEAST, HARMFUL = 1e-4, 1e-4, 2e-4
 _STEP = 1e-5
 # Strains that keep the volume, (5,3,3).

@@ -455,7 +455,7 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("dots smeared outward", dots_outward, (0.03, 0.1, 0.3), "px"),
     Mischief("mark of the scale bar loose", loose_target, (0.2, 1, 3), "mm"),
     Mischief("temperature typed wrong", wrong_temperature, (70, 120, 293), "degrees C"),
-    Mischief("certificate mistyped", bar_certificate, (1.001, 0.997, 1.01), "x"),
+    Mischief("certificate mistyped", bar_certificate, (0.997, 1.005, 1.01), "x"),
     Mischief("three fixed lenses off", fixed_k3, (0.05, 0.3, 1), "k3", methods=_ALL),
     Mischief("focus creeps", focus_creeps, (0.0001, 0.001, 0.005), "x", methods=_ALL),
     Mischief("camera sinks", slow_move, (0.05, 0.3, 3), "mm and mrad", methods=_ALL),

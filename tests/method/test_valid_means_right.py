@@ -183,12 +183,13 @@ def test_a_print_that_is_too_small() -> None:
     assert calibrate(printed_at(0.997)[0]).rig.quality.verdict == "valid"
 
 
-def test_images_turned_by_half_are_that_cameras() -> None:
+@pytest.mark.parametrize("first", [2, 3])  # one image alone is resected, and was a camera moved by 180 degrees
+def test_images_turned_by_half_are_that_cameras(first: int) -> None:
     """From a placement on one camera's images are upside down: neither the ball nor the camera turned over."""
     session, _ = recording("rigA", 1)
     o, (width, height) = session.observations, session.cameras[2].image_size
     assert o is not None
-    turned = (o.camera == 2) & (o.placement >= 2) & (o.placement < len(session.placements))
+    turned = (o.camera == 2) & (o.placement >= first) & (o.placement < len(session.placements))
     uv = np.where(turned[:, None], np.array([width - 1, height - 1]) - o.uv, o.uv)
     found = calibrate(replace(session, observations=replace(o, uv=uv))).rig.quality.findings
     errors_of = [f for f in found if f.severity == "error"]

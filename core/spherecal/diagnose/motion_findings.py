@@ -113,6 +113,8 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 def _moved(e: Evidence, move: Move) -> Finding:
     rotation, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
+    if abs(rotation - np.pi) < HALF_TURN_RAD:
+        return _half_turned(e, move.camera)
     size = _size(e, move.camera, translation, rotation)
     if rotation < _TINY_RAD:
         size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * rotation})

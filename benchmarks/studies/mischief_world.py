@@ -33,7 +33,8 @@ Pose = tuple[FloatArray, FloatArray]  # rotation (3, 3) and translation (3,)
 class World:
     """A rig, its ball and placements; `poses`, `balls`, `lenses`, `shapes` say what holds for camera c at placement t.
 
-    The defaults hold for all. Poses map world to camera, a ball's pose ball to world.
+    The defaults hold for all. Poses map world to camera, a ball's pose ball to world; `glass_of` points in the camera's
+    frame to where they seem to be through glass.
     """
 
     cameras: tuple[TrueCamera, ...]
@@ -47,6 +48,7 @@ class World:
     ball_of: Callable[[int, int], Pose] | None = None
     lens_of: Callable[[int, int], TrueLens] | None = None
     shape_of: Callable[[int], Ball] | None = None
+    glass_of: Callable[[int, int, FloatArray], FloatArray] | None = None
     prior_error: float = 0.01
     settings: CalibrationSettings = field(default_factory=CalibrationSettings)
 
@@ -79,6 +81,7 @@ class World:
         """Which of the points (m, 3) camera c sees at placement t, and where, (k,), (k, 2)."""
         (rotation, translation), lens = self.pose(c, t), self.lens(c, t)
         x = points @ rotation.T + translation
+        x = x if self.glass_of is None else self.glass_of(c, t, x)
         size = np.array(lens.size)
         reach = 1.3 * np.hypot(*size) / 2 / lens.intrinsics[0] if lens.fisheye is None else np.tan(np.deg2rad(60))
         good = (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2])
@@ -183,7 +186,7 @@ class World:
 
     def with_bar(self, session: Session, certified_share: float, rng: np.random.Generator) -> Session:
         """The session with six poses of a scale bar whose certificate says so many times its true length."""
-        seen, bar, poses = self._bar("scale", 6, certified_share, session.observations, rng)
+        seen, bar, poses = self.bar_of("scale", 6, certified_share, session.observations, rng)
         return replace(session, observations=seen, bars=(bar,), bar_poses=poses, scale=Scale("bar", bar="B"))
 
     def verification(self, session: Session, poses: int, rng: np.random.Generator) -> Session:
@@ -191,7 +194,7 @@ class World:
         o = session.observations
         assert o is not None
         none = replace(o.select(np.zeros(len(o), dtype=bool)), placements=())
-        seen, bar, poses_ = self._bar("check", poses, 1.0, none, rng)
+        seen, bar, poses_ = self.bar_of("check", poses, 1.0, none, rng)
         return replace(session, placements=(), observations=seen, bars=(bar,), bar_poses=poses_, scale=None)
 
     def one_more_placement(self, rng: np.random.Generator) -> tuple[Session, Observations]:
@@ -210,19 +213,25 @@ class World:
         observations = after.record(rng)
         return after.session(observations, rng), observations
 
-    def _bar(
+    def bar_of(
         self,
         role: Literal["scale", "check"],
         count: int,
         certified_share: float,
         o: Observations | None,
         rng: np.random.Generator,
+        shifted: tuple[float, tuple[int, ...]] = (0.0, ()),
     ) -> tuple[Observations, Bar, tuple[BarPose, ...]]:
-        """Observations with poses of a bar of two marks behind them, the bar and its poses."""
+        """Observations with poses of a bar of two marks behind them, the bar and its poses.
+
+        `shifted`: by how many mm its second mark lies farther out, and in which poses.
+        """
         assert o is not None
         low, high = self.volume_mm
         length = min(400.0, 0.4 * float(np.linalg.norm(high - low)))
         ends = self.lengths(count, rng, length)
+        for pose in shifted[1]:
+            ends[pose, 1] += shifted[0] / length * (ends[pose, 1] - ends[pose, 0])
         camera, end, uv = self.see_last(ends)
         order = np.lexsort((camera, end))
         camera, end, uv = camera[order], end[order], uv[order] + rng.normal(0, NOISE_PX, uv.shape)

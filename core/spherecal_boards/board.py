@@ -16,7 +16,7 @@ from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, RigScale
-from spherecal.data.session import Session
+from spherecal.data.session import UNMEASURED_PRINT, Session
 from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.board_adjustment import (
@@ -294,7 +294,7 @@ def _result(
         noise = float(
             np.hypot(np.sqrt(solution.variance) * solution.covariance.relative_scale, solution.print_relative)
         )
-        relative = float(np.hypot(noise, own or 0.0))
+        relative = float(np.hypot(noise, UNMEASURED_PRINT if own is None else own))
         scale = RigScale("board", relative)
         findings = [*findings, scale_finding("board" if own is None else "certified-board", relative)]
     evidence = frame_evidence(session, fit, scale, "rigid", context)

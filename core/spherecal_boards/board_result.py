@@ -55,11 +55,9 @@ def assemble_fit(
     lengths, poses = widening(ruled(findings), names, "free" if method == "bar" else "rigid")
     most = float(lengths.max(initial=1.0))
     scale = _wider_scale(fit, scale, most)
+    of_scale = ("scale-uncertainty", "print-unmeasured")
     ordered = ruled(
-        [
-            replace(f, values={**f.values, **_on_a_length(scale)}) if f.code == "scale-uncertainty" else f
-            for f in findings
-        ]
+        [replace(f, values={**f.values, **_on_a_length(scale)}) if f.code in of_scale else f for f in findings]
     )
     size = np.linalg.norm(fit.residual[fit.used], axis=1)
     quality = Quality(

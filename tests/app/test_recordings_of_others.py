@@ -12,6 +12,7 @@ from PIL import Image
 import spherecal
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
+from spherecal.diagnose.plausibility import implausible
 from spherecal.targets.detection import detect
 from spherecal_app.recordings.name_times import grouped_by_time
 from spherecal_sim.render_session import render_placement
@@ -143,19 +144,18 @@ def test_what_cannot_be_calibrated_is_refused_at_once(fault: str, tmp_path: Path
     assert not (tmp_path / "s").exists()
 
 
-def test_a_camera_of_mirrored_images_is_called_mirrored(tmp_path: Path) -> None:
-    """Some of its targets still decode, as themselves or as others, and nothing links it.
+def mirrored_images(folder: Path, session, truth, c: int, places: tuple[int, ...], others: bool = False):
+    """The session with rendered images of camera c as a mirror shows them, and with what is found in them.
 
-    Two rendered images of it, as a mirror shows them, with what is found in them; the other cameras have observations.
+    `others`: its images at other placements have observations, as the other cameras have.
     """
-    session, truth = simulate_session("demo", 1, SimulationOptions(targets=100, placements=4, bar_poses=0))
-    o, targets, c = session.observations, session.target_set, 1
+    o, targets = session.observations, session.target_set
     assert o is not None and targets is not None
     placements = list(session.placements)
-    parts = [(o.placement[o.camera != c], o.camera[o.camera != c], o.target[o.camera != c], o.point[o.camera != c])]
-    uv = [o.uv[o.camera != c]]
-    for p in (0, 1):
-        path = tmp_path / f"{p}.png"
+    kept = (o.camera != c) | (others & ~np.isin(o.placement, places))
+    parts, uv = [(o.placement[kept], o.camera[kept], o.target[kept], o.point[kept])], [o.uv[kept]]
+    for p in places:
+        path = folder / f"{p}.png"
         cv2.imwrite(str(path), render_placement(session, truth, p, c).image[:, ::-1])
         placements[p] = replace(placements[p], images={session.cameras[c].id: path})
         found = detect(np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)), targets)
@@ -165,7 +165,28 @@ def test_a_camera_of_mirrored_images_is_called_mirrored(tmp_path: Path) -> None:
     mixed = replace(
         o, placement=placement, camera=camera, target=target, point=point, uv=np.concatenate(uv), sigma=None
     )
-    done = calibrate(replace(session, placements=tuple(placements), observations=mixed))
+    return replace(session, placements=tuple(placements), observations=mixed)
+
+
+def test_a_camera_of_mirrored_images_is_called_mirrored(tmp_path: Path) -> None:
+    """Some of its targets still decode, as themselves or as others, and nothing links it.
+
+    Two rendered images of it, as a mirror shows them, with what is found in them; the other cameras have observations.
+    """
+    session, truth = simulate_session("demo", 1, SimulationOptions(targets=100, placements=4, bar_poses=0))
+    c = 1
+    done = calibrate(mirrored_images(tmp_path, session, truth, c, (0, 1)))
     found = [f for f in done.rig.quality.findings if f.code == "mirrored"]
     assert [(f.kind, f.where) for f in found] == [("camera", (session.cameras[c].id,))]
     assert done.rig.quality.verdict == "not-valid"
+
+
+def test_a_mirrored_image_is_named_and_left_out(tmp_path: Path) -> None:
+    """Not among what contradicts the rest, as before, but by itself: a setting changed during the recording."""
+    session, truth = simulate_session("demo", 1, SimulationOptions(targets=100, placements=4, bar_poses=0))
+    spoilt = mirrored_images(tmp_path, session, truth, 1, (2,), others=True)
+    name, place = session.cameras[1].id, session.placements[2].id
+    assert [(f.code, f.kind, f.where) for f in implausible(spoilt)] == [("mirrored", "image", (name, place))]
+    quality = calibrate(spoilt).rig.quality
+    assert "mirrored" not in {f.code for f in quality.findings} and quality.valid
+    assert [f.where for f in quality.findings if f.code == "left-out"]

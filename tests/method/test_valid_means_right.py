@@ -183,12 +183,13 @@ def test_a_print_that_is_too_small() -> None:
     assert calibrate(printed_at(0.997)[0]).rig.quality.verdict == "valid"
 
 
-def test_images_turned_by_half_are_that_cameras() -> None:
+@pytest.mark.parametrize("first", [2, 3])  # one image alone is resected, and was a camera moved by 180 degrees
+def test_images_turned_by_half_are_that_cameras(first: int) -> None:
     """From a placement on one camera's images are upside down: neither the ball nor the camera turned over."""
     session, _ = recording("rigA", 1)
     o, (width, height) = session.observations, session.cameras[2].image_size
     assert o is not None
-    turned = (o.camera == 2) & (o.placement >= 2) & (o.placement < len(session.placements))
+    turned = (o.camera == 2) & (o.placement >= first) & (o.placement < len(session.placements))
     uv = np.where(turned[:, None], np.array([width - 1, height - 1]) - o.uv, o.uv)
     found = calibrate(replace(session, observations=replace(o, uv=uv))).rig.quality.findings
     errors_of = [f for f in found if f.severity == "error"]
@@ -540,6 +541,20 @@ def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
     assert ("C02", "P3") in {f.where for f in found} and {f.code for f in found} == {"capture-times"}
     captured(session, tmp_path, {("C05", "P2"): 7.0}, set())
     assert ("C05", "P2") in {f.where for f in implausible(session)}
+
+
+@pytest.mark.parametrize(("rig", "flattened_mm"), [("rigA", 0.3), ("rigB", 0.3), ("rigB", 0.0)])
+def test_a_ball_that_its_weight_flattens_is_strained_in_space(rig: str, flattened_mm: float) -> None:
+    """VALID with lengths 14 times U off, before: it is no change of the ball from one placement to the next."""
+    from benchmarks.studies.judged import calibrated_and_judged
+    from benchmarks.studies.mischief_optics import flattened
+    from benchmarks.studies.mischief_world import make_world
+
+    case = flattened(make_world(rig, 2001), flattened_mm, np.random.default_rng(5))
+    done = calibrated_and_judged(case.session, case.reference)
+    found = [(f.code, f.kind) for f in done.findings if f.severity == "warning"]
+    assert found == ([("ball-shape-changed", "in-space")] if flattened_mm else [])
+    assert not done.wrong and done.covered >= 0.95
 
 
 # --- verification and check ------------------------------------------------------------------------------------

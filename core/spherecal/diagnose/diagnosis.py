@@ -15,6 +15,7 @@ from spherecal.diagnose.camera_findings import (
 )
 from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE, Evidence
+from spherecal.diagnose.flattening import flattened_ball
 from spherecal.diagnose.geometry import weak_links, weak_places
 from spherecal.diagnose.image_findings import WrongImage, wrong_images
 from spherecal.diagnose.influence import dependent_parts
@@ -28,6 +29,9 @@ from spherecal.diagnose.target_findings import wrong_targets
 
 # A focal length that is fixed 0.3 % wrong explains with one unknown 0.87 of what a moving ball does with 18.
 MOST_OF_IT = 0.8
+# What these do to the whole network may be taken for a strain.
+_BEFORE = ("camera-moved", "cameras-moved", "camera-unsteady", "ball-moved", "wrong-placement", "image-contradicts",
+           "cameras-swapped", "placements-contradict", "mirrored")  # fmt: skip
 
 
 def diagnose(e: Evidence) -> list[Finding]:
@@ -35,6 +39,10 @@ def diagnose(e: Evidence) -> list[Finding]:
     e.context.report(STAGE, 0.0)
     release_freed()
     found = [*_faults(e), *dependent_parts(e)]
+    strained = [] if any(f.code in _BEFORE for f in found) else flattened_ball(e)
+    if any(f.severity == "warning" for f in strained):  # that is what the shape shows
+        found = [f for f in found if f.code not in ("ball-shape-changed", "rigid-form-misfit")]
+    found += strained
     e.context.report(STAGE, 1.0)
     return [*found, *weak_places(e), *weak_links(e), *scale_conflict(e), *stretched_print(e), *sticker_findings(e)]
 

@@ -42,7 +42,7 @@ def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
     """The finding on cameras that moved together, on a ball that moved between exposures, or on another rig."""
     at = tuple(e.observations.placements[t] for t in found.placements)
     if len(found.cameras) == 1 and abs(found.rotation_rad - np.pi) < HALF_TURN_RAD:
-        return Finding("mirrored", "error", where=(e.camera_ids[found.cameras[0]],), kind="turned")
+        return _half_turned(e, found.cameras[0])
     size = _degrees(e, found.translation * e.solution.factor, found.rotation_rad)
     sure = Phrase(
         "shows-group",
@@ -62,6 +62,10 @@ def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
         return _finding(e, found.cameras[0], set(found.placements), size, sure)
     names = tuple(e.camera_ids[c] for c in found.cameras)
     return (_cameras_moved if found.kind == "cameras" else _ball_moved)(names, at, size, sure, found.ambiguous)
+
+
+def _half_turned(e: Evidence, camera: int) -> Finding:
+    return Finding("mirrored", "error", where=(e.camera_ids[camera],), kind="turned")
 
 
 def _cameras_moved(names: tuple[str, ...], at: tuple[str, ...], size: Phrase, sure: Phrase, ambiguous: bool) -> Finding:
@@ -109,6 +113,8 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 def _moved(e: Evidence, move: Move) -> Finding:
     rotation, translation = (float(np.linalg.norm(part)) for part in (move.step[:3], move.step[3:] * e.solution.factor))
+    if abs(rotation - np.pi) < HALF_TURN_RAD:
+        return _half_turned(e, move.camera)
     size = _size(e, move.camera, translation, rotation)
     if rotation < _TINY_RAD:
         size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * rotation})
@@ -125,6 +131,8 @@ def _moved(e: Evidence, move: Move) -> Finding:
 
 
 def _from_two_poses(e: Evidence, fit: TwoPoseFit) -> Finding:
+    if abs(fit.rotation_rad - np.pi) < HALF_TURN_RAD:
+        return _half_turned(e, fit.camera)
     sure = Phrase("shows-knock", {"one_px": fit.fit_px[0], "two_px": fit.fit_px[1]})
     size = _size(e, fit.camera, fit.translation, fit.rotation_rad)
     return _finding(e, fit.camera, set(fit.placements), size, sure)

@@ -18,6 +18,8 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
 from spherecal.files.capture_file import CapturedSet, read_captured_sets
+from spherecal.targets.images import read_image
+from spherecal.targets.why_nothing import reads_mirrored
 from spherecal.verify.bar_temperature import temperature_findings
 
 # Printers err by 0.1 to 0.5 % in size; beyond twice that the distance is another one, or another set.
@@ -30,6 +32,9 @@ LEAST_PIXEL_MM, MOST_PIXEL_MM, LEAST_APART_MM, AT_ONE_PLACE = 3e-3, 50.0, 1.0, 1
 # placements of rigs A, B and of halls differ by hundreds of pixels, the least turn of the ball by tens. Targets
 # that rest in the background are fewer than most of an image's dots.
 SAME_PX, LEAST_COMMON, MOSTLY = 1.0, 12, 0.8
+# A mirrored image has few targets: of 54, 9 read, 3 of them as others. Only the poorest images are looked at, by the
+# median of all: 0.2 s each.
+POOR, LOOKED_AT, LEAST_DOTS = 0.25, 4, 4
 # So many copies of one dot are compared with each other; a placement is a copy when it is for almost all cameras.
 NEIGHBOURS, MOST_CAMERAS = 4, 0.8
 # Between two placements cameras' clocks run alike; triggers by software and drift (100 ppm) differ by less.
@@ -47,6 +52,7 @@ def implausible(session: Session) -> tuple[Finding, ...]:
         *repeated,
         *_one_image_of_two_cameras(session),
         *_same_files(session, repeated),
+        *_mirrored_images(session),
         *_capture_times(session),
     )
 
@@ -207,6 +213,32 @@ def _same_files(session: Session, reported: Sequence[Finding]) -> list[Finding]:
             values = {"camera": camera, "first": at, "second": then}
             repairs = leave_out(f"{camera}@{then}")
             found.append(Finding("image-repeated", "warning", values, (camera, at, then), repairs, "files-of-one"))
+    return found
+
+
+def _mirrored_images(session: Session) -> list[Finding]:
+    """Images of the ball that a mirror would show right, among those in which hardly any target was found."""
+    size, targets = _sizes(_of_ball(session)), session.target_set
+    if targets is None or not size.any():
+        return []
+    rows = {camera.id: c for c, camera in enumerate(session.cameras)}
+    poor = [
+        (int(size[rows[camera], t]), camera, p.id, path)
+        for t, p in enumerate(session.placements)
+        for camera, path in p.images.items()
+        if size[rows[camera], t] < POOR * np.median(size[size > 0])
+    ]
+    whole = {name for name, c in rows.items() if size[c].max() < POOR * np.median(size[size > 0])}
+    poor = [image for image in poor if image[1] not in whole]  # of whole cameras the diagnosis says so
+    found = []
+    for dots, camera, place, path in sorted(poor, key=lambda image: image[0])[:LOOKED_AT]:
+        try:
+            mirrored = reads_mirrored(read_image(path), targets, dots // LEAST_DOTS)
+        except InputError:  # recorded observations need no images
+            continue
+        if mirrored:
+            where, repairs = (camera, place), leave_out(f"{camera}@{place}")
+            found.append(Finding("mirrored", "error", {"camera": camera, "place": place}, where, repairs, "image"))
     return found
 
 

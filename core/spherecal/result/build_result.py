@@ -34,8 +34,10 @@ from spherecal.data.session import Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.flattening import flattening_doubt
 from spherecal.diagnose.rejected_edges import rejected_edges
 from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
+from spherecal.diagnose.scale_findings import bar_doubt
 from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.sticker_size import sticker_doubt
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
@@ -100,6 +102,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     findings = ruled(within_growth(findings, float(factor.max(initial=1.0))))
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
+    further += [flattening_doubt(findings), bar_doubt(findings)]
     scale = _doubted(solution.scale, float(np.linalg.norm(further)))
     uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))

@@ -33,8 +33,9 @@ WORSE = 3.0
 # for moved; without that image its others scattered 5.3 times as much as noise, and it was 3.8 times its U off.
 MOST_SCATTER = 3.0
 # Findings whose repairs are certain; those without a scale cannot distinguish a knock from another image.
-_CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
+_CERTAIN = ("image-repeated", "mirrored", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
             "cameras-moved", "placements-contradict", "image-contradicts", "capture-times")  # fmt: skip
+_OF_AN_IMAGE = ("image-repeated", "mirrored", "placements-repeated", "wrong-placement")
 # Of these, findings on images that may show the camera's new pose.
 _OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
 
@@ -101,7 +102,7 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
         if other.second:
             rest = [option for step in steps if step is not other for option in step.first]
             yield _with(done, [*rest, *other.second])
-    sure = [step for step in steps if step.code in ("image-repeated", "placements-repeated", "wrong-placement")]
+    sure = [step for step in steps if step.code in _OF_AN_IMAGE]
     if sure and (unmended or len(sure) < len(steps)):
         yield _with(done, [option for step in sure for option in step.first])
 

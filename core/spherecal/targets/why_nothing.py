@@ -54,10 +54,13 @@ def why_nothing_in(paths: Sequence[Path], targets: TargetSet) -> Cause:
     return next(cause for cause in telling if cause.kind == most)
 
 
-def reads_mirrored(image: GreyImage, targets: TargetSet) -> bool:
-    """Whether far more targets are found in the image (h, w) as a mirror shows it; some read as others as it is."""
+def reads_mirrored(image: GreyImage, targets: TargetSet, known: int | None = None) -> bool:
+    """Whether far more targets are found in the image (h, w) as a mirror shows it; some read as others as it is.
+
+    `known`: how many are found in it as it is; None: not looked for yet.
+    """
     found = _found(image[:, ::-1], targets)
-    return found >= _LEAST_TARGETS and found > 2 * _found(image, targets)
+    return found >= _LEAST_TARGETS and found > 2 * (_found(image, targets) if known is None else known)
 
 
 _NOT_THERE = Cause("no-targets", Phrase("nothing-there"), Phrase("nothing-there-remedy"))

@@ -130,7 +130,9 @@ def test_every_state_has_its_words_in_three_languages():
     """The table of docs/make_states.py: one instruction a state, none of which lacks a word."""
     from docs.make_states import made_page
 
-    rows = [line.split(" | ") for line in made_page().splitlines() if line.startswith("| ") and "instruction" not in line]
+    rows = [
+        line.split(" | ") for line in made_page().splitlines() if line.startswith("| ") and "instruction" not in line
+    ]
     assert len(rows) > 60
     for row in rows:
         assert all(row[1:4]) or not any(cell.strip() for cell in row[1:4]), row

@@ -67,8 +67,8 @@ def drifting(
 def image_motions(
     session: Session, placements: tuple[str, ...], corrections: Corrections | None
 ) -> tuple[ImageMotion, ...]:
-    """How each image's camera is turned against its mean pose; () where no motions were estimated."""
-    if corrections is None or MOTION not in corrections.evidence:
+    """How each image's camera is turned against its mean pose; () where no motions were estimated, or none applied."""
+    if corrections is None or MOTION not in corrections.evidence or not corrections.turns.any():
         return ()
     design, turns = corrections.design, np.rad2deg(corrections.turns)
     each = zip(design.placement_of_image.tolist(), design.camera_of_image.tolist(), turns, strict=True)

@@ -1,7 +1,6 @@
-"""Writes docs/states.md, what the window says in every state, in its three languages: `python docs/make_states.py`.
+"""Prints what the window says in every state, in its three languages, as a table: `python docs/make_states.py`.
 
-The states are those of spherecal_gui/presenters/step_states.py over all their inputs (tests/gui_states.py);
-tests/gui/test_gui_one_state.py holds the page to them.
+The states are those of spherecal_gui/presenters/step_states.py over all their inputs (tests/gui_states.py).
 """
 
 import os
@@ -15,7 +14,6 @@ DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(path) for path in (DOCS.parent, DOCS.parent / "core") if str(path) not in sys.path]
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-PAGE = DOCS / "states.md"
 STEPS = {
     "connect_says": "Connect", "look_says": "Camera check", "placement_says": "Placement", "bar_says": "Scale bar",
     "calibrate_says": "Calibrate", "results_says": "Results", "verify_says": "Verify", "save_says": "Save",
@@ -72,14 +70,5 @@ def made_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> int:
-    """Write the page where it differs."""
-    text = made_page()
-    if not PAGE.exists() or PAGE.read_text(encoding="utf-8") != text:
-        PAGE.write_text(text, encoding="utf-8", newline="\n")
-        print(PAGE.relative_to(DOCS.parent))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    print(made_page())

@@ -16,6 +16,12 @@ from spherecal_gentl.producer.build_producer import build_producer
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 HOME = Path("opt/spherecal")
+METAINFO = HERE / "linux/org.spherecal.SphereCal.metainfo.xml"
+SCREENSHOTS = (
+    ("results.png", "Result of a calibration"),
+    ("placement.png", "A placement of the ball, with every camera's live image"),
+    ("verify.png", "Verification with a reference bar"),
+)
 
 # What Qt and OpenCV link to and a desktop has anyhow; names as in Debian 12 and, after the bar, in Ubuntu 24.04.
 DEPENDS = (
@@ -107,12 +113,34 @@ def put_producer(folder: Path) -> None:
         print(f"Packed without the producer for cameras without a driver: {error}")
 
 
+def metainfo(environment: Mapping[str, str]) -> str:
+    """The AppStream description; with addresses and screenshots if the repository's workflow packs it."""
+    text = METAINFO.read_text(encoding="utf-8")
+    server, name = environment.get("GITHUB_SERVER_URL"), environment.get("GITHUB_REPOSITORY")
+    if not server or not name:
+        return text
+    home = f"{server}/{name}"
+    pictures = f"{home}/raw/v{spherecal.__version__}/docs/guide/pictures"
+    shots = "".join(
+        f"    <screenshot{kind}><caption>{caption}</caption>"
+        f'<image type="source" width="1280" height="800">{pictures}/{file}</image></screenshot>\n'
+        for (file, caption), kind in zip(SCREENSHOTS, (' type="default"', "", ""), strict=True)
+    )
+    made = (
+        f'  <url type="homepage">{home}</url>\n  <url type="bugtracker">{home}/issues</url>\n'
+        f"  <screenshots>\n{shots}  </screenshots>\n"
+    )
+    return text.replace("  <releases>\n", f"{made}  <releases>\n")
+
+
 def put_shared_files(tree: Path, bundle: Path) -> None:
     """What the desktop looks for; licences and bill of materials as the bundle itself tells them."""
     share = tree / "usr/share"
+    described = share / "metainfo" / METAINFO.name
+    described.parent.mkdir(parents=True)
+    described.write_text(metainfo(os.environ), encoding="utf-8", newline="\n")
     files = {
         HERE / "linux/org.spherecal.SphereCal.desktop": "applications",
-        HERE / "linux/org.spherecal.SphereCal.metainfo.xml": "metainfo",
         ROOT / "resources/icons/spherecal.svg": "icons/hicolor/scalable/apps",
     }
     for source, folder in files.items():

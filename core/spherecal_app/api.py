@@ -6,6 +6,7 @@ Nothing here computes by itself: a function is what the command of the same name
 from __future__ import annotations  # help() then shows ArrayLike by its name
 
 import os
+import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError, needing
 from spherecal.base.filesystem import write_together
+from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
 from spherecal.base.messages.values import Phrase
+from spherecal.base.resources import is_installed
 from spherecal.calibrate import calibrate
 from spherecal.cross_validate import LeftOut, cross_validate
 from spherecal.data.findings import Finding
@@ -233,7 +236,9 @@ def calibrate_session(
         Where the context says so.
     """
     chosen = settings or CalibrationSettings(method=method, intrinsics=intrinsics, seed=seed)
-    return calibrate(_session(session), chosen, context)
+    given = _session(session)
+    _tell_of_compiling()
+    return calibrate(given, chosen, context)
 
 
 def calibrate_points(
@@ -299,7 +304,19 @@ def calibrate_points(
         target_set=target_set,
         sphere_diameter_mm=sphere_diameter_mm,
     )
+    _tell_of_compiling()
     return calibrate(session, settings, context)
+
+
+def _tell_of_compiling() -> None:
+    """Warn once that the first calibration of a wheel without kernels compiles: it is silent here, and on one core."""
+    if not is_installed() or state() != "to compile":
+        return
+    if any(is_marked(f"{what}{wanted()}") for what in ("told", "calibration", "demo")):
+        return
+    mark_compiled(f"told{wanted()}")
+    said = "The first calibration compiles its kernels, for minutes. `spherecal compile-kernels` does it on all cores."
+    warnings.warn(said, stacklevel=3)
 
 
 def verify_rig(

@@ -5,6 +5,7 @@ from __future__ import annotations  # help() then shows ArrayLike by its name
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray, ReadOnly
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
-from spherecal.data.from_arrays import above_zero, of_kind
+from spherecal.data.from_arrays import above_zero, of_kind, points_by_ids
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import last_axis, lens_corrected, posed
 from spherecal.geometry.user_frame import UserFrame
@@ -36,7 +37,7 @@ class MeasuredPoints(ReadOnly):
     camera which of its image points took part, (...). `contradicting` (...) marks points given up because their views
     do not meet, `seen_by_one` (...) those that one camera alone sees. `residuals_px` of each camera (..., 2) is
     predicted - observed. `noise_ratio`: the scatter of the residuals over the stated `sigma_px`, None with fewer than
-    30 redundant observations; the covariances are as stated.
+    30 redundant observations; the covariances are as stated. `ids` (n,) of the points, if the image points had them.
     """
 
     points_mm: FloatArray
@@ -47,6 +48,7 @@ class MeasuredPoints(ReadOnly):
     residuals_px: Mapping[str, FloatArray]
     seen_by_one: BoolArray
     noise_ratio: float | None = None
+    ids: IntArray | None = None
     _errors: PointErrors | None = field(default=None, repr=False)
 
     def joint_covariance_mm2(self, *points: int | tuple[int, ...]) -> FloatArray:
@@ -101,7 +103,9 @@ class MeasuredPoints(ReadOnly):
         """What a notebook shows: a row for each point."""
         points, sd = self.points_mm.reshape(-1, 3), self.covariance_mm2.reshape(-1, 3, 3)
         sigma = np.sqrt(np.diagonal(sd, axis1=1, axis2=2))
-        columns: dict[str, list[object]] = {f"{a} mm": points[:, i].tolist() for i, a in enumerate("xyz")}
+        k = self.views.size // max(len(self.ids), 1) if self.ids is not None else 0
+        columns: dict[str, list[object]] = {"id": [*np.repeat(self.ids, k).tolist()]} if self.ids is not None else {}
+        columns |= {f"{a} mm": points[:, i].tolist() for i, a in enumerate("xyz")}
         columns |= {f"sd {a} mm": sigma[:, i].tolist() for i, a in enumerate("xyz")}
         return html_table(repr(self).strip("<>"), columns | {"views": self.views.ravel().tolist()})
 
@@ -133,7 +137,7 @@ def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = Non
 
 def triangulate_points(
     rig: Rig,
-    image_points: Mapping[str, ArrayLike] | ArrayLike,
+    image_points: Mapping[str, ArrayLike | tuple[ArrayLike, ArrayLike] | Mapping[int, ArrayLike]] | ArrayLike,
     sigma_px: float = DEFAULT_SIGMA_PX,
     frame: UserFrame | None = None,
 ) -> MeasuredPoints:
@@ -148,7 +152,8 @@ def triangulate_points(
     image_points
         For each camera (..., 2) px by its id, or an array (cameras, ..., 2) in the order of the rig. The same place in
         all arrays is the same point, NaN where it is not seen. (2,) of each camera gives one point (3,), (n, 2) gives
-        (n, 3), (n, 2, 2) the two ends of n bars (n, 2, 3).
+        (n, 3), (n, 2, 2) the two ends of n bars (n, 2, 3). Or (ids, uv) of each camera, as of one frame of
+        `calibrate_points`: points (n, 3) of the n `ids` of the result, (n, 4, 3) where uv are the corners of markers.
     sigma_px
         Standard uncertainty of an image coordinate, px. Covariances are proportional to its square; what the residuals
         say of it is `noise_ratio` of the result.
@@ -165,7 +170,8 @@ def triangulate_points(
     of_kind("rig", rig, Rig, "a Rig (load_rig reads one)")
     rig = rig if frame is None else in_frame(rig, frame)
     sigma_px = above_zero("sigma_px", sigma_px)
-    arrays, shape = _image_points(rig, image_points)
+    with_ids = points_by_ids(image_points) if isinstance(image_points, Mapping) else None
+    arrays, shape = _image_points(rig, image_points if with_ids is None else with_ids[1])
     n = int(np.prod(shape))
     seen = [(c, uv, np.flatnonzero(np.isfinite(uv).all(axis=1))) for c, uv in arrays.items()]
     feature = np.concatenate([rows for _, _, rows in seen]) if seen else np.zeros(0, dtype=int)
@@ -206,6 +212,7 @@ def triangulate_points(
         residuals,
         by_one.reshape(shape),
         None if np.isnan(ratio) else ratio,
+        None if with_ids is None else with_ids[0],
         errors,
     )
 
@@ -233,7 +240,7 @@ def _by_cameras(errors: PointErrors, points: IntArray) -> FloatArray:
 
 
 def _image_points(
-    rig: Rig, image_points: Mapping[str, ArrayLike] | ArrayLike
+    rig: Rig, image_points: Mapping[str, Any] | ArrayLike
 ) -> tuple[dict[int, FloatArray], tuple[int, ...]]:
     """Arrays (n, 2) by the camera's index, and the shape (...) of the points that they had."""
     index = {camera.id: c for c, camera in enumerate(rig.cameras)}

@@ -12,6 +12,7 @@ _PLACES = {
     "layouts": "Fig. 8", "path": "Figs. 9, 10", "noise": "Table II", "cameras": "Fig. 13",
     "compare": "Figs. 16, 17, 19, Table III", "rigB": "Fig. 16, second system", "bar": "1-D method alone",
 }  # fmt: skip
+_HEAD = ("| quantity | pipeline | paper | ours | runs | test | agrees | remarks |", "|---|---|---|---|---|---|---|---|")
 _AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell", None: "-"}
 
 
@@ -47,35 +48,38 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
         *(f"- {words}." for words in TESTS.values()),
         f"- Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that holds the paper's figure and more.",
         "",
-        "| from | quantity | pipeline | paper | ours | runs | test | agrees | why, and what to know |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "## The rigs",
+        "",
+        *_HEAD,
+        *(_row(what, "-", said, ours, "-", "-", None, why) for what, said, ours, why in _rigs()),
     ]
-    lines += [_row("rigs", what, "-", said, ours, "-", "-", None, why) for what, said, ours, why in _rigs()]
     for name, place in _PLACES.items():
         if name not in kept:
-            lines.append(_row(place, f"(run `spherecal study {name}`)", "", "", "", "", "", None, ""))
+            lines += ["", f"## {place} (run `spherecal study {name}`)"]
             continue
+        page, o = kept[name], kept[name].options
         lines += [
-            _row(
-                f"[{name}]({kept[name].pdf.name}), {place}",
-                c["what"],
-                c.get("pipeline") or "-",
-                c["paper"],
-                c["ours"],
-                str(c["runs"]),
-                c["test"] or "-",
-                _AGREES[c["agrees"]],
-                c["why"],
-            )
-            for c in kept[name].compared
+            "",
+            f"## [{page.title}]({page.pdf.name})",
+            "",
+            f"`spherecal study {name} --runs {o['runs']}`, from seed {o['seed']}, image noise {o['sigma_px']:g} px a "
+            f"coordinate; {_done(page)}.",
+            "",
+            *_HEAD,
+            *(
+                _row(
+                    c["what"],
+                    c.get("pipeline") or "-",
+                    c["paper"],
+                    c["ours"],
+                    str(c["runs"]),
+                    c["test"] or "-",
+                    _AGREES[c["agrees"]],
+                    c["why"],
+                )
+                for c in page.compared
+            ),
         ]
-    lines += ["", "## What was asked", ""]
-    for page in kept.values():
-        o = page.options
-        lines.append(
-            f"- {page.title}: `spherecal study {page.name} --runs {o['runs']}`, from seed {o['seed']}, image noise "
-            f"{o['sigma_px']:g} px a coordinate; {_done(page)}."
-        )
     return "\n".join(lines) + "\n"
 
 

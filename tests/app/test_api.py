@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -214,6 +215,34 @@ def test_a_point_of_one_view_rests_on_none(rig: spherecal.Rig) -> None:
     seen = spherecal.project_points(rig, centre_of_view(rig))
     measured = spherecal.triangulate_points(rig, {"C01": seen["C01"]})
     assert measured.views == 0 and not measured.used["C01"] and np.isnan(measured.covariance_mm2).all()
+
+
+def test_what_detectors_give_is_triangulated_by_its_ids(rig: spherecal.Rig) -> None:
+    """(ids, uv), {id: (u, v)} and corners of markers, in any order, each camera with others."""
+    rng = np.random.default_rng(7)
+    points = centre_of_view(rig) + rng.normal(0, 30, (9, 4, 3))
+    ids = np.array([40, 3, 17, 8, 21, 5, 60, 11, 2])
+    seen = spherecal.project_points(rig, points)
+    order = {name: rng.permutation(9)[: 9 - i % 3] for i, name in enumerate(seen)}
+    corners = {name: (ids[o][:, None], seen[name][o].astype(np.float32)) for name, o in order.items()}
+    measured = spherecal.triangulate_points(rig, corners)
+    assert measured.ids is not None and measured.ids.tolist() == sorted(ids)
+    assert np.allclose(measured.points_mm, points[np.argsort(ids)], atol=1e-2)
+    centres = {name: {int(ids[i]): seen[name][i, 0] for i in o} for name, o in order.items()}
+    single = spherecal.triangulate_points(rig, centres)
+    assert np.allclose(single.points_mm, points[np.argsort(ids), 0], atol=1e-5) and "<th>id" in single._repr_html_()
+    nothing: Any = {name: (None, None) for name in seen}  # as cv2.aruco says it
+    assert spherecal.triangulate_points(rig, nothing).points_mm.shape == (0, 3)
+    cases: list[tuple[Any, str]] = [
+        ({"C01": {"P1": corners["C01"]}}, "of one frame"),
+        ({"C01": corners["C01"], "C02": seen["C02"]}, "C02"),
+        ({"C01": ([1, 2], np.zeros((3, 2)))}, "2 ids, but 3"),
+        ({"C01": ([1, 1], np.zeros((2, 2)))}, "twice"),
+        ({"C01": corners["C01"], "C02": (ids, seen["C02"][:, 0])}, "points for an id"),
+    ]
+    for wrong, said in cases:
+        with pytest.raises(spherecal.InputError, match=said):
+            spherecal.triangulate_points(rig, wrong)
 
 
 def centre_of_view(rig: spherecal.Rig) -> np.ndarray:

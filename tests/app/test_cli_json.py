@@ -91,8 +91,8 @@ Run = Callable[[str], Any]
 def documented() -> dict[str, set[str]]:
     """The keys of each command's document, from the table of docs/commands.md."""
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8").split("## What `--json` prints")[1]
-    rows = re.findall(r"^\| `([a-z -]+)` \|([^|]*)\|", page, re.MULTILINE)
-    return {name: set(re.findall(r"`(\w+)`", keys)) for name, keys in rows}
+    rows = re.findall(r"^\| (`[a-z -]+`(?:, `[a-z -]+`)*) \|([^|]*)\|", page, re.MULTILINE)
+    return {name: set(re.findall(r"`(\w+)`", keys)) for names, keys in rows for name in names.strip("`").split("`, `")}
 
 
 @pytest.fixture(scope="module")

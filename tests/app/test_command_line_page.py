@@ -12,7 +12,7 @@ PAGE = ROOT / "docs" / "command-line.md"
 
 def test_every_test_that_the_page_names_exists() -> None:
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", PAGE.read_text(encoding="utf-8"))
-    assert len(named) > 30
+    assert len(named) > 20
     for file, name in named:
         assert f"def {name}(" in next((ROOT / "tests").rglob(file)).read_text(encoding="utf-8"), f"{file}::{name}"
 

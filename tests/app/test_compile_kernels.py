@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -230,3 +231,18 @@ def test_the_background_process_reports_and_ends(notes: Path, monkeypatch: pytes
     assert told[0] == 0 and told[-1] == 100
     kernels.mark_compiled(kernels.wanted())
     assert not Compiling().start()
+
+
+def test_python_is_told_once_that_its_first_calibration_compiles(notes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """There it was silent for minutes; a checkout, and a wheel whose kernels are there, say nothing."""
+    session, _ = simulate_session("demo", 1, SimulationOptions(targets=20, placements=1))
+    monkeypatch.setattr("spherecal_app.api.calibrate", lambda *given: given)  # what compiles and computes
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        spherecal.calibrate_session(session)
+        monkeypatch.setattr("spherecal_app.api.is_installed", lambda: True)
+        assert caught == []
+        spherecal.calibrate_session(session)
+        spherecal.calibrate_session(session)
+    assert [str(one.message).partition(",")[0] for one in caught] == ["The first calibration compiles its kernels"]
+    assert caught[0].filename == __file__

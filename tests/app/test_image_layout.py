@@ -31,6 +31,7 @@ RECOGNISED = [
     ("{c}_{p}.png", ["cam1", "cam2"], PLACES, "{camera}_{placement}.png"),
     ("{p}-{c}.tif", ["cam1", "cam2"], PLACES, "{placement}-{camera}.tif"),
     ("{c}{p}.png", ["left", "right"], ["01", "02"], "{camera}{placement}.png"),
+    ("{c}_Frame_{p}.jpg", ["L", "R"], ["000", "003"], "{camera}_Frame_{placement}.jpg"),
     ("shot {p} view {c}.png", ["1", "2"], ["17", "18"], "shot {placement} {camera}.png"),
     ("{c}_{p}.png", ["cam1", "cam2"], ["2026-01-31_10-00-01", "2026-01-31_10-00-02"], "{camera}_{placement}.png"),
     ("{c}/{p}.png", ["50-0503343", "50-0503344"], ["pose1", "pose2"], "{camera}/{placement}.png"),

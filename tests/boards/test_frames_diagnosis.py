@@ -58,6 +58,18 @@ def test_nothing_is_said_of_a_clean_recording(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_lenses_off_their_model_are_told_without_a_ball(method: str) -> None:
+    """A user of boards was advised to turn the ball at every placement."""
+    case = world(method)
+    rng = np.random.default_rng(1)
+    seen = case.record(rng)
+    bent = replace(seen, uv=seen.uv + 0.5 * np.sin(seen.uv[:, ::-1] / 150))
+    findings = calibrate(case.session(bent, rng), case.settings).rig.quality.findings
+    told = next(f for f in findings if f.code == "lens-misfit")
+    assert told.hint.endswith("Look at the residual maps; check lengths with a bar.") and "ball" not in told.hint
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_two_cameras_with_one_file_are_named(method: str) -> None:
     case, done = spoilt(twins, method, 1)
     assert done.rig.quality.verdict == "not-valid" and set(codes(done)["image-repeated"]) == set(case.names)

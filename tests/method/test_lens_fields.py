@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.studies.simulated import Bars, make_bars, simulate
-from spherecal.adjust.camera_effects import _step_share
+from spherecal.adjust.camera_effects import MOTION, TURN, Corrections, Design, _step_share
 from spherecal.adjust.lens_field import field_basis
 from spherecal.adjust.variance_components import Effects, estimated
 from spherecal.base.errors import InputError
@@ -21,7 +21,7 @@ from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project, project_with_derivatives, undistort
 from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.result.camera_effects import shared_with_fields
+from spherecal.result.camera_effects import image_motions, shared_with_fields
 from spherecal_documents.export.write_export import export_rig
 from spherecal_sim.truth import SimulationOptions, Truth
 
@@ -92,6 +92,20 @@ def test_clean_lenses_have_no_fields() -> None:
     assert all(camera.field is None for camera in done.rig.cameras)
     assert not done.motions
     assert not {"lens-field", "camera-drifts"} & {finding.code for finding in done.rig.quality.findings}
+
+
+@pytest.mark.parametrize("applied", [True, False])
+def test_motions_that_were_not_applied_are_not_told(applied: bool) -> None:
+    """dome15 without the rig's scale said that C01 turns by 0 mdeg, and wrote a table of zeros."""
+    session = simulate("demo", 7, SimulationOptions(targets=40)).session
+    o = session.observations
+    assert o is not None
+    camera, placement = np.divmod(np.arange(2 * len(session.placements)), len(session.placements))
+    turns = np.random.default_rng(1).normal(0, 1e-4, TURN * len(camera))
+    estimated_ones = Corrections(
+        Design((), camera, placement, 2), turns, np.ones(2), 1.0, {MOTION: 40.0}, 0.0, 0.0, 100, turning=applied
+    )
+    assert bool(image_motions(session, o.placements, estimated_ones)) is applied
 
 
 def test_a_rig_with_fields_is_written_and_read_again(

@@ -78,13 +78,16 @@ def test_other_numbers() -> None:
 
 def test_what_opt_and_spo_are_worth_is_what_the_study_found() -> None:
     """The page's table of converged runs against the study's rows in paper.md."""
-    rows = [line.split(" | ") for line in (ROOT / "docs/studies/paper.md").read_text(encoding="utf-8").splitlines()]
+    rows = [
+        line.removeprefix("| ").split(" | ")
+        for line in (ROOT / "docs/studies/paper.md").read_text(encoding="utf-8").splitlines()
+    ]
     found = {}
     for row in rows:
-        if len(row) > 4 and row[1].startswith("runs that end in the optimum, "):
-            counts, runs = row[4].rsplit(", each of ", 1)
-            assert int(runs) == int(row[5]) == 30
-            found[row[1].split(", ", 1)[1]] = dict(one.rsplit(" ", 1) for one in counts.split("; "))
+        if len(row) > 4 and row[0].startswith("runs that end in the optimum, "):
+            counts, runs = row[3].rsplit(", each of ", 1)
+            assert int(runs) == int(row[4]) == 30
+            found[row[0].split(", ", 1)[1]] = dict(one.rsplit(" ", 1) for one in counts.split("; "))
     table = PAGE.split("## What OPT and SPO are worth")[1]
     heads, _, *lines = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("|")]
     assert heads[0] == "start" and set(heads[1:]) == found.keys()

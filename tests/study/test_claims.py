@@ -58,6 +58,16 @@ def test_the_bars_of_the_readme() -> None:
     assert "do not change this" not in readme
 
 
+def test_the_check_bars_of_rendered_images() -> None:
+    """They had been those of a version of weeks before."""
+    lines = (STUDIES / "rendered.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in line.split("|")] for line in lines if line.startswith("| rigA |")]
+    mean, largest, rms = (max(abs(float(row[k])) for row in rows) for k in (11, 13, 5))
+    page = words(ROOT / "docs/accuracy.md")
+    assert f"{rms:.3f} px rms. The mean error of a check bar's lengths was {mean:.3f} mm at most" in page
+    assert f"the largest single error {largest:.3f} mm" in page
+
+
 def test_memory_of_large_rigs() -> None:
     """The column of the version without blocks is the baseline's."""
     cases = json.loads((ROOT / "benchmarks/baseline.json").read_text(encoding="utf-8"))["scale"]["cases"]

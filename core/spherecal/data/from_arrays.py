@@ -22,6 +22,7 @@ _FORMS = (
     "Give {camera: {frame: (ids, uv)}}, arrays (n, 2) or (frames, n, 2) by camera, or a table (dict of columns or data "
     "frame) with camera, target, u, v."
 )
+_ONE_FRAME = "Give {camera: (ids, uv)} of one frame, or arrays (..., 2) by camera."
 
 Lens = CameraSpec | ArrayLike | tuple[ArrayLike, ArrayLike | None]
 Places = dict[str, dict[str, tuple[IntArray, FloatArray]]]  # by frame and camera, ids (n,) and image points (n, k, 2)
@@ -224,6 +225,39 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
             found.setdefault(frame, {})[camera] = pair
     numbers = all(frame.isdecimal() for frame in found)  # frames that one camera missed come late in the others' order
     return {frame: found[frame] for frame in (sorted(found, key=int) if numbers else found)}
+
+
+def points_by_ids(given: Mapping[str, Any]) -> tuple[IntArray, dict[str, FloatArray]] | None:
+    """All ids (n,), and image points (n, 2) or (n, k, 2) by camera, of (ids, uv) or {id: (u, v)}; None for arrays."""
+    pairs = {name: _pair(one) for name, one in given.items()}
+    wrong = [
+        name
+        for name, pair in pairs.items()
+        if pair is None and (hasattr(given[name], "keys") or any(pair is not None for pair in pairs.values()))
+    ]
+    if wrong:
+        raise InputError(
+            f"The image points of {wrong[0]} are not (ids, uv) or {{id: (u, v)}} of one frame.", _ONE_FRAME
+        )
+    found = {name: pair for name, pair in pairs.items() if pair is not None}
+    if not found:
+        return None
+    ids = np.unique(np.concatenate([numbers for numbers, _ in found.values()]))
+    width = max(points.shape[1] for _, points in found.values())
+    arrays: dict[str, FloatArray] = {}
+    for name, (numbers, points) in found.items():
+        if len(numbers) != len(points) or len(np.unique(numbers)) < len(numbers):
+            said = (
+                f"{len(numbers)} ids, but {len(points)} image points" if len(numbers) != len(points) else "an id twice"
+            )
+            raise InputError(f"{name} has {said}.", _ONE_FRAME)
+        if len(points) and points.shape[1] != width:
+            raise InputError(f"{name} has {points.shape[1]} points for an id, other cameras {width}.", _ONE_FRAME)
+        filled = np.full((len(ids), width, 2), np.nan)
+        if len(points):
+            filled[np.searchsorted(ids, numbers)] = points
+        arrays[name] = filled[:, 0] if width == 1 else filled
+    return ids, arrays
 
 
 def _pair(one: Any) -> tuple[IntArray, FloatArray] | None:

@@ -88,6 +88,7 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
         "better": None if other is None else Phrase("sentence", {"text": other.better_by}),
         "hides": _unseen(e, anomalies),
         "take": None if other is None else Phrase("lens-take", {"option": other.option}),
+        "turn": Phrase("lens-turn") if e.choice.form == "free" and not e.has_own_scale else None,
     }
     severity = "warning" if worst.rms_px > limit else "info"
     return [Finding("lens-misfit", severity, values, names, kind="structure")]

@@ -90,7 +90,7 @@ def image_motions(
     session: Session, placements: tuple[str, ...], corrections: Corrections | None
 ) -> tuple[ImageMotion, ...]:
     """How each image's camera is turned against its mean pose; () where no motions were applied."""
-    if corrections is None or MOTION not in corrections.evidence or not corrections.turning:
+    if corrections is None or MOTION not in corrections.evidence or not corrections.turns.any():
         return ()
     design, turns = corrections.design, np.rad2deg(corrections.turns)
     each = zip(design.placement_of_image.tolist(), design.camera_of_image.tolist(), turns, strict=True)

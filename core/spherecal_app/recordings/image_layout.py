@@ -305,6 +305,8 @@ def _is_camera_token(values: Sequence[Sequence[str]], at: int) -> bool:
     """Whether a part of names is a camera's: a word for one, or what follows such a word."""
     if all(_CAMERA.fullmatch(value) and not value.isdecimal() and len(value) > 1 for value in values[at]):
         return True
+    if {value.lower() for value in values[at]} == {"l", "r"}:
+        return True  # of a stereo pair
     if all(_SERIAL.fullmatch(value) for value in values[at]) and 2 * len(set(values[at])) <= len(values[at]):
         return True  # of which every one comes again
     return _word_before(values, at) is not None

@@ -66,8 +66,6 @@ def take_averaged(
 
     The images are 16 bits deep (see `average`), but those of a single set as they are. A camera that is missing in one
     of the sets is missing in the average.
-
-    `detector` None leaves stillness untested; `request` None is `CaptureRequest()`; `context` None does neither.
     """
     request, context = request or CaptureRequest(), context or Context()
     tries = 0

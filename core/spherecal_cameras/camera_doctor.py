@@ -68,10 +68,7 @@ class Examination:
 def examine(
     source: CameraSource, seconds: float = 5.0, rate_hz: float = 5.0, context: Context | None = None
 ) -> Examination:
-    """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking.
-
-    `context` None does neither.
-    """
+    """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking."""
     context = context or Context()
     source.start_live(rate_hz)
     try:
@@ -203,10 +200,7 @@ _UNUSABLE = {
 
 
 def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:
-    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None.
-
-    `context` None never stops.
-    """
+    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None."""
     now = brightness(source, context)
     # parts of all cameras' usual change, so that a cloud before the sun covers nobody
     ratios = {serial: now[serial] / before[serial] for serial in now if before.get(serial)}
@@ -221,8 +215,6 @@ def brightness(source: CameraSource, context: Context | None = None) -> dict[str
     """The mean grey value of each camera's image over its darkest pixels, by serial.
 
     The darkest pixels are the first percentile. Cameras without an image are left out.
-
-    `context` None never stops.
     """
     taken = source.capture_set(CaptureRequest(retries=1), context)
     means = {}

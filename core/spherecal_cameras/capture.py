@@ -112,10 +112,7 @@ class SessionFolder:
         return {name: cameras for name, cameras in lacking.items() if cameras}
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
-        """Write a set: its images first, each whole, then the metadata that name them.
-
-        `stillness` None where it was not tested.
-        """
+        """Write a set: its images first, each whole, then the metadata that name them."""
         folder = f"{'placements' if planned.bar is None else 'bars'}/{planned.id}"
         names = {serial: self._by_serial[serial].id for serial in taken.frames}
         images = {name: f"{folder}/{name}.png" for name in names.values()}

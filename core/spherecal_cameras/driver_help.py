@@ -49,10 +49,7 @@ class NoCameras(CameraError):
 
 
 def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
-    """Why no camera was found, or not all.
-
-    A driver without cameras is only a reason where no driver has any.
-    """
+    """Why no camera was found, or not all. A driver without cameras is only a reason where no driver has any."""
     found: list[DriverTrouble] = []
     near = [one for one in wire if one.subnet_ok]
     makers = tuple(sorted({one.maker for one in near if one.maker}))

@@ -15,10 +15,7 @@ _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 
 
 def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> bool:
-    """Keep the health in the profile; False for no profile, and for too few sets to judge.
-
-    `temperature_c` None where it is not known.
-    """
+    """Keep the health in the profile; False for no profile, and for too few sets to judge."""
     if health.sets < SLOW_SETS or not health.tests:
         return False
     return keep(profile, health_document(health, rig), temperature_c)

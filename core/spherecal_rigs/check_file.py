@@ -113,10 +113,7 @@ def camera_entry(one: CheckedCamera) -> CheckedCameraEntry:
 
 
 def keep(profile: Path, check: Mapping[str, object], temperature_c: float | None = None) -> bool:
-    """Keep a check in the profile that it was made against; False where that is no profile with a calibration in use.
-
-    `temperature_c` None where it is not known.
-    """
+    """Keep a check in the profile that it was made against; False for no profile, or none in use."""
     active = open_profile(profile).active_id if profile.is_dir() and is_profile(profile) else None
     if active is None:
         return False

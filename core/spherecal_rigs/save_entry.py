@@ -41,18 +41,12 @@ class SaveOptions:
 
 
 def save_result(profile: Profile, result: Path, options: SaveOptions | None = None) -> str:
-    """Add a result folder to a profile's history; the new calibration's id.
-
-    `options` None: nothing.
-    """
+    """Add a result folder to a profile's history; the new calibration's id."""
     return add_entry(profile, *prepare(result, options))
 
 
 def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, dict[str, bytes]]:
-    """The entry and the files of a result folder, as a profile keeps them.
-
-    `options` None: nothing.
-    """
+    """The entry and the files of a result folder, as a profile keeps them."""
     o = options or SaveOptions()
     rig_path = result / RIG_FILE
     rig = read_rig(rig_path)

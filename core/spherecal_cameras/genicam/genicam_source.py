@@ -39,10 +39,7 @@ _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass fo
 
 
 class GenicamSource:
-    """GenICam cameras behind the protocol (see `CameraSource`).
-
-    `log_file` None is `default_log_file()`.
-    """
+    """GenICam cameras behind the protocol (see `CameraSource`)."""
 
     kind: SourceKind = "genicam"
 
@@ -156,10 +153,7 @@ class GenicamSource:
     # --- sets --------------------------------------------------------------------------------------------------------
 
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
-        """Take one set; tried again as often as the request says while a camera is missing.
-
-        `request` None is `CaptureRequest()`; `context` None never stops.
-        """
+        """Take one set; tried again as often as the request says while a camera is missing."""
         request, context = request or CaptureRequest(), context or Context()
         service = self._opened()
         settings = service.settings()

@@ -146,10 +146,7 @@ class CameraService:
         return bool(self._ask(lambda request: Indicate(request, serial, on)).features)
 
     def acquire(self, on: bool, live_hz: float | None) -> None:
-        """Let cameras send images or not, and trigger them for a live view.
-
-        `live_hz` None triggers nothing.
-        """
+        """Let cameras send images or not, and trigger them for a live view."""
         with self._lock:
             self._acquiring, self._live_hz = on, live_hz
             self._tell(Acquire(on))

@@ -61,10 +61,7 @@ class StatusLog:
         camera: str | None = None,
         status: CameraStatus | None = None,
     ) -> None:
-        """Note that something happened, and log it.
-
-        `camera` None for all cameras.
-        """
+        """Note that something happened, and log it."""
         with self._lock:
             self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
         well = kind == EventKind.SERVICE_BACK or (status is not None and status.state.usable)

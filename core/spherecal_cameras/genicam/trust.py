@@ -71,10 +71,7 @@ DRIVERS = FileFormat(
 
 
 class TrustStore:
-    """The files that were allowed: real path -> hash.
-
-    `path` None is `default_trust_path()`.
-    """
+    """The files that were allowed: real path -> hash."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or default_trust_path()

@@ -202,10 +202,7 @@ class SceneData:
         return float(np.clip(0.45 * np.median(ways), 2e-3 * self.radius, 0.02 * self.radius))
 
     def flat(self, side: str, places: FloatArray) -> FloatArray:
-        """Places in the plane of one of the report's views, (n, 2) mm.
-
-        `places`: places in the scene, (n, 3) mm.
-        """
+        """Places in the plane of one of the report's views, (n, 2) mm; `places`: places in the scene, (n, 3) mm."""
         from spherecal_documents.report.rig_view import FRONT, OBLIQUE, SIDE, TOP
 
         view = {"oblique": OBLIQUE, "top": TOP, "front": FRONT, "side": SIDE}[side]
@@ -242,10 +239,7 @@ def round_factor(wanted: float, size: float) -> float:
 
 
 def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
-    """Colours (red, green, blue; 0 to 255) for sizes from 0 to 1.
-
-    `sizes`: sizes, (n,).
-    """
+    """Colours (red, green, blue; 0 to 255) for sizes from 0 to 1."""
     table = np.array(_DARK if dark else _LIGHT, dtype=float)
     where = np.clip(sizes, 0, 1) * 2
     low = np.minimum(where.astype(int), 1)
@@ -361,8 +355,6 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
     """The scene with the measured bars whose marks' places are known.
 
     A length whose error is larger than its expanded uncertainty (k = 2) is `bad`.
-
-    `report` None: no bars.
     """
     bars = []
     for row in report.measured if report is not None else ():
@@ -379,10 +371,7 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
 
 
 def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatArray]]) -> SceneData:
-    """The scene with cameras that have moved.
-
-    `changes` (3,) mm.
-    """
+    """The scene with cameras that have moved; `changes` (3,) mm."""
     from spherecal.geometry.rotation import exp_rotation
 
     now = {camera.id: camera for camera in data.scene.cameras}
@@ -401,8 +390,5 @@ def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatAr
 
 
 def with_images(data: SceneData, images: Mapping[str, Any]) -> SceneData:
-    """The scene with the last image of each camera.
-
-    `images`: images (height, width) by camera id, 0 to 255.
-    """
+    """The scene with the last image of each camera; `images`: images (height, width) by camera id, 0 to 255."""
     return replace(data, images={name: np.asarray(image, dtype=np.uint8) for name, image in images.items()})

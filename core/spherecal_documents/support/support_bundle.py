@@ -121,12 +121,7 @@ def write_bundle(
 
 
 def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: Context | None = None) -> None:
-    """Write a zip file whole, one file after the other.
-
-    Nobody else can read it before it is in its place.
-
-    `context` None: neither.
-    """
+    """Write a zip file whole, one file after the other. Nobody else can read it before it is in its place."""
     with tempfile.TemporaryFile() as archive:
         with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as bundle:
             for done, (name, read) in enumerate(sorted(files.items())):

@@ -61,10 +61,7 @@ class Camera:
 
 
 class CameraNetwork:
-    """The switch in this process's own namespace; everything else in namespaces of its own.
-
-    `mtu`: largest packet, bytes.
-    """
+    """The switch in this process's own namespace; everything else in namespaces of its own."""
 
     def __init__(self, server: str, mtu: int, cameras: list[dict[str, Any]]) -> None:
         self._server, self._mtu = server, mtu
@@ -215,10 +212,7 @@ class CameraNetwork:
         )
 
     def latency(self, serial: str, ms: float, jitter_ms: float = 0.0) -> None:
-        """Packets of the camera arrive later, in another order with jitter; needs the netem module.
-
-        `ms`: by how much, ms.
-        """
+        """Packets of the camera arrive later, in another order with jitter; needs the netem module."""
         network = self.cameras[serial].network
         if not ms:
             network.run("tc", "qdisc", "delete", "dev", "eth0", "root")

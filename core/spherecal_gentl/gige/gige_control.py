@@ -139,10 +139,7 @@ class GigeRig:
             os.close(network.file)
 
     def set_image(self, serial: str, image: NDArray[np.uint8]) -> None:
-        """Set what a simulated camera sees from the next frame on.
-
-        `image`: of the camera's size, (height, width).
-        """
+        """Set what a simulated camera sees from the next frame on; `image`: of the camera's size, (height, width)."""
         self._pictures[serial].put(image)
 
     def fault(self, name: str, *words: str | float) -> None:

@@ -102,10 +102,7 @@ class NetworkNamespace:
             raise CommandError(os.strerror(ctypes.get_errno()))
 
     def run(self, *command: str, data: str | None = None) -> str:
-        """What a command in the namespace prints.
-
-        `data` None: as the calling process.
-        """
+        """What a command in the namespace prints."""
         done = subprocess.run(
             self.inside(command),
             input=data,

@@ -61,8 +61,6 @@ def build_producer(folder: Path | None = None, aravis: bool = False) -> Path:
 
     It is kept in the user's cache folder under a hash of its sources and the compiler's name, alone in its folder. So
     this folder can be named in GENICAM_GENTL64_PATH.
-
-    `folder` None: no copy.
     """
     product = _OF_ARAVIS if aravis else _SIMULATED
     kept = _built(product)

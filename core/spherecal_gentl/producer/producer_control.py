@@ -67,8 +67,6 @@ class ProducerControl:
 
     Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods that
     take a serial number raise InputError where no simulated camera has it.
-
-    `name` None is an unused one.
     """
 
     def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
@@ -206,10 +204,7 @@ class ProducerControl:
         self._record(serial)["open_error"] = code
 
     def fail_reads(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register reads fail, of one feature or of any.
-
-        `times` None: until `clear_faults`; `feature` None: any.
-        """
+        """Register reads fail, of one feature or of any; `times` None: until `clear_faults`; `feature` None: any."""
         record = self._record(serial)
         record["read_error"] = code
         record["read_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
@@ -230,10 +225,7 @@ class ProducerControl:
         self._record(serial)["port_delay_us"] = round(seconds * 1e6)
 
     def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
-        """Waiting for a frame fails.
-
-        `times` None: until `clear_faults`.
-        """
+        """Waiting for a frame fails; `times` None: until `clear_faults`."""
         record = self._record(serial)
         record["event_error"] = code
         record["event_error_count"] = _count(times)
@@ -243,10 +235,7 @@ class ProducerControl:
         self._record(serial)["crash_count"] = 1
 
     def spoil_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames arrive incomplete: the lower half is missing.
-
-        `times` None: until `clear_faults`.
-        """
+        """Frames arrive incomplete: the lower half is missing; `times` None: until `clear_faults`."""
         self._record(serial)["incomplete_count"] = _count(times)
 
     def lose_frames(self, serial: str, times: int | None = 1) -> None:

@@ -230,10 +230,11 @@ def png(frame: Frame) -> bytes:
 
 
 def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:
+    exposed = time.time() - (time.perf_counter() - frame.taken_s)
     known: dict[str, Any] = {
         "frame_id": frame.frame_id,
         "time_stamp_ns": frame.time_stamp_ns,
-        "exposed": _wall_clock(frame.taken_s),
+        "exposed": datetime.fromtimestamp(exposed, UTC).isoformat(timespec="milliseconds"),
         "exposure_us": frame.exposure_us,
         "gain_db": frame.gain_db,
         "temperature_c": frame.temperature_c,
@@ -244,9 +245,3 @@ def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:
     if stillness is not None:
         known["dots"], known["motion_px"], known["noise_px"] = stillness.dots, stillness.motion_px, stillness.noise_px
     return {key: value for key, value in known.items() if value is not None}
-
-
-def _wall_clock(at_s: float) -> str:
-    """A time of perf_counter as the time of day in UTC."""
-    moment = time.time() - (time.perf_counter() - at_s)
-    return datetime.fromtimestamp(moment, UTC).isoformat(timespec="milliseconds")

@@ -66,12 +66,9 @@ class GenicamSource:
 
     def discover(self, context: Context | None = None) -> Discovery:
         """The cameras of all producer files, each tried in a process of its own."""
-        self._discovery = discover(producer_files(self._own), context, self._look_again(), self._ask)
-        return self._discovery
-
-    def _look_again(self) -> TrustStore:
         self._trust = TrustStore()
-        return self._trust
+        self._discovery = discover(producer_files(self._own), context, self._trust, self._ask)
+        return self._discovery
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
         """Open and set up exactly these cameras; a report of each that could be opened."""
@@ -102,10 +99,6 @@ class GenicamSource:
                 raise CameraError(Phrase("error-camera-not-open", {"camera": serial}))
         self._took_s = None
         return service.apply(settings)
-
-    def open_settings(self) -> dict[str, CameraSettings]:
-        """The settings of every camera that was opened."""
-        return self._service.settings() if self._service is not None else {}
 
     def describe(self, serial: str) -> tuple[FeatureReport, ...]:
         """All features of an open camera with their present values; none while it is lost."""

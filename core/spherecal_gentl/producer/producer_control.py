@@ -35,28 +35,6 @@ class SimulatedCamera:
     model: str = "Simulated 5M"
 
 
-@dataclass(frozen=True)
-class RegionCounters:
-    """What one camera has counted since its region was made; `last_image` is the number of the picture last sent."""
-
-    opened: int
-    closed: int
-    reads: int
-    writes: int
-    triggers: int
-    triggers_dropped: int
-    triggers_missed: int
-    frames_exposed: int
-    frames_delivered: int
-    frames_incomplete: int
-    frames_lost: int
-    frames_late: int
-    frames_underrun: int
-    acquisition_starts: int
-    acquisition_stops: int
-    last_image: int
-
-
 def simulated_cameras(count: int = 12) -> tuple[SimulatedCamera, ...]:
     """Five-megapixel cameras SIM01, SIM02, ..."""
     return tuple(SimulatedCamera(f"SIM{i + 1:02d}") for i in range(count))
@@ -274,10 +252,10 @@ class ProducerControl:
 
     # ---- what happened ----
 
-    def counters(self, serial: str) -> RegionCounters:
+    def counters(self, serial: str) -> layout.Counters:
         """What a camera has counted since its region was made."""
         record = self._record(serial)
-        return RegionCounters(*(int(record[name]) for name in layout.COUNTERS))
+        return layout.Counters(*(int(record[name]) for name in layout.Counters._fields))
 
     def settings(self, serial: str) -> dict[str, int | float | str]:
         """The present values of a camera's registers, by name (all zero before its first opening)."""

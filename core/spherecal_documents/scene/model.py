@@ -24,6 +24,7 @@ _ELLIPSOID_PART, _SHIFT_PART = 0.05, 0.12
 _BODY = 0.5  # of a frustum's depth
 _FLOOR_STEPS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 _FLOOR_LINES = 14  # at most, along the longer side
+_MOST_POINTS = 6000
 
 
 @dataclass(frozen=True)
@@ -79,11 +80,11 @@ class SceneData:
     """`scene` (report.rig_view), `points` (n, 3) in its frame, `sizes` (n,) of their residuals, 1 = `most_px`.
 
     `normals` (n, 3): outward from the ball, NaN where there is none; `names` (n,): placement, target and point.
-    `map_places` (m, 3) and `map_mm` (m,): expanded uncertainty of a length there in its worst direction. `map_k` is its
-    coverage factor and `map_length_mm` the length. `links`: steps of the paths by which the cameras were joined.
-    `ellipsoids` (e, 3, 3): half axes by row, mm, of one standard deviation, at `ellipsoid_places` (e, 3). `images`
-    (height, width) uint8: the last image of each camera, by id. `origin_mm` (3,): the scene's origin in the world.
-    `wanted`: where the ball should go next. `room` (n, 3): more that must be in the picture.
+    `map_places` (m, 3) and `map_mm` (m,): expanded uncertainty of a length `map_length_mm` there in its worst
+    direction. `links`: steps of the paths by which the cameras were joined. `ellipsoids` (e, 3, 3): half axes by row,
+    mm, of one standard deviation, at `ellipsoid_places` (e, 3). `images` (height, width) uint8: the last image of each
+    camera, by id. `origin_mm` (3,): the scene's origin in the world. `wanted`: where the ball should go next. `room`
+    (n, 3): more that must be in the picture.
     """
 
     scene: Any
@@ -92,7 +93,6 @@ class SceneData:
     map_places: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     map_mm: FloatArray = field(default_factory=lambda: np.empty((0,)))
     map_length_mm: float = 0.0
-    map_k: float = 0.0
     links: tuple[tuple[str, str], ...] = ()
     normals: FloatArray | None = None
     names: tuple[tuple[str, int, str], ...] = ()
@@ -250,7 +250,7 @@ def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
 # --- from a result ---------------------------------------------------------------------------------------------------
 
 
-def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int = 6000) -> SceneData | None:
+def scene_data(result: Any, links: tuple[tuple[str, str], ...] = ()) -> SceneData | None:
     """The scene of a result; None without cameras."""
     from spherecal_documents.report.rig_view import make_scene
 
@@ -261,7 +261,7 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int =
     xyz = points.xyz_mm
     middle = xyz.mean(axis=0) if len(xyz) else np.array([c.centre_mm for c in result.rig.cameras]).mean(axis=0)
     sizes = point_residuals(result)
-    keep = np.arange(0, len(xyz), max(1, -(-len(xyz) // most)))
+    keep = np.arange(0, len(xyz), max(1, -(-len(xyz) // _MOST_POINTS)))
     usual = float(np.percentile(sizes, 98)) if len(sizes) else 1.0
     places = (xyz[keep] - middle) @ scene.axes.T
     names = tuple((points.placement[i], int(points.target[i]), points.point[i]) for i in keep.tolist())
@@ -287,7 +287,6 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int =
         map_places=(lengths.places_mm[seen] - middle) @ scene.axes.T,
         map_mm=worst[seen],
         map_length_mm=lengths.length_mm,
-        map_k=lengths.coverage_factor,
     )
 
 

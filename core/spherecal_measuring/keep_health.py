@@ -8,7 +8,7 @@ from spherecal.data.rig import Rig
 from spherecal.files.json_file import finite
 from spherecal_measuring.health import SLOW_SETS
 from spherecal_measuring.measured_sets import Health
-from spherecal_rigs.check_file import CheckEntry, camera_entry, keep
+from spherecal_rigs.check_file import camera_entry, keep
 from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
 
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
@@ -21,7 +21,7 @@ def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | 
     return keep(profile, health_document(health, rig), temperature_c)
 
 
-def health_document(health: Health, rig: Rig) -> CheckEntry:
+def health_document(health: Health, rig: Rig) -> dict[str, object]:
     """The health in the form of check.json: every camera that was tested, by its newest test."""
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
     named = {one.camera: one.moved for one in health.cameras if one.moved is not None}

@@ -149,7 +149,9 @@ def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, 
     found, problems = [], []
     for file in names[-most:] if most else ():
         try:
-            found.append(_read(folder / FOLDER / file))
+            if (path := folder / FOLDER / file).is_symlink():
+                raise InputError(Phrase("error-not-profiles-file", {"file": path}))
+            found.append(PROFILE_CHECK.read(path, below=path.parent))
         except InputError as error:
             problems.append(str(error))
     return tuple(found), tuple(problems)
@@ -159,12 +161,6 @@ def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
     """The newest check, if it was of this calibration; None as well where it cannot be read."""
     found, _ = read_checks(folder, 1)
     return found[0] if found and found[0].calibration == calibration else None
-
-
-def _read(path: Path) -> KeptCheck:
-    if path.is_symlink():
-        raise InputError(Phrase("error-not-profiles-file", {"file": path}))
-    return PROFILE_CHECK.read(path, below=path.parent)
 
 
 def _rms(cameras: Sequence[Mapping[str, Any]]) -> float | None:

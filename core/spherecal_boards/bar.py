@@ -43,8 +43,6 @@ def calibrate_bar(
     """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
 
     Cameras that share too few marks with the rest are left out and the result is not valid.
-
-    `settings` None for the defaults; `context` None for neither.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     bar = scale_bar(session)

@@ -57,8 +57,6 @@ def calibrate_board(
 
     Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
     is not valid.
-
-    `settings` None for the defaults; `context` None for neither.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     board = session.board

@@ -52,10 +52,7 @@ class Circles:
 
 
 def find_circles(image: GreyImage, light: bool) -> Circles:
-    """All dark (or light) round dots in a grey image, whole ones only.
-
-    `image`: grey image of 8 or 16 bits, (h, w).
-    """
+    """All dark (or light) round dots in a grey image, whole ones only; `image`: grey image of 8 or 16 bits, (h, w)."""
     grey = image.astype(np.float32)
     low, high = np.percentile(grey, (0.5, 99.5))
     if high <= low:

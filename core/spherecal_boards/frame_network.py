@@ -235,10 +235,7 @@ class _Frames:
 
 
 def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
-    """Half the (robust) sum of squares of all rows; infinite where it is not defined.
-
-    `cauchy` None is plain least squares.
-    """
+    """Half the (robust) sum of squares of all rows; infinite where it is not defined."""
     squared = (model.residuals(state) ** 2).sum(axis=1)
     if cauchy is not None:
         squared = cauchy**2 * np.log1p(squared / cauchy**2)

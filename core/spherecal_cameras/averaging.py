@@ -10,7 +10,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
-from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.detection import Detections, Detector
 from spherecal.targets.images import balance_mosaic
 from spherecal_cameras.protocol import CameraSource, CaptureRequest, Frame, FrameSet
 
@@ -60,14 +60,11 @@ def take_averaged(
     detector: Detector | None,
     request: CaptureRequest | None = None,
     context: Context | None = None,
-    known: Mapping[str, DetectionSettings] | None = None,
 ) -> AveragedSet:
     """Take `count` sets and average them; taken again, as often as the request allows, if the scene moved.
 
     The images are 16 bits deep (see `average`), but those of a single set as they are. A camera that is missing in one
     of the sets is missing in the average.
-
-    `detector` None leaves stillness untested; `request` None is `CaptureRequest()`; `context` None does neither.
     """
     request, context = request or CaptureRequest(), context or Context()
     tries = 0
@@ -80,7 +77,7 @@ def take_averaged(
         whole = [serial for serial in sets[0].frames if all(serial in one.frames for one in sets)]
         stillness: dict[str, Stillness] = {}
         if detector is not None and count > 1:
-            stillness = _examine(sets, whole, detector, known or {}, context)
+            stillness = _examine(sets, whole, detector, context)
         averaged = AveragedSet(_averaged(sets, whole), stillness)
         if not averaged.moved or tries > request.retries:
             return averaged
@@ -123,11 +120,7 @@ def average(frames: Sequence[Frame]) -> Frame:
 
 
 def _examine(
-    sets: Sequence[FrameSet],
-    serials: Sequence[str],
-    detector: Detector,
-    known: Mapping[str, DetectionSettings],
-    context: Context,
+    sets: Sequence[FrameSet], serials: Sequence[str], detector: Detector, context: Context
 ) -> dict[str, Stillness]:
     chosen = np.unique(np.linspace(0, len(sets) - 1, _MOST_LOOKED_AT).round().astype(int))
     found: dict[str, Stillness] = {}
@@ -135,7 +128,7 @@ def _examine(
 
         def look(serial: str) -> Stillness:
             images = [sets[i].frames[serial].image for i in chosen]
-            return stillness(serial, [detector.detect(balance_mosaic(image), known.get(serial)) for image in images])
+            return stillness(serial, [detector.detect(balance_mosaic(image)) for image in images])
 
         for serial, one in zip(serials, pool.map(look, serials), strict=True):
             found[serial] = one
@@ -153,7 +146,7 @@ def stillness(camera: str, detections: Sequence[Detections]) -> Stillness:
     moves = uv - uv.mean(axis=0)
     if len(common) < _FOR_AFFINE:
         shift = moves.mean(axis=1)
-        return Stillness(camera, len(common), _sd(shift, len(detections)), None)
+        return Stillness(camera, len(common), float(np.sqrt((shift**2).sum() / (2 * (len(detections) - 1)))), None)
     return Stillness(camera, len(common), *_motion_and_noise(moves, uv.mean(axis=0)))
 
 
@@ -169,7 +162,3 @@ def _motion_and_noise(moves: FloatArray, places: FloatArray) -> tuple[float, flo
     noise = 1.4826 * float(np.median(np.abs(own))) * np.sqrt(k / (k - 1) * n / max(n - 3, 1))
     variance = float((common**2).sum()) / (2 * n * (k - 1)) - noise**2 * 3 / n
     return float(np.sqrt(max(variance, 0.0))), noise
-
-
-def _sd(shift: FloatArray, k: int) -> float:
-    return float(np.sqrt((shift**2).sum() / (2 * (k - 1))))

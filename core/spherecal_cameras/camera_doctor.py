@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,10 +68,7 @@ class Examination:
 def examine(
     source: CameraSource, seconds: float = 5.0, rate_hz: float = 5.0, context: Context | None = None
 ) -> Examination:
-    """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking.
-
-    `context` None does neither.
-    """
+    """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking."""
     context = context or Context()
     source.start_live(rate_hz)
     try:
@@ -118,18 +115,10 @@ def _judge_light(frame: Frame | None) -> Finding | None:
 
 def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | None, seconds: float) -> LinkReport:
     now, old = status.counters, before.counters if before else Counters()
-    same = now.delivered >= old.delivered  # else it was opened again meanwhile
-    counted = Counters(
-        now.delivered - old.delivered * same,
-        now.incomplete - old.incomplete * same,
-        now.underrun - old.underrun * same,
-        now.overwritten - old.overwritten * same,
-        now.reopened - old.reopened * same,
-        (now.delivered - old.delivered * same) / seconds,
-        now.wanted_hz,
-        now.triggered - old.triggered * same,
-        now.late - old.late,
-    )
+    old = old if now.delivered >= old.delivered else Counters(late=old.late)  # it was opened again meanwhile
+    names = ("delivered", "incomplete", "underrun", "overwritten", "reopened", "triggered", "late")
+    counted = replace(now, **{name: getattr(now, name) - getattr(old, name) for name in names})
+    counted = replace(counted, rate_hz=counted.delivered / seconds)
     found = {feature.feature: feature.got for feature in features_of(source, status.serial)}
     return LinkReport(
         status.serial,
@@ -202,12 +191,9 @@ _UNUSABLE = {
 }
 
 
-def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:
-    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None.
-
-    `context` None never stops.
-    """
-    now = brightness(source, context)
+def covered_camera(source: CameraSource, before: dict[str, float]) -> str | None:
+    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None."""
+    now = brightness(source)
     # parts of all cameras' usual change, so that a cloud before the sun covers nobody
     ratios = {serial: now[serial] / before[serial] for serial in now if before.get(serial)}
     if not ratios:
@@ -221,8 +207,6 @@ def brightness(source: CameraSource, context: Context | None = None) -> dict[str
     """The mean grey value of each camera's image over its darkest pixels, by serial.
 
     The darkest pixels are the first percentile. Cameras without an image are left out.
-
-    `context` None never stops.
     """
     taken = source.capture_set(CaptureRequest(retries=1), context)
     means = {}

@@ -18,7 +18,7 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -162,20 +162,15 @@ def reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
         return False
 
 
-def found_on_wire(seconds: float = 0.7, own: Collection[str] = ()) -> tuple[WireCamera, ...]:
-    """Every GigE camera that answers on any interface within some seconds, of whatever subnet; no driver is needed.
-
-    `own`: serial numbers of cameras that this program has open; no other program controls these.
-    """
+def found_on_wire(seconds: float = 0.7) -> tuple[WireCamera, ...]:
+    """Every GigE camera that answers on any interface within some seconds, of whatever subnet; no driver is needed."""
     local = local_addresses()
-    return tuple(
-        _on_wire(camera, reached(camera, local), camera.serial in own) for camera in answering_cameras(local, seconds)
-    )
+    return tuple(_on_wire(camera, reached(camera, local)) for camera in answering_cameras(local, seconds))
 
 
-def _on_wire(camera: NetworkCamera, in_reach: bool, own: bool) -> WireCamera:
-    held = False if own else None
-    if in_reach and not own:
+def _on_wire(camera: NetworkCamera, in_reach: bool) -> WireCamera:
+    held = None
+    if in_reach:
         with _asking(camera.address) as registers:
             privilege = registers.read(CONTROL_REGISTER, _ASK_S)
         held = None if privilege is None else privilege != 0
@@ -258,7 +253,7 @@ def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persist
         raise CameraError(Phrase("error-address-refused", words))
     if persistent and not _keep_address(ip, mask, gateway):
         raise CameraError(Phrase("error-address-not-kept", words))
-    return _on_wire(now, reached(now, local), False)
+    return _on_wire(now, reached(now, local))
 
 
 def _check_address(camera: NetworkCamera, ip: str, mask: str, gateway: str, there: Iterable[NetworkCamera]) -> None:
@@ -474,11 +469,8 @@ def can_apply(cure: str) -> bool:
         return False
     if sys.platform == "win32":
         return True
-    return os.geteuid() == 0 or (find_program("pkexec") is not None and bool(_display()))
-
-
-def _display() -> str:
-    return os.environ.get("WAYLAND_DISPLAY", "") or os.environ.get("DISPLAY", "")
+    display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+    return os.geteuid() == 0 or (find_program("pkexec") is not None and bool(display))
 
 
 def apply_cure(cure: str) -> None:

@@ -84,10 +84,6 @@ def read_profile(path: Path) -> CameraProfile:
     return CAMERAS.read(path)
 
 
-def _region(sides: Sequence[int]) -> Region:
-    return Region(*sides)
-
-
 _SETTINGS = record(
     "Settings that are applied when it is opened.",
     CameraSettings,
@@ -96,7 +92,9 @@ _SETTINGS = record(
     optional("pixel_format", text("GenICam's name of the pixel format."), omit=None),
     optional(
         "region",
-        items("`[x, y, width, height]` in px.", integer("", 0, 65536), length=4).mapped(_region, astuple),
+        items("`[x, y, width, height]` in px.", integer("", 0, 65536), length=4).mapped(
+            lambda sides: Region(*sides), astuple
+        ),
         omit=None,
     ),
     optional("trigger", choice("Trigger.", get_args(TriggerMode)), omit=None),

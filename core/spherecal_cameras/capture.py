@@ -110,10 +110,7 @@ class SessionFolder:
         return {name: cameras for name, cameras in lacking.items() if cameras}
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
-        """Write a set: its images first, each whole, then the metadata that name them.
-
-        `stillness` None where it was not tested.
-        """
+        """Write a set: its images first, each whole, then the metadata that name them."""
         folder = f"{'placements' if planned.bar is None else 'bars'}/{planned.id}"
         names = {serial: self._by_serial[serial].id for serial in taken.frames}
         images = {name: f"{folder}/{name}.png" for name in names.values()}
@@ -226,10 +223,11 @@ def _image(image: JsonValue) -> str:
 
 
 def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:
+    exposed = time.time() - (time.perf_counter() - frame.taken_s)
     known: dict[str, Any] = {
         "frame_id": frame.frame_id,
         "time_stamp_ns": frame.time_stamp_ns,
-        "exposed": _wall_clock(frame.taken_s),
+        "exposed": datetime.fromtimestamp(exposed, UTC).isoformat(timespec="milliseconds"),
         "exposure_us": frame.exposure_us,
         "gain_db": frame.gain_db,
         "temperature_c": frame.temperature_c,
@@ -240,9 +238,3 @@ def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:
     if stillness is not None:
         known["dots"], known["motion_px"], known["noise_px"] = stillness.dots, stillness.motion_px, stillness.noise_px
     return {key: value for key, value in known.items() if value is not None}
-
-
-def _wall_clock(at_s: float) -> str:
-    """A time of perf_counter as the time of day in UTC."""
-    moment = time.time() - (time.perf_counter() - at_s)
-    return datetime.fromtimestamp(moment, UTC).isoformat(timespec="milliseconds")

@@ -8,8 +8,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal_cameras.camera_network import WireCamera, found_on_wire
 from spherecal_cameras.makers import maker_of
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
-from spherecal_cameras.usb import UsbCamera, usb_cameras
-from spherecal_gentl.gige.gvcp import NetworkCamera
+from spherecal_cameras.usb import usb_cameras
 
 if TYPE_CHECKING:  # the window's start waits for no more than it must
     from spherecal_cameras.builtin_driver import BuiltinDriver
@@ -27,20 +26,6 @@ class DriverTrouble:
     makers: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class SeenCamera:
-    """A camera that no driver lists and that answers all the same: by IP address, or on USB (`place`).
-
-    `package` is its maker's driver package, empty where the maker is not known.
-    """
-
-    maker: str
-    model: str
-    serial: str
-    place: str
-    package: str
-
-
 class NoCameras(CameraError):
     """No camera was found; `troubles` say why, `wire` has those that answer on the network all the same."""
 
@@ -49,10 +34,7 @@ class NoCameras(CameraError):
 
 
 def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
-    """Why no camera was found, or not all.
-
-    A driver without cameras is only a reason where no driver has any.
-    """
+    """Why no camera was found, or not all. A driver without cameras is only a reason where no driver has any."""
     found: list[DriverTrouble] = []
     near = [one for one in wire if one.subnet_ok]
     makers = tuple(sorted({one.maker for one in near if one.maker}))
@@ -68,13 +50,13 @@ def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tu
     return tuple(found)
 
 
-def answering() -> tuple[WireCamera, ...]:
+def answering(network: bool = True) -> tuple[WireCamera, ...]:
     """Every camera that answers without a driver, on the network or on USB (its address is `USB` then); blocking."""
     usb = (
         WireCamera("", "USB", "", one.maker, one.model, one.serial, "", "", subnet_ok=True, controlled_by_other=None)
         for one in usb_cameras()
     )
-    return (*found_on_wire(), *usb)
+    return (*(found_on_wire() if network else ()), *usb)
 
 
 def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:
@@ -97,27 +79,13 @@ def unlisted(discovery: Discovery, wire: Iterable[WireCamera]) -> tuple[WireCame
     return tuple(one for one in wire if one not in listed)
 
 
-def seen_without_driver(
-    discovery: Discovery, answering: Iterable[NetworkCamera], usb: Iterable[UsbCamera] = ()
-) -> tuple[SeenCamera, ...]:
-    """The cameras that answer on the wire or hang on the bus, and that no driver lists."""
-    known = {camera.serial for camera in discovery.cameras}
-    found = [(one.vendor, one.model, one.serial, one.address) for one in answering]
-    found += [(one.maker, one.model, one.serial, "USB") for one in usb]
-    return tuple(
-        SeenCamera(vendor, model, serial, place, "" if (maker := maker_of(vendor)) is None else maker.driver)
-        for vendor, model, serial, place in found
-        if serial not in known
-    )
-
-
-def driver_advice(seen: Sequence[SeenCamera], builtin: "BuiltinDriver") -> tuple[Phrase, ...]:
+def driver_advice(seen: Sequence[WireCamera], builtin: "BuiltinDriver") -> tuple[Phrase, ...]:
     """What answers although no driver lists it, and what makes it usable: a maker's package or the built-in driver."""
     if not seen:
         return ()
-    cameras = [Phrase("driver-camera", vars(one)) for one in seen]
+    cameras = [Phrase("driver-camera", {**vars(one), "place": one.ip_address}) for one in seen]
     found = [Phrase("driver-answering", {"count": len(seen), "cameras": cameras})]
-    packages = sorted({one.package for one in seen if one.package})
+    packages = sorted({maker.driver for one in seen if (maker := maker_of(one.maker)) is not None})
     found += [Phrase("driver-package", {"packages": packages})] if packages else []
     if builtin.kind == "can-be-built":
         found.append(Phrase("driver-builtin"))

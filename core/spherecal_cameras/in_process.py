@@ -22,7 +22,6 @@ from spherecal_cameras.protocol import (
     CameraStatus,
     CaptureRequest,
     Discovery,
-    EventKind,
     FeatureReport,
     Frame,
     FrameSet,
@@ -31,6 +30,7 @@ from spherecal_cameras.protocol import (
     SetupReport,
     SourceKind,
 )
+from spherecal_cameras.status_log import StatusLog
 
 _PULSE_S = 0.001  # apart from each other in a simulated set
 _PAUSE_S = 0.02
@@ -51,13 +51,7 @@ class Staged(Protocol):
         ...
 
     def show(self, pose: str) -> None:
-        """Let the cameras see another placement or bar pose, by its id.
-
-        Raises
-        ------
-        InputError
-            Where there is no such id.
-        """
+        """Let the cameras see another placement or bar pose, by its id; InputError where there is none."""
         ...
 
 
@@ -78,8 +72,7 @@ class InProcessSource(ABC):
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._settings: dict[str, CameraSettings] = {}
-        self._statuses: dict[str, CameraStatus] = {}
-        self._events: deque[CameraEvent] = deque(maxlen=1000)
+        self._log = StatusLog()
         self._latest: dict[str, Frame] = {}
         self._frame_ids: dict[str, int] = {}
         self._arrivals: dict[str, deque[float]] = {}
@@ -126,33 +119,14 @@ class InProcessSource(ABC):
     # --- the protocol ------------------------------------------------------------------------------------------------
 
     def discover(self, context: Context | None = None) -> Discovery:
-        """The cameras of the recording or the simulated rig.
-
-        Raises
-        ------
-        Cancelled
-            Where the context says so.
-        """
+        """The cameras of the recording or the simulated rig."""
         if context is not None:
             context.check()
         infos = tuple(sorted(self.camera_infos(), key=lambda info: info.serial))
         return Discovery(infos, (ProducerVerdict(self.label, True, f"{counted(len(infos), 'camera')}.", "", infos),))
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Open exactly these cameras; a report of each.
-
-        Parameters
-        ----------
-        serials
-            Serial numbers of the cameras.
-        settings
-            Settings by serial; cameras that are not in it have the defaults.
-
-        Raises
-        ------
-        CameraError
-            Where the source has no such camera, or none was named.
-        """
+        """Open exactly these cameras; a report of each."""
         wanted = tuple(dict.fromkeys(serials))
         known = {info.serial for info in self.camera_infos()}
         if not wanted:
@@ -162,22 +136,14 @@ class InProcessSource(ABC):
                 raise CameraError(
                     Phrase("error-no-such-camera", {"camera": serial}), Phrase("there-are", {"names": sorted(known)})
                 )
-        now = time.perf_counter()
         with self._lock:
             self._settings = {serial: settings.get(serial, CameraSettings()) for serial in wanted}
-            fresh = CameraStatus("", CameraState.CONNECTED, since_s=now)
-            self._statuses = {s: self._statuses.get(s, replace(fresh, serial=s)) for s in wanted}
+            self._log.keep_only(wanted, CameraState.CONNECTED)
             self._latest = {serial: frame for serial, frame in self._latest.items() if serial in wanted}
         return tuple(self._report(serial) for serial in wanted)
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
-        """Give open cameras new settings, by serial; a report of each.
-
-        Raises
-        ------
-        CameraError
-            Where a camera is not open.
-        """
+        """Give open cameras new settings, by serial; a report of each."""
         with self._lock:
             for serial, new in settings.items():
                 if serial not in self._settings:
@@ -207,13 +173,7 @@ class InProcessSource(ABC):
         return SetupReport(serial, features, size)
 
     def start_live(self, rate_hz: float = 5.0) -> None:
-        """Keep fresh images coming at `rate_hz`, by one thread for all cameras.
-
-        Raises
-        ------
-        CameraError
-            Where no camera is open.
-        """
+        """Keep fresh images coming at `rate_hz`, by one thread for all cameras."""
         if not self._settings:
             raise CameraError(Phrase("error-none-open"))
         self.stop_live()
@@ -222,7 +182,7 @@ class InProcessSource(ABC):
         self._live = threading.Thread(target=self._run_live, args=(1.0 / rate_hz,), name="live", daemon=True)
         self._live.start()
         for serial in self._settings:
-            self._set_state(serial, CameraState.STREAMING)
+            self._log.set_state(serial, CameraState.STREAMING)
 
     def stop_live(self) -> None:
         """No images but those of sets."""
@@ -232,8 +192,8 @@ class InProcessSource(ABC):
             self._live = None
             self._live_hz = None
             for serial in self._settings:
-                if self._statuses[serial].state == CameraState.STREAMING:
-                    self._set_state(serial, CameraState.CONNECTED)
+                if self.statuses()[serial].state == CameraState.STREAMING:
+                    self._log.set_state(serial, CameraState.CONNECTED)
 
     def _run_live(self, period_s: float) -> None:
         while not self._live_end.is_set():
@@ -243,10 +203,10 @@ class InProcessSource(ABC):
                     return
                 try:
                     self._deliver(self.take_image(serial, settings, 0, 1, period_s))
-                    self._set_state(serial, CameraState.STREAMING)
+                    self._log.set_state(serial, CameraState.STREAMING)
                 except NoImage as missing:
                     if missing.state is not None:
-                        self._set_state(serial, missing.state, missing.cause, missing.remedy)
+                        self._log.set_state(serial, missing.state, missing.cause, missing.remedy)
             self._live_end.wait(max(period_s - (time.perf_counter() - began), _PAUSE_S))
 
     def latest(self, serial: str) -> Frame | None:
@@ -254,22 +214,7 @@ class InProcessSource(ABC):
         return self._latest.get(serial)
 
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
-        """Take one set, with exposures 1 ms apart from one camera to the next.
-
-        Parameters
-        ----------
-        request
-            Which cameras, how long to wait and how often to try again; None is `CaptureRequest()`.
-        context
-            To stop; None never stops.
-
-        Raises
-        ------
-        CameraError
-            Where no camera is open, or a requested one is not.
-        Cancelled
-            Where the context says so.
-        """
+        """Take one set, with exposures 1 ms apart from one camera to the next."""
         request, context = request or CaptureRequest(), context or Context()
         if not self._settings:
             raise CameraError(Phrase("error-none-open"))
@@ -314,25 +259,21 @@ class InProcessSource(ABC):
             except NoImage as none:
                 missing.append(MissingFrame(serial, none.cause, none.remedy))
                 if none.state is not None:
-                    self._set_state(serial, none.state, none.cause, none.remedy)
+                    self._log.set_state(serial, none.state, none.cause, none.remedy)
                 continue
             frames[serial] = frame
             self._deliver(frame)
-            if self._statuses[serial].state not in (CameraState.STREAMING, CameraState.CONNECTED):
-                self._set_state(serial, CameraState.STREAMING if self._live else CameraState.CONNECTED)
+            if self.statuses()[serial].state not in (CameraState.STREAMING, CameraState.CONNECTED):
+                self._log.set_state(serial, CameraState.STREAMING if self._live else CameraState.CONNECTED)
         return frames, tuple(missing)
 
     def statuses(self) -> dict[str, CameraStatus]:
         """The state of every open camera, by serial."""
-        with self._lock:
-            return dict(self._statuses)
+        return self._log.statuses()
 
     def take_events(self) -> Sequence[CameraEvent]:
         """The events since the last call, oldest first."""
-        with self._lock:
-            events = list(self._events)
-            self._events.clear()
-        return events
+        return self._log.take_events()
 
     def close(self) -> None:
         """End the live view and release everything."""
@@ -341,7 +282,8 @@ class InProcessSource(ABC):
             self._pool.shutdown(cancel_futures=True)
             self._pool = None
         with self._lock:
-            self._settings, self._statuses, self._latest = {}, {}, {}
+            self._settings, self._latest = {}, {}
+            self._log.keep_only(())
 
     def __enter__(self) -> Self:
         return self
@@ -363,7 +305,7 @@ class InProcessSource(ABC):
 
     def _deliver(self, frame: Frame) -> None:
         with self._lock:
-            status = self._statuses.get(frame.camera)
+            status = self.statuses().get(frame.camera)
             if status is None:
                 return
             self._latest[frame.camera] = frame
@@ -374,15 +316,4 @@ class InProcessSource(ABC):
             counters = replace(
                 status.counters, delivered=status.counters.delivered + 1, rate_hz=rate, wanted_hz=self._live_hz
             )
-            self._statuses[frame.camera] = replace(status, counters=counters, temperature_c=frame.temperature_c)
-
-    def _set_state(self, serial: str, state: CameraState, cause: str = "", remedy: str = "") -> None:
-        with self._lock:
-            status = self._statuses.get(serial)
-            if status is None or (status.state, status.cause) == (state, cause):
-                return
-            now = time.perf_counter()
-            status = replace(status, state=state, cause=cause, remedy=remedy, since_s=now)
-            self._statuses[serial] = status
-            message = f"Camera {serial}: {state.value}. {cause}".strip()
-            self._events.append(CameraEvent(EventKind.STATE, message, remedy, serial, now, status))
+            self._log.count(frame.camera, counters, frame.temperature_c)

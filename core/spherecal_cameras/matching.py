@@ -36,8 +36,6 @@ class RoundKeeper:
 
         An image with the frame id and the time stamp of the one before is a repeated delivery. Where a driver has no
         ids it may give every image the id 0.
-
-        `frame_id` None where it has none; `stamp_ns` None where it has none.
         """
         now = (frame_id, stamp_ns)
         if now == self._last and (frame_id or stamp_ns):

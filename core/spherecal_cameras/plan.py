@@ -53,10 +53,7 @@ class CapturePlan:
 
 
 def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None) -> CapturePlan:
-    """Only placements P1, P2, ...; no scale, no bars.
-
-    `targets` None where the plan has none; `diameter_mm` None where it is not known.
-    """
+    """Only placements P1, P2, ...; no scale, no bars."""
     if placements < 1:
         raise InputError(Phrase("error-placements-needed", {"placements": placements}))
     width = len(str(placements))

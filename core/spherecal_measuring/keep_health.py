@@ -8,23 +8,20 @@ from spherecal.data.rig import Rig
 from spherecal.files.json_file import finite
 from spherecal_measuring.health import SLOW_SETS
 from spherecal_measuring.measured_sets import Health
-from spherecal_rigs.check_file import CheckEntry, camera_entry, keep
+from spherecal_rigs.check_file import camera_entry, keep
 from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
 
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 
 
 def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> bool:
-    """Keep the health in the profile; False for no profile, and for too few sets to judge.
-
-    `temperature_c` None where it is not known.
-    """
+    """Keep the health in the profile; False for no profile, and for too few sets to judge."""
     if health.sets < SLOW_SETS or not health.tests:
         return False
     return keep(profile, health_document(health, rig), temperature_c)
 
 
-def health_document(health: Health, rig: Rig) -> CheckEntry:
+def health_document(health: Health, rig: Rig) -> dict[str, object]:
     """The health in the form of check.json: every camera that was tested, by its newest test."""
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
     named = {one.camera: one.moved for one in health.cameras if one.moved is not None}

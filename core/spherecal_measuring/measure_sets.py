@@ -20,8 +20,6 @@ def run(
     """Measure all sets, give each to `seen` and record them in `output`; how many there were.
 
     What ends it early is raised again after the sets so far are written.
-
-    `output` None to record nothing.
     """
     measured = measure_sets(sets, measurer, context)
     if output is not None:

@@ -72,8 +72,6 @@ def measure_bar(
     """Every certified length of a bar in mm, its deviation from the certificate at the bar's temperature.
 
     A length whose marks were not both measured is Unmeasured, with the reason.
-
-    `temperature_c` None where it was not measured.
     """
     found: list[MeasuredValue | Unmeasured] = []
     for certified in bar.lengths:

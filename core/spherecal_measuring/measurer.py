@@ -83,6 +83,7 @@ class Measurer:
         still = self._still_points(feature, len(key), velocity, observed.time_s)
         self._health.add(observed.number, plain, checked, key, still, expected)
         values, bodies, missing = self._derived(places, errors)
+        exposed = list((observed.exposure_s or {}).values())
         result = MeasuredSet(
             observed.number,
             observed.id,
@@ -99,7 +100,7 @@ class Measurer:
             _contradictions(self.rig, checked, key // _POINTS),
             _camera_residuals(self.rig, checked),
             checked.noise,
-            _skew(observed),
+            max(exposed) - min(exposed) if len(exposed) > 1 else None,
             None,
         )
         if observed.time_s is not None:
@@ -236,11 +237,6 @@ def _room(velocity: FloatArray, late_s: float) -> FloatArray:
     speed = np.linalg.norm(velocity, axis=1)
     fastest = float(np.nanmax(speed, initial=0.0))
     return np.where(np.isfinite(speed), speed, fastest)[:, None] * late_s
-
-
-def _skew(observed: ObservedSet) -> float | None:
-    times = list((observed.exposure_s or {}).values())
-    return max(times) - min(times) if len(times) > 1 else None
 
 
 def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple[Contradiction, ...]:

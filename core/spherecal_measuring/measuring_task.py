@@ -1,6 +1,5 @@
 """What is to be measured: points by name, distances, angles, reference bars, bodies."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -135,17 +134,13 @@ class Task(ByValue):
             (Phrase("a-body"), [b.name for b in self.bodies]),
             (Phrase("a-bar"), [b.id for b in self.bars]),
         ):
-            if twice := _first_twice(names):
+            if twice := next((name for i, name in enumerate(names) if name in names[:i]), None):
                 raise InputError(Phrase("error-same-file-name", {"what": what, "name": twice}))
 
     @property
     def wanted(self) -> frozenset[PointName]:
         """All points that are asked for by name."""
         return self._wanted
-
-
-def _first_twice(names: Sequence[str]) -> str | None:
-    return next((name for i, name in enumerate(names) if name in names[:i]), None)
 
 
 def registered(bar: RegisteredBar) -> Bar:

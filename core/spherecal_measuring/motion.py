@@ -60,7 +60,8 @@ class Velocities:
         (n,) s.
         """
         n, w = value.shape
-        x, at, (mean, acceleration, jerk, passed) = np.full((n, w), np.nan), np.full(n, np.nan), _unknown(n, w)
+        x, mean, acceleration = (np.full((n, w), np.nan) for _ in range(3))
+        at, jerk, passed = (np.full(n, np.nan) for _ in range(3))
         past = self._past
         if past is not None and len(past.key):
             row = np.searchsorted(past.key, key).clip(max=len(past.key) - 1)
@@ -94,7 +95,3 @@ class Velocities:
         order = np.argsort(key, kind="stable")
         arrays = (motion.mean, motion.now, motion.sd, motion.change, motion._jerk, motion._passed)
         self._past = _Past(key[order], value[order], at_s[order], Motion(*(array[order] for array in arrays)))
-
-
-def _unknown(n: int, w: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    return np.full((n, w), np.nan), np.full((n, w), np.nan), np.full(n, np.nan), np.full(n, np.nan)

@@ -49,10 +49,7 @@ class RegionSearch:
         self.last_part = 1.0  # of the image that was searched
 
     def find(self, image: NDArray, at_s: float) -> Detections:
-        """The targets in an image, in the coordinates of the whole image.
-
-        `image`: a grey image (h, w).
-        """
+        """The targets in an image, in the coordinates of the whole image; `image`: a grey image (h, w)."""
         parts = None if self._is_due(at_s) else self._parts(image.shape, at_s)
         if parts is None:
             found, self.last_part = self._detect(image, self._settings), 1.0

@@ -56,8 +56,6 @@ def write_series(
 
     What ends the measurement early, Ctrl-C or a lost camera, is raised again once all sets so far are written. Before
     the first set nothing is written.
-
-    `seen` None for nobody.
     """
     check_table_kind(table)
     count = 0

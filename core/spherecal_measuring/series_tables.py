@@ -80,10 +80,7 @@ def quaternion(body: BodyPose) -> np.ndarray:
 
 
 def set_json(measured: MeasuredSet, health: Health | None = None) -> dict[str, Any]:
-    """One set as the stream has it.
-
-    `health` None: without this field.
-    """
+    """One set as the stream has it."""
     upper = np.triu_indices(3)
     document: dict[str, Any] = {
         "set": measured.number,

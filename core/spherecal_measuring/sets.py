@@ -34,10 +34,7 @@ def sets_of_session(session: Session, rig: Rig, context: Context | None = None) 
 
 
 def one_set(o: Observations, mine: np.ndarray) -> Observations:
-    """Some observations as those of one set, with a single placement.
-
-    `mine`: which are the set's, (n,) bool.
-    """
+    """Some observations as those of one set, with a single placement; `mine`: which are the set's, (n,) bool."""
     own = o.select(mine)
     name = o.placements[int(own.placement[0])] if len(own) else ""
     return Observations(

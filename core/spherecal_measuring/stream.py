@@ -67,10 +67,7 @@ class _Client:
 
 
 class MeasurementStream:
-    """Listens on 127.0.0.1 from the moment it is made; use it in a `with` block.
-
-    `about` None for format and version alone.
-    """
+    """Listens on 127.0.0.1 from the moment it is made; use it in a `with` block."""
 
     def __init__(self, port: int, about: Mapping[str, Any] | None = None, queue_lines: int = QUEUE_LINES) -> None:
         if not 0 <= port <= 65535:

@@ -46,9 +46,6 @@ def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArr
     """Which points (n, 3) the camera sees in the first calibration, (n,) bool, and their images (n, 2).
 
     A distortion that folds over far outside the image maps points there into it: those are not seen.
-
-    `points`: points (n, 3) in the first world, mm; `points`: points (n, 3) in the first world, mm; `points`: points (n,
-    3) in the first world, mm.
     """
     x = points @ pair.a.rotation.T + pair.a.translation_mm
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -65,7 +65,8 @@ def validity(
     change = None
     if temperature_c is not None and entry.temperature_c is not None:
         change = temperature_c - entry.temperature_c
-        judged.append(_by_change(change, limits))
+        state = _state(abs(change), limits.ageing_kelvin, limits.stale_kelvin)
+        judged.append((state, f"the temperature has changed by {change:+.1f} K"))
     if not entry.valid:
         judged.append(("stale", "the calibration is marked as not valid"))
     elif entry.care:
@@ -87,11 +88,6 @@ def _by_age(hours: float, limits: ValidityLimits) -> tuple[str, str]:
         return "stale", f"the calibration is {-hours:.1f} h in the future: a clock is wrong"
     state = _state(max(hours, 0.0), limits.ageing_hours, limits.stale_hours)
     return state, f"calibrated {max(hours, 0.0):.1f} h ago"
-
-
-def _by_change(kelvin: float, limits: ValidityLimits) -> tuple[str, str]:
-    state = _state(abs(kelvin), limits.ageing_kelvin, limits.stale_kelvin)
-    return state, f"the temperature has changed by {kelvin:+.1f} K"
 
 
 def _state(value: float, ageing: float, stale: float) -> str:

@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import finite, software_entry
-from spherecal_rigs.check_rig import Check, CheckedCamera, Verdict
+from spherecal_rigs.check_rig import Check, CheckedCamera
 from spherecal_rigs.kept_checks import keep_check
 from spherecal_rigs.store import is_profile, open_profile
 
@@ -17,45 +16,7 @@ FORMAT = "spherecal/check"
 VERSION = 1
 
 
-class CheckedCameraEntry(TypedDict):
-    """One camera as the document has it; lengths in mm, turns in degrees."""
-
-    id: str
-    verdict: Verdict
-    points: int
-    rms_px: float | None
-    calibrated_rms_px: float | None
-    moved: bool
-    move_px: float | None
-    shift_mm: float | None
-    turn_deg: float | None
-    point_mm: float | None
-    probability: float | None
-    reason: str
-
-
-class CheckEntry(TypedDict):
-    """What a profile keeps of a check, and of the rig's health while measuring."""
-
-    verdict: Verdict
-    sentence: str
-    tolerance_mm: float | None
-    cameras: list[CheckedCameraEntry]
-    balls: list[dict[str, object]]
-    lengths: list[dict[str, object]]
-
-
-class CheckDocument(CheckEntry):
-    """The whole check.json."""
-
-    format: str
-    version: int
-    untested: list[str]
-    findings: list[dict[str, object]]
-    software: dict[str, object]
-
-
-def check_json(found: Check) -> CheckDocument:
+def check_json(found: Check) -> dict[str, object]:
     """The document; lengths in mm, turns in degrees."""
     return {
         "format": FORMAT,
@@ -94,7 +55,7 @@ def check_json(found: Check) -> CheckDocument:
     }
 
 
-def camera_entry(one: CheckedCamera) -> CheckedCameraEntry:
+def camera_entry(one: CheckedCamera) -> dict[str, object]:
     """One camera as the document has it."""
     return {
         "id": one.test.id,
@@ -113,10 +74,7 @@ def camera_entry(one: CheckedCamera) -> CheckedCameraEntry:
 
 
 def keep(profile: Path, check: Mapping[str, object], temperature_c: float | None = None) -> bool:
-    """Keep a check in the profile that it was made against; False where that is no profile with a calibration in use.
-
-    `temperature_c` None where it is not known.
-    """
+    """Keep a check in the profile that it was made against; False for no profile, or none in use."""
     active = open_profile(profile).active_id if profile.is_dir() and is_profile(profile) else None
     if active is None:
         return False

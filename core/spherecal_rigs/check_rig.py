@@ -99,8 +99,6 @@ def check(
 
     A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
     docs/verification.md says what OK, watch and recalibrate mean.
-
-    `known` None: its size is not compared; `limit` None: 3.
     """
     context = context or Context()
     session = observed(session, context)

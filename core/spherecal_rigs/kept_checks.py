@@ -132,10 +132,7 @@ class _Written:
 def keep_check(
     folder: Path, calibration: str, check: Mapping[str, Any], temperature_c: float | None, now: datetime | None = None
 ) -> Path:
-    """Add a check to the profile in `folder`; the file that it is in.
-
-    `temperature_c` None: not known; `now` None: now.
-    """
+    """Add a check to the profile in `folder`; the file that it is in."""
     at = (now or datetime.now(UTC)).astimezone(UTC)
     file = f"{FOLDER}/{at:%Y%m%dT%H%M%S%f}Z.json"
     parts = {key: check[key] for key in ("verdict", "sentence", "tolerance_mm", "cameras", "balls", "lengths")}
@@ -152,25 +149,18 @@ def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, 
     found, problems = [], []
     for file in names[-most:] if most else ():
         try:
-            found.append(_read(folder / FOLDER / file))
+            if (path := folder / FOLDER / file).is_symlink():
+                raise InputError(Phrase("error-not-profiles-file", {"file": path}))
+            found.append(PROFILE_CHECK.read(path, below=path.parent))
         except InputError as error:
             problems.append(str(error))
     return tuple(found), tuple(problems)
 
 
 def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
-    """The newest check, if it was of this calibration; None as well where it cannot be read.
-
-    `calibration` None where there is none.
-    """
+    """The newest check, if it was of this calibration; None as well where it cannot be read."""
     found, _ = read_checks(folder, 1)
     return found[0] if found and found[0].calibration == calibration else None
-
-
-def _read(path: Path) -> KeptCheck:
-    if path.is_symlink():
-        raise InputError(Phrase("error-not-profiles-file", {"file": path}))
-    return PROFILE_CHECK.read(path, below=path.parent)
 
 
 def _rms(cameras: Sequence[Mapping[str, Any]]) -> float | None:

@@ -133,10 +133,10 @@ def read_limits(path: Path | None = None) -> Limits:
     return LIMITS.read(path)
 
 
-def limits_in_use(path: Path | None = None) -> tuple[Limits, str]:
+def limits_in_use() -> tuple[Limits, str]:
     """The limits that hold, and what is wrong with their file: then those delivered hold. Empty where nothing is."""
     try:
-        return read_limits(path), ""
+        return read_limits(), ""
     except InputError as error:
         return Limits(), f"{error} Until then the delivered limits are used."
 

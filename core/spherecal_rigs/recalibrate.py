@@ -56,7 +56,9 @@ def recalibrate(
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     rig = _with_reference(rig, selection)
     _check(session, rig, selection)
-    session = without_fields(_with_the_rigs_lens_models(observed(session, context), rig), rig)
+    session, lenses = observed(session, context), {camera.id: camera.intrinsics for camera in rig.cameras}
+    session = replace(session, cameras=tuple(like(camera, lenses[camera.id]) for camera in session.cameras))
+    session = without_fields(session, rig)
     watch.lap("detection")
     selected = np.array([camera.id in selection.cameras for camera in session.cameras])
     before = _state(session, rig)
@@ -154,11 +156,6 @@ def _check(session: Session, rig: Rig, selection: Selection) -> None:
         raise InputError(Phrase("error-few-remain"))
     if rig.scale.source == "none":
         raise InputError(Phrase("error-rig-no-scale"))
-
-
-def _with_the_rigs_lens_models(session: Session, rig: Rig) -> Session:
-    known = {camera.id: camera.intrinsics for camera in rig.cameras}
-    return replace(session, cameras=tuple(like(camera, known[camera.id]) for camera in session.cameras))
 
 
 def _state(session: Session, rig: Rig) -> State:

@@ -19,6 +19,11 @@ from spherecal.verify.verification_file import BarReport
 from spherecal_rigs.read_verification import read_bar_report
 from spherecal_rigs.result_table import CsvTable, read_csv
 
+RESULT_FILES = (
+    "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
+    "image_motions.csv", "verification.json",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Software:

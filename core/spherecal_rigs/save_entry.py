@@ -21,7 +21,7 @@ from spherecal.files.rig_file import read_rig
 from spherecal.files.target_set_file import TARGETS
 from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.verify.verification_file import VERIFICATION
-from spherecal_cameras.camera_settings import CameraProfile, read_profile, settings_json
+from spherecal_cameras.camera_settings import read_profile, settings_json
 from spherecal_rigs.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal_rigs.result_table import read_csv
 from spherecal_rigs.store import Profile, add_entry
@@ -41,18 +41,12 @@ class SaveOptions:
 
 
 def save_result(profile: Profile, result: Path, options: SaveOptions | None = None) -> str:
-    """Add a result folder to a profile's history; the new calibration's id.
-
-    `options` None: nothing.
-    """
+    """Add a result folder to a profile's history; the new calibration's id."""
     return add_entry(profile, *prepare(result, options))
 
 
 def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, dict[str, bytes]]:
-    """The entry and the files of a result folder, as a profile keeps them.
-
-    `options` None: nothing.
-    """
+    """The entry and the files of a result folder, as a profile keeps them."""
     o = options or SaveOptions()
     rig_path = result / RIG_FILE
     rig = read_rig(rig_path)
@@ -62,9 +56,10 @@ def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, di
     captured = () if o.session is None else read_captured_sets(o.session)
     bars = VERIFICATION.read(result / VERIFICATION.file) if (result / VERIFICATION.file).is_file() else None
     now = datetime.now(UTC).replace(microsecond=0)
+    written = datetime.fromtimestamp(rig_path.stat().st_mtime, UTC).replace(microsecond=0)
     entry = Entry(
         saved_at=now,
-        calibrated_at=o.calibrated_at or rig.recorded_at or last_taken(captured) or min(now, _modified(rig_path)),
+        calibrated_at=o.calibrated_at or rig.recorded_at or last_taken(captured) or min(now, written),
         valid=rig.quality.valid,
         care=named(rig.quality.affected),
         rms_px=rig.quality.rms_px,
@@ -86,10 +81,6 @@ def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, di
         override=None if bars is None else bars.override,
     )
     return entry, _files(result, session)
-
-
-def _modified(path: Path) -> datetime:
-    return datetime.fromtimestamp(path.stat().st_mtime, UTC).replace(microsecond=0)
 
 
 def _session_of(folder: Path | None, rig: Rig) -> Session | None:
@@ -114,7 +105,9 @@ def _cameras(
 ) -> tuple[CameraEntry, ...]:
     """Each camera as the rig, the session, the camera profile and the capture know it."""
     specs = {spec.id: spec for spec in session.cameras} if session else {}
-    kept = _camera_profile(settings).cameras
+    if settings is not None and not settings.is_file():
+        raise InputError(Phrase("error-no-camera-settings", {"file": settings}))
+    kept = {} if settings is None else read_profile(settings).cameras
     entries = []
     for camera in rig.cameras:
         spec = specs.get(camera.id) or CameraSpec(camera.id, camera.image_size, camera.intrinsics, False, camera.id)
@@ -132,12 +125,6 @@ def _cameras(
             )
         )
     return tuple(entries)
-
-
-def _camera_profile(path: Path | None) -> CameraProfile:
-    if path is not None and not path.is_file():
-        raise InputError(Phrase("error-no-camera-settings", {"file": path}))
-    return CameraProfile() if path is None else read_profile(path)
 
 
 def _bar_temperature(session: Session | None) -> float | None:

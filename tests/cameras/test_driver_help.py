@@ -8,11 +8,10 @@ import pytest
 from spherecal.base.messages.catalogue import phrase
 from spherecal_cameras.builtin_driver import BuiltinDriver
 from spherecal_cameras.camera_network import LocalAddress, WireCamera, answering_cameras, local_addresses, reached
-from spherecal_cameras.driver_help import driver_advice, driver_troubles, on_wire, seen_without_driver, unlisted
+from spherecal_cameras.driver_help import driver_advice, driver_troubles, on_wire, unlisted
 from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.makers import MAKERS, driver_folders, driver_patterns, maker_of
 from spherecal_cameras.protocol import CameraInfo, Discovery, ProducerVerdict
-from spherecal_cameras.usb import UsbCamera
 from spherecal_gentl.gige.gvcp import NetworkCamera
 
 INFO = CameraInfo("S1", "m", "v", "a.cti")
@@ -141,13 +140,10 @@ def test_variables_that_installers_set_are_looked_at(tmp_path: Path, monkeypatch
 
 
 def test_who_answers_without_a_driver_is_named_with_what_to_install() -> None:
-    basler = replace(at("192.168.7.20"), vendor="Basler", model="acA2440-20gm")
-    usb = UsbCamera("2ba2", "4d55", "Allied Vision", "1800 U-811m", "DEV_1", 5000.0, True)
-    seen = seen_without_driver(Discovery((INFO,)), [basler, at("192.168.7.21", serial="S1")], [usb])
-    assert [(one.model, one.place, one.package) for one in seen] == [
-        ("acA2440-20gm", "192.168.7.20", "pylon"),
-        ("1800 U-811m", "USB", "Vimba X"),
-    ]
+    basler = replace(wired("02:01", "S9"), maker="Basler", model="acA2440-20gm")
+    usb = WireCamera("", "USB", "", "Allied Vision", "1800 U-811m", "DEV_1", "", "", True, None)
+    seen = unlisted(Discovery((INFO,)), [basler, wired("02:02", "S1", "192.168.7.21"), usb])
+    assert seen == (basler, usb)
     lacking = BuiltinDriver("lacking", lacks=("compiler",), install="sudo apt install g++")
     for builtin, said in ((BuiltinDriver("can-be-built"), "--aravis --use"), (lacking, "sudo apt install g++")):
         text = " ".join(map(phrase, driver_advice(seen, builtin)))

@@ -16,7 +16,7 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.genicam import trust
 from spherecal_cameras.genicam.discovery import discover
 from spherecal_cameras.genicam.driver_copy import hash_of
-from spherecal_cameras.genicam.trust import Driver, TrustStore, refusal
+from spherecal_cameras.genicam.trust import Ask, Driver, Refusal, TrustStore, admit
 from spherecal_gentl.producer import build_producer as build
 
 
@@ -24,6 +24,11 @@ from spherecal_gentl.producer import build_producer as build
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrustStore:
     monkeypatch.setenv("SPHERECAL_DRIVERS", str(tmp_path / "config" / "drivers.json"))
     return TrustStore()
+
+
+def refusal(store: TrustStore, file: str, ask: Ask | None) -> Refusal | None:
+    found = admit(store, file, ask)
+    return found if isinstance(found, Refusal) else None
 
 
 @pytest.fixture
@@ -162,7 +167,7 @@ def test_no_flip_of_a_link_gets_a_driver_loaded_unchecked(store: TrustStore, tmp
 
 def test_our_own_need_no_leave(store: TrustStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cache = tmp_path / "cache"
-    monkeypatch.setattr(build, "_cache_folder", lambda: cache)
+    monkeypatch.setattr(build, "cache_folder", lambda name: cache)
     copy, forged = tmp_path / "copy" / build.CTI_FILE, tmp_path / "forged" / build.CTI_FILE
     for file, contents in ((cache / "abc" / build.CTI_FILE, b"ours"), (copy, b"ours"), (forged, b"theirs")):
         file.parent.mkdir(parents=True)

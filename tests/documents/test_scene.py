@@ -70,7 +70,6 @@ def data() -> SceneData:
         map_places=grid,
         map_mm=np.linspace(0.01, 0.09, len(grid)),
         map_length_mm=500.0,
-        map_k=2.0,
         links=(("C01", "C02"),),
         normals=out,
         most_px=0.04,

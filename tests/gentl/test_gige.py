@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -366,7 +367,7 @@ def test_the_command_obeys_and_says_what_it_does_not_understand(rig: GigeRig) ->
 
     said: list[str] = []
     lines = ["P1", "loss GE01 1", "loss GE01 0", "loss GE01 many", "unplug", "seize it now", "quit", "never"]
-    command.follow(rig, Scenes(), lines, said.append)  # type: ignore[arg-type]
+    command.follow(partial(command.obeyed, rig, Scenes()), lines, said.append)  # type: ignore[arg-type]
     assert said[:3] == ["They see P1.", "done", "done"]
     assert "'many' is no number" in said[3]
     assert "unplug needs CAMERA" in said[4]

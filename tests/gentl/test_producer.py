@@ -40,7 +40,7 @@ def test_without_a_compiler_says_what_to_install(monkeypatch: pytest.MonkeyPatch
 
 def test_a_compiler_that_fails_is_named_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("CXX", "false")
-    monkeypatch.setattr(build, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(build, "cache_folder", lambda name: tmp_path)
     with pytest.raises(OutputError, match=r"cannot be built with .*false"):
         build_producer()
     assert not [file for file in tmp_path.rglob("*") if file.is_file()]

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -105,7 +106,8 @@ def test_sessions_that_cannot_be_shown_are_refused_and_leave_nothing(tmp_path: P
 def test_commands_are_obeyed_until_quit(tmp_path: Path) -> None:
     said: list[str] = []
     with RigFeed(_write_session(tmp_path / "s")) as feed:
-        command.follow(feed, ["P2", "", "unplug 4711", "pulse", "jump high", "P9", "plug 4711", "quit"], said.append)
+        lines = ["P2", "", "unplug 4711", "pulse", "jump high", "P9", "plug 4711", "quit"]
+        command.follow(partial(command.obeyed, feed), lines, said.append)
         assert feed.scene == "P2"
     assert said[:3] == ["They see P2.", "4711 is unplugged", "pulse"]
     assert "Not understood: jump high" in said[3]

@@ -185,7 +185,7 @@ def test_the_scene_has_the_map_of_uncertainty(outcome):
     assert 0.005 < low < high < 2.0
     assert len(data.map_places) == len(data.map_mm) == len(data.map_tints(dark=True)) > 20
     assert len(data.link_ends) == len(outcome.links)
-    assert (data.map_length_mm, data.map_k) == (500.0, 2.0)
+    assert data.map_length_mm == 500.0
 
 
 def test_without_a_profile_there_is_nothing_to_compare(folders, tmp_path):

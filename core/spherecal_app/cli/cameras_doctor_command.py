@@ -1,15 +1,16 @@
 """`spherecal cameras doctor`: lines, rates and triggers tested."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 
 from rich.markup import escape
 from rich.table import Table
 
 from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal_app.cli import cameras_lines
 from spherecal_app.cli.answer import answer, plain_fields
 from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
 from spherecal_app.cli.console import out, say
@@ -18,8 +19,8 @@ from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_doctor import brightness, covered_camera, examine
 from spherecal_cameras.camera_network import cut_packets, found_on_wire
-from spherecal_cameras.camera_settings import CameraProfile
-from spherecal_cameras.network_lines import examined, shares
+from spherecal_cameras.camera_settings import CameraProfile, write_profile
+from spherecal_cameras.network_lines import LineExamination, Stagger, examined, shares
 from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.protocol import CameraError, CameraSource, Discovery
 
@@ -32,11 +33,12 @@ def doctor(options: argparse.Namespace) -> int:
         examination = examine(source, options.seconds, options.rate, context)
         lines = examined(source, discovery, options.rate)
         if options.stagger:
-            cameras_lines.keep_staggered(options, profile, source, shares(source, discovery, lines))
+            _keep_staggered(options, profile, source, shares(source, discovery, lines))
         if options.order:
             _order_test(source, discovery, profile)
     examination = replace(examination, findings=(*examination.findings, *cut))
-    well = examination.well and cameras_lines.well(lines)
+    of_lines = [finding for line in lines for finding in line.findings]
+    well = examination.well and all(finding.severity == "info" for finding in of_lines)
     answer(options, {"source": source.kind, **plain_fields(examination), "lines": lines})
     table = Table("camera", "state", box=None)
     headings = ("images", "incomplete", "underrun", "rate/s", "wanted/s", "packet", "missing", "resent", "degrees C")
@@ -66,9 +68,9 @@ def doctor(options: argparse.Namespace) -> int:
         f"Sets: {trigger.complete} of {trigger.sets} complete, median {trigger.median_s * 1e3:.0f} ms, "
         f"longest {trigger.longest_s * 1e3:.0f} ms."
     )
-    cameras_lines.show(lines)
+    _show_lines(lines)
     colour = {"error": "red", "warning": "yellow", "info": "blue"}
-    for finding in (*examination.findings, *(finding for line in lines for finding in line.findings)):
+    for finding in (*examination.findings, *of_lines):
         out.print(f"[{colour[finding.severity]}]{finding.severity}[/] ", end="")
         say(f"{finding.message} {finding.hint}")
     out.print("All is well." if well else "See above for what to do.")
@@ -102,3 +104,39 @@ def _order_test(source: CameraSource, discovery: Discovery, profile: CameraProfi
             return
         left.discard(found)
         out.print(f"That is camera {escape(names[found])} (serial {escape(found)}).")
+
+
+def _show_lines(lines: Sequence[LineExamination]) -> None:
+    """A sentence for every line, and the delays with which its cameras would share it."""
+    for one in lines:
+        line = one.line
+        speed = "speed unknown" if line.mbit_s is None else f"{line.mbit_s:.0f} Mbit/s"
+        say(
+            f"{line.interface} ({line.address}, {speed}, packets to {line.mtu} bytes): {len(one.cameras)} GigE cameras "
+            f"want {one.wanted_bytes_s * 8e-6:.0f} Mbit/s."
+        )
+        if one.staggers:
+            say(f"  To share it (--stagger keeps this): {', '.join(_share(stagger) for stagger in one.staggers)}.")
+
+
+def _share(stagger: Stagger) -> str:
+    if stagger.packet_delay is None:
+        return f"{stagger.serial} {stagger.throughput_bytes_s} bytes/s"
+    before = "" if stagger.frame_delay is None else f" and before an image {stagger.frame_delay}"
+    return f"{stagger.serial} after a packet {stagger.packet_delay}{before} ticks"
+
+
+def _keep_staggered(
+    options: argparse.Namespace, profile: CameraProfile, source: CameraSource, staggers: Sequence[Stagger]
+) -> None:
+    """Write the cameras' shares of their lines into the profile and the cameras."""
+    if not staggers:
+        raise InputError(Phrase("error-no-delays"))
+    changed = {}
+    for stagger in staggers:
+        entry = profile.entry(stagger.serial)
+        settings = stagger.of(entry.settings)
+        profile = profile.with_entry(replace(entry, settings=settings))
+        changed[stagger.serial] = settings
+    write_profile(options.profile, profile)
+    source.apply(changed)

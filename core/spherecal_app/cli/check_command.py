@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from rich.markup import escape
@@ -26,7 +27,7 @@ from spherecal_app.cli.output import to_output
 from spherecal_app.cli.print_findings import show_findings
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.check_ball import read_known_ball
-from spherecal_rigs.check_file import CheckDocument, check_json, keep
+from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import Check
 from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
@@ -50,7 +51,10 @@ def check(options: argparse.Namespace) -> int:
     document = check_json(found)
     if options.output is not None:
         to_output(options.output, json_bytes(document))
-    kept = None if options.not_kept else _kept(options, document)
+    kept = None
+    if not options.not_kept:
+        keep_it = partial(keep, options.profile, document, options.temperature)
+        kept = kept_in_profile("The check", options.profile, keep_it)
     answer(options, document)
     _show(found, _chip(options))
     if kept is not None:
@@ -58,10 +62,6 @@ def check(options: argparse.Namespace) -> int:
     if options.repair is not None:
         _repair(options, session, source.rig, found)
     return NOT_VALID if found.verdict == "recalibrate" else DONE
-
-
-def _kept(options: argparse.Namespace, document: CheckDocument) -> str | None:
-    return kept_in_profile("The check", options.profile, lambda: keep(options.profile, document, options.temperature))
 
 
 def _only(session: Session, only: str | None) -> Session:

@@ -11,12 +11,10 @@ from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import say
 from spherecal_cameras import builtin_driver
-from spherecal_cameras.camera_network import answering_cameras, local_addresses
-from spherecal_cameras.driver_help import driver_advice, seen_without_driver
+from spherecal_cameras.driver_help import answering, driver_advice, unlisted
 from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.genicam.trust import Ask, Driver, TrustStore, who_may_change
 from spherecal_cameras.protocol import Discovery
-from spherecal_cameras.usb import usb_cameras
 
 
 def asked_before(producers: Sequence[str]) -> Ask | None:
@@ -43,8 +41,7 @@ def _yes(driver: Driver) -> bool:
 
 def advice_for(discovery: Discovery, ask_network: bool = True) -> list[str]:
     """Who answers on the wire or the bus although no driver lists it, and what makes it usable, in sentences."""
-    answering = answering_cameras(local_addresses()) if ask_network else ()
-    seen = seen_without_driver(discovery, answering, usb_cameras())
+    seen = unlisted(discovery, answering(ask_network))
     return [phrase(one) for one in driver_advice(seen, builtin_driver.state())]
 
 

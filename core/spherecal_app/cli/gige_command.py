@@ -3,21 +3,20 @@
 import argparse
 import os
 import shlex
-import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from spherecal.base.errors import InputError, SpherecalError
+from spherecal.base.errors import InputError
 from spherecal_app.cli.answer import answer
 from spherecal_app.cli.console import say
 from spherecal_app.cli.exit_codes import CANCELLED, DONE
-from spherecal_app.cli.producer_command import ended_by_signals
+from spherecal_app.cli.producer_command import ended_by_signals, follow
 from spherecal_app.cli.progress import shown_progress
 from spherecal_gentl.gige.gige_control import FAULTS, MOST_CAMERAS, GigeCamera, GigeRig
 from spherecal_gentl.producer.build_producer import build_producer
@@ -53,7 +52,7 @@ def simulate(options: argparse.Namespace) -> int:
         say(f"On the rig's computer: {shlex.join(rig.inside())} COMMAND")
         say(f"Programs find the cameras there after: export GENICAM_GENTL64_PATH={producer.parent}")
         sys.stdout.flush()
-        follow(rig, scenes, sys.stdin, say)
+        follow(partial(obeyed, rig, scenes), sys.stdin, say)
     return CANCELLED if options.run else DONE  # the command's own code has been returned above
 
 
@@ -66,22 +65,8 @@ def show(rig: GigeRig, scenes: SessionScenes, scene: str) -> None:
             rig.set_image(serial[:15], (images[serial] >> (bits[serial] - 8)).astype(np.uint8))
 
 
-def follow(rig: GigeRig, scenes: SessionScenes, lines: Iterable[str], tell: Callable[[str], None]) -> None:
-    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended."""
-    for line in lines:
-        words = line.split()
-        if words == ["quit"]:
-            return
-        try:
-            if words:
-                tell(_obey(rig, scenes, words))
-        except SpherecalError as error:
-            tell(str(error))
-        sys.stdout.flush()
-    signal.pause()
-
-
-def _obey(rig: GigeRig, scenes: SessionScenes, words: list[str]) -> str:
+def obeyed(rig: GigeRig, scenes: SessionScenes, words: list[str]) -> str:
+    """What a command did to the cameras and their network."""
     name, *rest = words
     if name in FAULTS:
         wanted = FAULTS[name].split()

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 
 import numpy as np
 from rich.markup import escape
@@ -51,14 +52,20 @@ def measure(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         context = stack.enter_context(shown_progress())
         rig = read_source(options.rig).rig
-        session = _session(options)
+        session = None if options.session is None else read_session(options.session)
         task = _task(options, session)
         measurer = Measurer(rig, task)
-        sets = _sets(options, session, rig, task, context, stack)
+        if session is not None:
+            sets = sets_of_session(session, rig, context)
+        else:
+            sets = _live_sets(options, rig, task, context, stack)
         seen = _listener(options, measurer, stack)
         ended_by_user = _run(options, sets, measurer, seen, context)
     health = measurer.health
-    kept = None if options.not_kept else _kept(options, health, rig)
+    kept = None
+    if not options.not_kept:
+        keep = partial(keep_health, options.rig, health, rig, options.temperature)
+        kept = kept_in_profile("The rig's health", options.rig, keep)
     if not options.json:
         _summary(options, health, rig)
         if kept is not None:
@@ -66,13 +73,6 @@ def measure(options: argparse.Namespace) -> int:
     if ended_by_user and (options.sets is not None or options.seconds is not None or session is not None):
         raise KeyboardInterrupt
     return NOT_VALID if health.moved or not rig.quality.valid else DONE
-
-
-def _kept(options: argparse.Namespace, health: Health, rig: Rig) -> str | None:
-    def keep() -> bool:
-        return keep_health(options.rig, health, rig, options.temperature)
-
-    return kept_in_profile("The rig's health", options.rig, keep)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -89,10 +89,6 @@ def _check(options: argparse.Namespace) -> None:
     if options.output is not None:
         check_table_kind(options.table)
         check_output_folder(options.output, SERIES)
-
-
-def _session(options: argparse.Namespace) -> Session | None:
-    return None if options.session is None else read_session(options.session)
 
 
 def _task(options: argparse.Namespace, session: Session | None) -> Task:
@@ -132,19 +128,6 @@ def _bars(serials: list[str], session: Session | None) -> tuple[Bar, ...]:
         )
     there = {bar.serial for bar in own}
     return (*own, *(registered(known[serial]) for serial in serials if serial not in there))
-
-
-def _sets(
-    options: argparse.Namespace,
-    session: Session | None,
-    rig: Rig,
-    task: Task,
-    context: Context,
-    stack: ExitStack,
-) -> Iterator[ObservedSet]:
-    if session is not None:
-        return sets_of_session(session, rig, context)
-    return _live_sets(options, rig, task, context, stack)
 
 
 def _live_sets(

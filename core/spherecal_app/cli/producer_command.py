@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from spherecal.base.errors import InputError, SpherecalError
@@ -44,7 +45,7 @@ def simulate_producer(options: argparse.Namespace) -> int:
         say(f"They see {feed.scene} of {', '.join(feed.scenes)}.")
         say(_how_to_find(folder))
         sys.stdout.flush()
-        follow(feed, sys.stdin, say)
+        follow(partial(obeyed, feed), sys.stdin, say)
     return DONE
 
 
@@ -52,7 +53,7 @@ def _seen(feed: RigFeed, producers: Path | None) -> dict[str, object]:
     return {"cameras": feed.control.serials, "scene": feed.scene, "scenes": feed.scenes, "producers": producers}
 
 
-def follow(feed: RigFeed, lines: Iterable[str], tell: Callable[[str], None]) -> None:
+def follow(obey: Callable[[list[str]], str], lines: Iterable[str], tell: Callable[[str], None]) -> None:
     """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended."""
     for line in lines:
         words = line.split()
@@ -60,14 +61,15 @@ def follow(feed: RigFeed, lines: Iterable[str], tell: Callable[[str], None]) -> 
             return
         try:
             if words:
-                tell(_obey(feed, words))
+                tell(obey(words))
         except SpherecalError as error:
             tell(str(error))
         sys.stdout.flush()
     threading.Event().wait()
 
 
-def _obey(feed: RigFeed, words: list[str]) -> str:
+def obeyed(feed: RigFeed, words: list[str]) -> str:
+    """What a command did to the simulated cameras."""
     control = feed.control
     match words:
         case ["pulse"]:

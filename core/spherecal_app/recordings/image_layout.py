@@ -63,10 +63,7 @@ class ImageLayout:
 
 
 def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
-    """The layout of the images or videos in a folder, by its pattern where one is given.
-
-    `pattern` None: to be found from the names.
-    """
+    """The layout of the images or videos in a folder, by its pattern where one is given."""
     found = _listed(folder)
     if not found:
         raise InputError(

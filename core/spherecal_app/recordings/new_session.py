@@ -114,8 +114,6 @@ def make_session(
 
     Where `source` is the folder or is inside it, nothing is copied and session.json is written beside the images. Where
     it fails, nothing is left behind.
-
-    `pattern` None: to be found from the names.
     """
     inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))
     if inside and (folder / SESSION_FILE).exists():

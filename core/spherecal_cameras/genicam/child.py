@@ -71,10 +71,7 @@ LOADING, OPENING, SETTING_UP, READING, TRIGGERING, CHECKING = range(1, 7)
 
 
 def run(connection: Connection, touch_name: str, log_file: str | None) -> None:
-    """Serve one program until it quits or is gone.
-
-    `log_file` None: nowhere.
-    """
+    """Serve one program until it quits or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's; it ends us
     _die_with_parent()
     _give_way()

@@ -39,10 +39,7 @@ _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass fo
 
 
 class GenicamSource:
-    """GenICam cameras behind the protocol (see `CameraSource`).
-
-    `log_file` None is `default_log_file()`.
-    """
+    """GenICam cameras behind the protocol (see `CameraSource`)."""
 
     kind: SourceKind = "genicam"
 
@@ -69,12 +66,9 @@ class GenicamSource:
 
     def discover(self, context: Context | None = None) -> Discovery:
         """The cameras of all producer files, each tried in a process of its own."""
-        self._discovery = discover(producer_files(self._own), context, self._look_again(), self._ask)
-        return self._discovery
-
-    def _look_again(self) -> TrustStore:
         self._trust = TrustStore()
-        return self._trust
+        self._discovery = discover(producer_files(self._own), context, self._trust, self._ask)
+        return self._discovery
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
         """Open and set up exactly these cameras; a report of each that could be opened."""
@@ -105,10 +99,6 @@ class GenicamSource:
                 raise CameraError(Phrase("error-camera-not-open", {"camera": serial}))
         self._took_s = None
         return service.apply(settings)
-
-    def open_settings(self) -> dict[str, CameraSettings]:
-        """The settings of every camera that was opened."""
-        return self._service.settings() if self._service is not None else {}
 
     def describe(self, serial: str) -> tuple[FeatureReport, ...]:
         """All features of an open camera with their present values; none while it is lost."""
@@ -156,10 +146,7 @@ class GenicamSource:
     # --- sets --------------------------------------------------------------------------------------------------------
 
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
-        """Take one set; tried again as often as the request says while a camera is missing.
-
-        `request` None is `CaptureRequest()`; `context` None never stops.
-        """
+        """Take one set; tried again as often as the request says while a camera is missing."""
         request, context = request or CaptureRequest(), context or Context()
         service = self._opened()
         settings = service.settings()

@@ -90,10 +90,7 @@ class Ring:
         return max(int(head[0]) for head in self._heads)
 
     def read(self, slot: int, sequence: int, height: int, width: int, deep: bool) -> GreyPixels | None:
-        """A copy of an image (h, w); None if it has been overwritten meanwhile, or cannot be in the ring.
-
-        `height`, `width`: its size, px.
-        """
+        """A copy of an image (h, w); None if it has been overwritten meanwhile, or cannot be in the ring."""
         heads, bodies = self._heads, self._bodies
         if not bodies:  # closed meanwhile
             return None

@@ -42,7 +42,6 @@ from spherecal_cameras.genicam.messages import (
 )
 from spherecal_cameras.genicam.rings import TouchMark, remove_orphans, shared_memory_name
 from spherecal_cameras.genicam.shared_frames import FrameStore
-from spherecal_cameras.genicam.status_log import StatusLog
 from spherecal_cameras.genicam.trust import Admitted, Refusal, TrustStore, admit_again
 from spherecal_cameras.genicam.waiting import Waiter
 from spherecal_cameras.genicam.wire import Inbox, WireError, pack
@@ -55,6 +54,7 @@ from spherecal_cameras.protocol import (
     SetupReport,
     TriggerMode,
 )
+from spherecal_cameras.status_log import StatusLog
 
 # Silence of the process that is not announced (`Working`): heartbeats come every 0.1 s, and the slowest register read
 # seen took 0.5 s (a lost GigE camera with retries).
@@ -74,10 +74,6 @@ _OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT")  # no camera's fault
 Gate = Callable[[str], Admitted | Refusal]
 
 
-def _admit_unasked(file: str) -> Admitted | Refusal:
-    return admit_again(TrustStore(), file)
-
-
 class CameraService:
     """One camera process and what is known about its cameras. Thread-safe; `close` it.
 
@@ -85,7 +81,7 @@ class CameraService:
     """
 
     def __init__(self, log_file: Path | None = None, gate: Gate | None = None) -> None:
-        self._gate = gate or _admit_unasked
+        self._gate = gate or (lambda file: admit_again(TrustStore(), file))
         self._order: tuple[RequestedCamera, ...] = ()  # the cameras as the process numbers them
         self._log_file = None if log_file is None else str(log_file)
         self._lock = threading.RLock()
@@ -146,10 +142,7 @@ class CameraService:
         return bool(self._ask(lambda request: Indicate(request, serial, on)).features)
 
     def acquire(self, on: bool, live_hz: float | None) -> None:
-        """Let cameras send images or not, and trigger them for a live view.
-
-        `live_hz` None triggers nothing.
-        """
+        """Let cameras send images or not, and trigger them for a live view."""
         with self._lock:
             self._acquiring, self._live_hz = on, live_hz
             self._tell(Acquire(on))
@@ -375,7 +368,7 @@ class CameraService:
         """The cameras that are not left out, with what to load for them now; their drivers are looked at each time."""
         admitted: list[RequestedCamera] = []
         looked: dict[str, Admitted | Refusal] = {}
-        for camera in self._allowed():
+        for camera in (camera for serial, camera in self._wanted.items() if serial not in self._left_out):
             found = looked.setdefault(camera.producer, looked.get(camera.producer) or self._gate(camera.producer))
             if isinstance(found, Refusal):
                 self.status_log.set_state(camera.serial, CameraState.ERROR, found.message, found.hint)
@@ -383,9 +376,6 @@ class CameraService:
                 admitted.append(replace(camera, load=found.load, sha256=found.sha256))
         self._order = tuple(admitted)
         return self._order
-
-    def _allowed(self) -> tuple[RequestedCamera, ...]:
-        return tuple(camera for serial, camera in self._wanted.items() if serial not in self._left_out)
 
     # --- reports -----------------------------------------------------------------------------------------------------
 
@@ -404,7 +394,8 @@ class CameraService:
         with self._lock:
             match report:
                 case Alive():
-                    self.status_log.count(report)
+                    for name, counters in report.counters.items():
+                        self.status_log.count(name, counters, report.temperatures.get(name))
                 case Opened():
                     self._opened(report)
                 case StateIs():

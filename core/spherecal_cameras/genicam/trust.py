@@ -71,10 +71,7 @@ DRIVERS = FileFormat(
 
 
 class TrustStore:
-    """The files that were allowed: real path -> hash.
-
-    `path` None is `default_trust_path()`.
-    """
+    """The files that were allowed: real path -> hash."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or default_trust_path()
@@ -121,14 +118,6 @@ class TrustStore:
             log.warning("the list of allowed drivers cannot be kept: %s", error)
 
 
-def refusal(store: TrustStore, file: str, ask: Ask | None) -> Refusal | None:
-    """Why a driver may not be loaded; None where it may. Asks about a new or changed one, and remembers the answer yes.
-
-    `ask` None: a new one is allowed and remembered, a changed one refused.
-    """
-    return _refusal(store, store.look(file), ask)
-
-
 @dataclass(frozen=True)
 class Admitted:
     """A driver that may be loaded: the file it is known by, what to load, and its hash ("" for our own files)."""
@@ -166,37 +155,26 @@ def admit_again(store: TrustStore, file: str) -> Admitted | Refusal:
 def _refusal(store: TrustStore, driver: Driver, ask: Ask | None) -> Refusal | None:
     if driver.state in ("own", "known"):
         return None
-    if driver.state in _NEVER:
-        return _NEVER[driver.state](driver)
-    if ask is not None:
-        if ask(driver):
-            store.allow(driver)
-            return None
+    if driver.state == "unreadable":
+        return Refusal("This file cannot be read, so it cannot be judged and is not loaded.", "Check its permissions.")
+    if driver.state == "unsafe":
+        return Refusal(
+            f"{who_may_change(driver.file)}, so it is not loaded.",
+            f"Have it protected (chmod go-w, chown root, of {driver.file} and the folders above it), or install the "
+            "driver again.",
+        )
+    if ask is not None and not ask(driver):
         return Refusal("You did not allow this driver.", f"To allow it: spherecal cameras trust {driver.file}", True)
-    if driver.state == "changed":
+    if ask is None and driver.state == "changed":
         return Refusal(
             "This file is not the one that was allowed: its contents have changed, so it is not loaded.",
             f"If the driver was updated: spherecal cameras trust {driver.file}",
             allowable=True,
         )
     store.allow(driver)
-    log.warning("new driver loaded and remembered: %s (sha256 %s)", driver.file, driver.sha256)
+    if ask is None:
+        log.warning("new driver loaded and remembered: %s (sha256 %s)", driver.file, driver.sha256)
     return None
-
-
-def _unreadable(_: Driver) -> Refusal:
-    return Refusal("This file cannot be read, so it cannot be judged and is not loaded.", "Check its permissions.")
-
-
-def _unsafe(driver: Driver) -> Refusal:
-    return Refusal(
-        f"{who_may_change(driver.file)}, so it is not loaded.",
-        f"Have it protected (chmod go-w, chown root, of {driver.file} and the folders above it), or install the driver "
-        "again.",
-    )
-
-
-_NEVER: dict[State, Callable[[Driver], Refusal]] = {"unreadable": _unreadable, "unsafe": _unsafe}
 
 
 def is_own(real: str) -> bool:

@@ -12,7 +12,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal_cameras.in_process import InProcessSource, NoImage
-from spherecal_cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, GreyPixels, Region, SourceKind
+from spherecal_cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, SourceKind
 from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_cameras.simulated.draw import digitise
 from spherecal_cameras.simulated.stage import ArtefactPose, Stage, StageView
@@ -112,9 +112,8 @@ class SimulatedSource(InProcessSource):
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """One image, drawn or rendered with the faults that the simulated camera has now."""
         began = time.perf_counter()  # the scene is drawn as it is now, which takes a second where others work too
-        faults = {
-            fault.kind: fault for fault in self.faults if fault.camera == serial and fault.active(self._now(number))
-        }
+        now = number or self.sets_taken + 1  # the live view shows the state of the set to come
+        faults = {fault.kind: fault for fault in self.faults if fault.camera == serial and fault.active(now)}
         _deliverable(faults, number, attempt, timeout_s)
         turn = np.deg2rad(faults["bump"].size) if "bump" in faults else 0.0
         view = StageView(turned_rad=(0.0, turn, 0.0))
@@ -127,18 +126,18 @@ class SimulatedSource(InProcessSource):
         with self._lock:
             rng = np.random.default_rng(self._rng.integers(2**63))
         image = digitise(picture, bits, 10 ** (settings.gain_db / 20), rng)
-        if settings.region is not None:
-            image = _cut(image, settings.region)
+        if (cut := settings.region) is not None:
+            image = image[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width]
         image.flags.writeable = False
-        now = time.perf_counter()
-        temperature = _WARM_C + 0.5 * float(np.sin(now / 900 + self._index[serial]))  # at most 0.03 K a minute
+        arrived = time.perf_counter()
+        temperature = _WARM_C + 0.5 * float(np.sin(arrived / 900 + self._index[serial]))  # at most 0.03 K a minute
         return Frame(
             serial,
             image,
             bits,
             f"Mono{bits}",
             began,
-            now,
+            arrived,
             self.next_frame_id(serial),
             self.stamp_ns(),
             None,
@@ -146,10 +145,6 @@ class SimulatedSource(InProcessSource):
             settings.gain_db,
             round(temperature, 2),
         )
-
-    def _now(self, number: int) -> int:
-        """The live view shows the state of the set to come."""
-        return number or self.sets_taken + 1
 
     def _picture(self, serial: str, view: StageView, artefact: ArtefactPose) -> NDArray[np.float32]:
         """The noise-free image, kept while nothing changes."""
@@ -160,10 +155,6 @@ class SimulatedSource(InProcessSource):
                 kept = (key, self.stage.picture(self._index[serial], view, self._rendered, artefact))
                 self._pictures[serial] = kept
         return kept[1]
-
-
-def _cut(image: GreyPixels, region: Region) -> GreyPixels:
-    return image[region.y : region.y + region.height, region.x : region.x + region.width]
 
 
 def _deliverable(faults: dict[str, SimulatedFault], number: int, attempt: int, timeout_s: float) -> None:

@@ -119,10 +119,7 @@ class Stage:
     def picture(
         self, camera: int, view: StageView, rendered: bool = False, artefact: ArtefactPose | None = None
     ) -> NDArray[np.float32]:
-        """The noise-free image (h, w) of a simulated camera, 1 = full scale.
-
-        `artefact` None is what is there now.
-        """
+        """The noise-free image (h, w) of a simulated camera, 1 = full scale; `artefact` None is what is there now."""
         artefact = artefact or self.at()
         station, shown = self._station(camera, view), artefact.shown
         white = _FULL_SCALE_OF_WHITE * view.brightness

@@ -33,8 +33,13 @@ def _read(path: Path) -> Reading:
     return Reading(tuple(cameras), left_out)
 
 
-def _ids(rig: FileRig) -> list[str]:
-    return [str(i) for i in range(len(rig.cameras))]
-
-
-FORMAT = Format("caliscope", "caliscope TOML", 12, ("m",), _write, _read, ids=_ids, fisheye=True)
+FORMAT = Format(
+    "caliscope",
+    "caliscope TOML",
+    12,
+    ("m",),
+    _write,
+    _read,
+    ids=lambda rig: list(map(str, range(len(rig.cameras)))),
+    fisheye=True,
+)

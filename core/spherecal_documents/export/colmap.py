@@ -26,7 +26,6 @@ from spherecal_documents.export.file_cameras import (
     Reading,
     distortion,
     numbers,
-    safe_names,
 )
 from spherecal_documents.export.format import Format
 
@@ -53,10 +52,6 @@ _COUNTS = {model: len(places) for model, places in _PARAMETERS.items()}
 _MOST_TURN_DEG, _MOST_SHIFT = 2.0, 0.05
 
 
-def _names(rig: FileRig) -> list[str]:
-    return safe_names([camera.id for camera in rig.cameras])
-
-
 def _model(camera: FileCamera) -> tuple[str, FloatArray]:
     coefficients = distortion(camera, tuple(_MODELS))
     centre = camera.intrinsics[2:4] + _PIXEL_CENTRE
@@ -78,7 +73,7 @@ def _from_reference(camera: FileCamera, reference: FileCamera) -> Pose:
 
 def _write(rig: FileRig) -> Mapping[str, str]:
     cameras = rig.cameras
-    names, reference = _names(rig), rig.reference_first()[0]
+    names, reference = rig.safe_names(), rig.reference_first()[0]
     place = {camera.id: i + 1 for i, camera in enumerate(cameras)}
     first = place[reference.id]
     head = f"# {rig.source}\n# lengths in {rig.unit}\n"
@@ -236,5 +231,13 @@ def _refuse_contradiction(
 
 
 FORMAT = Format(
-    "colmap", "COLMAP text model with rig", 8, ("mm", "m"), _write, read_colmap, folder=True, ids=_names, fisheye=True
+    "colmap",
+    "COLMAP text model with rig",
+    8,
+    ("mm", "m"),
+    _write,
+    read_colmap,
+    folder=True,
+    ids=FileRig.safe_names,
+    fisheye=True,
 )

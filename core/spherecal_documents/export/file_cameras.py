@@ -116,6 +116,14 @@ class FileRig:
         """The cameras with the reference first: for formats whose world is the frame of camera 0."""
         return tuple(sorted(self.cameras, key=lambda camera: camera.id != (self.reference or self.first)))
 
+    def ids(self) -> list[str]:
+        """The cameras' ids."""
+        return [camera.id for camera in self.cameras]
+
+    def safe_names(self, letter_first: bool = False) -> list[str]:
+        """Names for the cameras that are fit for files, ROS frames and images."""
+        return safe_names(self.ids(), letter_first)
+
 
 def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:
     """The distortion numbers in OpenCV's order, cut to the shortest of `lengths` that loses nothing; fisheye: four."""

@@ -7,10 +7,6 @@ from pathlib import Path
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Unit
 
 
-def _same_ids(rig: FileRig) -> Sequence[str]:
-    return [camera.id for camera in rig.cameras]
-
-
 @dataclass(frozen=True)
 class Format:
     """An export format: how it is called, what it carries, how it is written and read back.
@@ -31,6 +27,6 @@ class Format:
     write: Callable[[FileRig], Mapping[str, str | bytes]]
     read: Callable[[Path], Sequence[FileCamera]]
     folder: bool = False
-    ids: Callable[[FileRig], Sequence[str]] = _same_ids
+    ids: Callable[[FileRig], Sequence[str]] = FileRig.ids
     fisheye: bool = False
     fields: bool = False

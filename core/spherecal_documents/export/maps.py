@@ -1,7 +1,7 @@
 """Undistortion maps for `cv2.remap`: a file a camera that holds all that its lens does, its field too."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.files.json_file import read_bytes
 from spherecal.geometry.camera import N_INTRINSICS, camera_matrix, distort
 from spherecal.geometry.field_table import FieldTable
-from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, safe_names
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose
 from spherecal_documents.export.format import Format
 
 _MOST_BYTES = 1 << 30
@@ -49,13 +49,9 @@ def _maps(camera: FileCamera) -> NDArray[np.float32]:
     return out
 
 
-def _names(rig: FileRig) -> Sequence[str]:
-    return safe_names([camera.id for camera in rig.cameras])
-
-
 def _write(rig: FileRig) -> Mapping[str, bytes]:
     files = {}
-    for camera, name in zip(rig.cameras, _names(rig), strict=True):
+    for camera, name in zip(rig.cameras, rig.safe_names(), strict=True):
         maps, file = _maps(camera), io.BytesIO()
         pose = camera.placed
         np.savez_compressed(
@@ -68,10 +64,6 @@ def _write(rig: FileRig) -> Mapping[str, bytes]:
         )
         files[f"{name}.npz"] = file.getvalue()
     return files
-
-
-def _read(folder: Path) -> Sequence[FileCamera]:
-    return [_read_camera(path) for path in sorted(folder.glob("*.npz"))]
 
 
 def _read_camera(path: Path) -> MappedCamera:
@@ -92,9 +84,9 @@ FORMAT = Format(
     12,
     ("mm", "m"),
     _write,
-    _read,
+    lambda folder: [_read_camera(path) for path in sorted(folder.glob("*.npz"))],
     folder=True,
-    ids=_names,
+    ids=FileRig.safe_names,
     fisheye=True,
     fields=True,
 )

@@ -29,7 +29,10 @@ _SAVE = "In MATLAB: s = toStruct(parameters); save('rig.mat', '-struct', 's', '-
 
 def read_matlab(path: Path) -> Sequence[FileCamera]:
     """The cameras of a .mat file."""
-    values = _variables(path)
+    file = read_mat(path)
+    if file.objects:
+        raise InputError(f"{path}: holds objects whose contents only MATLAB knows.", _SAVE)
+    values = file.values
     if set(_STEREO) <= set(values):
         left, right = (_bouguet(path, values, f"_{side}", side) for side in ("left", "right"))
         matrix = _numbers(path, values, "R", 9).reshape(3, 3) if "R" in values else None
@@ -51,22 +54,13 @@ def read_matlab(path: Path) -> Sequence[FileCamera]:
     )
 
 
-def _variables(path: Path) -> Values:
-    """The variables of a file by name."""
-    file = read_mat(path)
-    if file.objects:
-        raise InputError(f"{path}: holds objects whose contents only MATLAB knows.", _SAVE)
-    return file.values
-
-
 def _bouguet(path: Path, values: Values, ending: str, name: str) -> FileCamera:
     """A camera of Bouguet's toolbox: OpenCV's lens model, the centre of the first pixel at (0, 0)."""
-    if f"alpha_c{ending}" in values and _numbers(path, values, f"alpha_c{ending}", 1)[0] != 0:
-        raise InputError(f"{path}: camera {name} has skewed pixels, which this program's lens model does not have.")
-    focal, centre = (_numbers(path, values, f"{key}{ending}", 2) for key in ("fc", "cc"))
-    lens = lens_vector(
-        _camera_matrix(path, focal, centre), _numbers(path, values, f"kc{ending}", 5), False, f"{path}: camera {name}"
-    )
+    alpha = f"alpha_c{ending}"
+    skew = float(_numbers(path, values, alpha, 1)[0]) if alpha in values else 0.0
+    (fu, fv), (u0, v0) = (_numbers(path, values, f"{key}{ending}", 2) for key in ("fc", "cc"))
+    matrix = np.array([[fu, skew * fu, u0], [0, fv, v0], [0, 0, 1]])
+    lens = lens_vector(matrix, _numbers(path, values, f"kc{ending}", 5), False, f"{path}: camera {name}")
     size = _numbers(path, values, ("nx", "ny"), 1) if {"nx", "ny"} <= set(values) else np.empty(0)
     return FileCamera(name, _size(size), lens, None)
 
@@ -80,13 +74,8 @@ def _toolbox(path: Path, values: Values, name: str) -> FileCamera:
         matrix = _numbers(path, values, "K", 9).reshape(3, 3)
     else:  # until R2022a, transposed
         matrix = _numbers(path, values, "IntrinsicMatrix", 9).reshape(3, 3).T
-    if matrix[0, 1] != 0:
-        raise InputError(f"{path}: camera {name} has skewed pixels, which this program's lens model does not have.")
-    lens = lens_vector(
-        _camera_matrix(path, matrix[[0, 1], [0, 1]], matrix[:2, 2] - 1),
-        np.array([*radial[:2], *tangential, *radial[2:]]),
-        False,
-    )
+    matrix = matrix - [[0, 0, 1], [0, 0, 1], [0, 0, 0]]
+    lens = lens_vector(matrix, np.array([*radial[:2], *tangential, *radial[2:]]), False, f"{path}: camera {name}")
     size = _numbers(path, values, "ImageSize", None) if "ImageSize" in values else np.empty(0)
     return FileCamera(name, _size(size[::-1]), lens, None)
 
@@ -95,12 +84,6 @@ def _size(sides: FloatArray) -> tuple[int, int] | None:
     """Width and height, where they can be."""
     good = len(sides) == 2 and (sides >= 1).all() and (sides < 1e6).all()
     return (int(sides[0]), int(sides[1])) if good else None
-
-
-def _camera_matrix(path: Path, focal: FloatArray, centre: FloatArray) -> FloatArray:
-    if not (focal > 0).all():
-        raise InputError(f"{path}: focal lengths must be above 0.")
-    return np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
 
 
 def _placed(

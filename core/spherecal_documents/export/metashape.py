@@ -26,7 +26,6 @@ from spherecal_documents.export.file_cameras import (
     lens_vector,
     number,
     numbers,
-    safe_names,
 )
 from spherecal_documents.export.format import Format
 
@@ -37,11 +36,6 @@ _NO_TERMS = ("resolution", "date", "covariance", "black_level", "sensitivity", "
 _TRANSFORM = (("rotation", numbers(np.eye(3), " ")), ("translation", "0 0 0"), ("scale", "1"))
 
 
-def _comment(text: str) -> str:
-    """The text without what would end a comment: no two hyphens in a row, none at the end."""
-    return f" {re.sub('-+', '-', text).replace('>', ' ')} "
-
-
 def _add(parent: ElementTree.Element, name: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
     child = ElementTree.SubElement(parent, name, attributes)
     child.text = text
@@ -50,7 +44,8 @@ def _add(parent: ElementTree.Element, name: str, text: str | None = None, **attr
 
 def _write(rig: FileRig) -> Mapping[str, str]:
     document = ElementTree.Element("document", version="2.0.0")
-    document.append(ElementTree.Comment(_comment(rig.source)))
+    source = re.sub("-+", "-", rig.source).replace(">", " ")  # without what would end a comment
+    document.append(ElementTree.Comment(f" {source} "))
     chunk = _add(document, "chunk", label="rig", enabled="true")
     count = str(len(rig.cameras))
     sensors = _add(chunk, "sensors", next_id=count)
@@ -61,7 +56,7 @@ def _write(rig: FileRig) -> Mapping[str, str]:
         transform = _add(place, "transform")
         for name, text in _TRANSFORM:
             _add(transform, name, text, **({"locked": "true"} if name != "translation" else {}))
-    for i, (camera, name) in enumerate(zip(rig.cameras, safe_names([c.id for c in rig.cameras]), strict=True)):
+    for i, (camera, name) in enumerate(zip(rig.cameras, rig.safe_names(), strict=True)):
         _sensor(sensors, str(i), camera)
         entry = _add(cameras, "camera", id=str(i), sensor_id=str(i), component_id="0", label=name, enabled="true")
         _add(entry, "transform", numbers(camera.placed.inverse().matrix(), " "))
@@ -193,8 +188,4 @@ def _read_sensor(sensor: ElementTree.Element, where: str) -> tuple[tuple[int, in
     return (width, height), lens_vector(matrix, coefficients, False, where)
 
 
-def _ids(rig: FileRig) -> list[str]:
-    return safe_names([camera.id for camera in rig.cameras])
-
-
-FORMAT = Format("metashape", "Agisoft Metashape XML", 5, ("m",), _write, _read, ids=_ids)
+FORMAT = Format("metashape", "Agisoft Metashape XML", 5, ("m",), _write, _read, ids=FileRig.safe_names)

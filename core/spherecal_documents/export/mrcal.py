@@ -16,7 +16,6 @@ from spherecal_documents.export.file_cameras import (
     distortion,
     lens_vector,
     numbers,
-    safe_names,
 )
 from spherecal_documents.export.format import Format
 
@@ -25,12 +24,8 @@ _LENSMODEL = "LENSMODEL_OPENCV"
 _MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
 
 
-def _names(rig: FileRig) -> list[str]:
-    return safe_names([camera.id for camera in rig.cameras])
-
-
 def _write(rig: FileRig) -> Mapping[str, str]:
-    return {f"{name}{_ENDING}": _model(c, rig) for name, c in zip(_names(rig), rig.cameras, strict=True)}
+    return {f"{name}{_ENDING}": _model(c, rig) for name, c in zip(rig.safe_names(), rig.cameras, strict=True)}
 
 
 def _model(camera: FileCamera, rig: FileRig) -> str:
@@ -87,4 +82,4 @@ def _coefficients(named: JsonValue) -> int:
     return known[name]
 
 
-FORMAT = Format("mrcal", "mrcal cameramodel", 12, ("m", "mm"), _write, _read, folder=True, ids=_names)
+FORMAT = Format("mrcal", "mrcal cameramodel", 12, ("m", "mm"), _write, _read, folder=True, ids=FileRig.safe_names)

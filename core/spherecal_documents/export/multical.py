@@ -12,24 +12,24 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import JsonValue, decode, read_bytes
+from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import camera_matrix
-from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, flat, lens_vector, safe_names
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, distortion, flat, lens_vector
 from spherecal_documents.export.format import Format
+from spherecal_documents.export.yaml_file import read_other_json
 
 _MODELS = {5: "standard", 8: "rational", 12: "thin_prism"}
 _OTHER_MODELS = ("tilted", "fix_k1", "fix_k2", "fix_k3", "fix_k4")
 _FISHEYE_LENGTH = 4
-_MOST_BYTES = 8 << 20
 
 
 def _names(rig: FileRig) -> list[str]:
     """Names without "_to_", by which multical separates a transform's two cameras."""
-    return [name.replace("_to_", "-to-") for name in safe_names([camera.id for camera in rig.cameras])]
+    return [name.replace("_to_", "-to-") for name in rig.safe_names()]
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
-    names = dict(zip((camera.id for camera in rig.cameras), _names(rig), strict=True))
+    names = dict(zip(rig.ids(), _names(rig), strict=True))
     master = rig.reference
     cameras, poses = {}, {}
     for camera in rig.cameras:
@@ -48,11 +48,7 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 
 def _read(path: Path) -> list[FileCamera]:
-    try:
-        document = JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not valid JSON ({error}).") from None
-    f = document.fields(("cameras",), ("camera_poses",))
+    f = read_other_json(path).fields(("cameras",), ("camera_poses",))
     if "camera_poses" not in f:
         raise InputError(f"{path}: has lenses only.", "Name the calibration.json of all cameras together.")
     poses, masters, known = {}, set(), f["cameras"].as_object()

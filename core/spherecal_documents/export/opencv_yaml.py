@@ -1,6 +1,5 @@
 """OpenCV's FileStorage: one file a camera, poses world to camera; a stereo pair; ROS's camera_info has its form too."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,7 +9,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, decode, read_bytes
+from spherecal.files.json_file import JsonValue, read_bytes
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_documents.export.file_cameras import (
@@ -20,10 +19,9 @@ from spherecal_documents.export.file_cameras import (
     distortion,
     lens_vector,
     numbers,
-    safe_names,
 )
 from spherecal_documents.export.format import Format
-from spherecal_documents.export.yaml_file import opencv_matrix, read_yaml
+from spherecal_documents.export.yaml_file import opencv_matrix, read_other_json, read_yaml
 
 # As OpenCV's own samples, ROS users and others call them.
 _MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M", "mtx")
@@ -50,8 +48,7 @@ def opencv_node(name: str, matrix: FloatArray, indent: str = "") -> str:
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
-    names = safe_names([camera.id for camera in rig.cameras])
-    return {f"{name}.yml": _camera(camera, rig) for name, camera in zip(names, rig.cameras, strict=True)}
+    return {f"{name}.yml": _camera(camera, rig) for name, camera in zip(rig.safe_names(), rig.cameras, strict=True)}
 
 
 def _camera(camera: FileCamera, rig: FileRig) -> str:
@@ -80,12 +77,7 @@ def _document(path: Path) -> JsonValue:
             return JsonValue({node.tag: _plain(node) for node in root}, path)
         except (ElementTree.ParseError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: is not XML as OpenCV writes it ({error}).") from None
-    if path.suffix.lower() == ".json":
-        try:
-            return JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: is not valid JSON ({error}).") from None
-    return read_yaml(path)
+    return read_other_json(path) if path.suffix.lower() == ".json" else read_yaml(path)
 
 
 def _plain(node: ElementTree.Element) -> object:

@@ -15,7 +15,6 @@ from spherecal_documents.export.file_cameras import (
     distortion,
     number,
     numbers,
-    safe_names,
 )
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.opencv_yaml import read_opencv_file
@@ -29,7 +28,7 @@ _FISHEYE = "equidistant"
 
 
 def _names(rig: FileRig) -> list[str]:
-    return safe_names([camera.id for camera in rig.cameras], letter_first=True)
+    return rig.safe_names(letter_first=True)
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:

@@ -165,10 +165,7 @@ def _refuse_fisheye(form: Format, rig: Rig) -> None:
 
 
 def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:
-    """The unit of lengths: the one given, or the format's usual one.
-
-    `unit` None: none was.
-    """
+    """The unit of lengths: the one given, or the format's usual one."""
     if unit is None:
         return form.units[0]
     if unit not in form.units:

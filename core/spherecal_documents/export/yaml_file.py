@@ -1,5 +1,6 @@
-"""YAML of other programs, read with care into checked values."""
+"""YAML and JSON of other programs, read with care into checked values."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,14 @@ def read_yaml(path: Path) -> JsonValue:
         problem = getattr(error, "problem", None) or str(error)
         raise InputError(f"{path}: is not valid YAML ({where}{problem}).") from None
     return JsonValue(value, path)
+
+
+def read_other_json(path: Path) -> JsonValue:
+    """What a JSON file holds."""
+    try:
+        return JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not valid JSON ({error}).") from None
 
 
 def _look_through(text: str) -> None:

@@ -64,7 +64,7 @@ def find_session(result: Result, given: Path | None) -> Session | None:
     return None
 
 
-def choose_detections(result: Result, session: Session | None, most: int = 2) -> list[Detection]:
+def choose_detections(result: Result, session: Session | None) -> list[Detection]:
     """The images to show: that with the most observations used, then one of another camera and placement."""
     if session is None:
         return []
@@ -84,7 +84,7 @@ def choose_detections(result: Result, session: Session | None, most: int = 2) ->
     for detection in found:
         if all(detection.camera != c.camera and detection.placement != c.placement for c in chosen):
             chosen.append(detection)
-    return chosen[:most]
+    return chosen[:2]
 
 
 def detection_sections(result: Result, detections: Sequence[Detection]) -> list[Section]:

@@ -77,12 +77,8 @@ def _arrow_caption(scale: ArrowScale, result: Result) -> str:
     """What the arrows show."""
     left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
     crosses = label("report-crosses", count=count(left_out)) if left_out else ""
-    return label("report-arrows", times=_magnification(scale), crosses=crosses)
-
-
-def _magnification(scale: ArrowScale) -> str:
-    """The factor as it is printed."""
-    return count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
+    times = count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
+    return label("report-arrows", times=times, crosses=crosses)
 
 
 def _draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:

@@ -16,17 +16,12 @@ from spherecal_documents.report.residual_drawings import residual_blocks
 from spherecal_documents.report.rig_drawing import rig_blocks
 from spherecal_documents.report.scene_picture import ScenePicture
 from spherecal_documents.report.style import BAD, NONE, count, number, significant, some_of
-from spherecal_rigs.result_folder import Result
+from spherecal_rigs.result_folder import RESULT_FILES, Result
 
 _CELLS = 10  # along an image's longer side: a dot field of a hundred targets fills what it crosses
 _CONSPICUOUS = 1.5  # a camera whose residuals are this much above the rig's is worth a look
 _IN_A_TABLE = 5  # distortion coefficients beside the other numbers
 _DETAILS = {"method": "report-method", "seed": "report-seed"}
-_FILES = (
-    "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
-    "image_motions.csv",
-    "verification.json",
-)  # fmt: skip
 
 
 def source_section(result: Result) -> Section:
@@ -274,7 +269,7 @@ def origin_section(result: Result) -> Section:
         (label("report-images-taken"), _images_taken(result)),
         (label("report-input-sha-256"), result.rig.input_sha256 or label("report-not-given")),
     ]
-    for name in _FILES:
+    for name in RESULT_FILES:
         path = result.folder / name
         if path.is_file():
             with path.open("rb") as file:

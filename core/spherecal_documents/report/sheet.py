@@ -8,12 +8,10 @@ from typing import Any, Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from matplotlib.textpath import text_to_path
 
-from spherecal_documents.report.style import BODY_PT, INK, RULE
+from spherecal_documents.report.style import BODY_PT, INK
 
 MM_PER_PT = 25.4 / 72
 _MM_PER_INCH = 25.4
@@ -92,25 +90,10 @@ class Sheet:
             )
         )
 
-    def lines(self, x: float, y: float, lines: Sequence[str], size_pt: float = BODY_PT, colour: str = INK) -> float:
-        """Lines of text below each other, the first with its base line at y; where the next base line would be."""
-        for line in lines:
-            self.text(x, y, line, size_pt, colour=colour)
-            y += leading(size_pt)
-        return y
-
-    def rule(self, x0: float, x1: float, y: float, colour: str = RULE, width_pt: float = 0.5) -> None:
-        """A horizontal line."""
-        place = ([x0 / self.width, x1 / self.width], [1 - y / self.height] * 2)
-        self.figure.add_artist(Line2D(*place, color=colour, linewidth=width_pt, transform=self.figure.transFigure))
-
-    def fill(self, box: PageBox, colour: str) -> None:
-        """A filled rectangle."""
-        left_foot = (box.x / self.width, 1 - (box.y + box.height) / self.height)
-        size = (box.width / self.width, box.height / self.height)
-        self.figure.add_artist(
-            Rectangle(left_foot, *size, facecolor=colour, edgecolor="none", transform=self.figure.transFigure)
-        )
+    def lines(self, x: float, y: float, lines: Sequence[str], size_pt: float = BODY_PT, colour: str = INK) -> None:
+        """Lines of text below each other, the first with its base line at y."""
+        for i, line in enumerate(lines):
+            self.text(x, y + i * size_pt * 1.38 * MM_PER_PT, line, size_pt, colour=colour)
 
     def axes(self, box: PageBox, **settings: Any) -> Axes:
         """Axes whose data area fills the box."""
@@ -119,8 +102,3 @@ class Sheet:
             box.width / self.width, box.height / self.height,
         )  # fmt: skip
         return self.figure.add_axes(place, **settings)
-
-
-def leading(size_pt: float) -> float:
-    """The distance of base lines of this size of type, mm."""
-    return size_pt * 1.38 * MM_PER_PT

@@ -19,7 +19,6 @@ from spherecal_documents.report.language import label, language_now
 INK = "#1a1a1a"
 SOFT = "#5f6368"  # captions, axes
 RULE = "#c9ccd1"  # lines of tables
-PALE = "#f1f3f5"  # fills behind text
 
 GOOD = "#005a46"  # dark bluish green
 BAD = "#a63200"  # dark vermilion
@@ -36,7 +35,7 @@ MARKS = ("o", "s", "^", "D", "v", "P", "X", "<")
 # Small residuals are pale and large ones dark, in print without colour as well.
 SIZES = LinearSegmentedColormap.from_list("sizes", ["#a8bed3", "#4f86b5", "#b0552a", "#571300"])
 
-TITLE_PT, HEADING_PT, BODY_PT, SMALL_PT, TINY_PT = 17.0, 11.0, 8.2, 7.0, 6.0
+HEADING_PT, BODY_PT, SMALL_PT, TINY_PT = 11.0, 8.2, 7.0, 6.0
 
 NONE = "\u2013"  # shown in a table where there is no number
 TO = "\u2013"  # between two ends

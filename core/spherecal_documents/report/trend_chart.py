@@ -1,6 +1,5 @@
 """The trend as a page of vector graphics: a control chart a quantity, then the cameras."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +120,9 @@ def _panel(sheet: Sheet, box: PageBox, series: TrendSeries, trend: Trend) -> Non
 
 def _cameras(sheet: Sheet, box: PageBox, trend: Trend) -> None:
     axes = _axes(sheet, box.inset(0.0, 0.0, 0.0, 6.0), _OF_CAMERAS[trend.kind], trend)
-    named = _largest(trend)
+    # those whose rays moved most are named, the others stay grey
+    known = [series for series in trend.cameras if np.isfinite(series.values).any()]
+    named = sorted(known, key=lambda series: -float(np.nanmax(series.values)))[:_MOST_NAMED]
     x = np.arange(len(trend.ids))
     for series in trend.cameras:
         if series not in named:
@@ -135,9 +136,3 @@ def _cameras(sheet: Sheet, box: PageBox, trend: Trend) -> None:
     if named:
         axes.legend(loc="upper left", ncols=6, fontsize=TINY_PT, frameon=False, labelcolor=INK)
         axes.set_ylim(0, 1.35 * float(np.nanmax(named[0].values)) or 1e-3)
-
-
-def _largest(trend: Trend) -> Sequence[TrendSeries]:
-    """The cameras whose rays moved most, at most a dozen: they are named, the others stay grey."""
-    known = [series for series in trend.cameras if np.isfinite(series.values).any()]
-    return sorted(known, key=lambda series: -float(np.nanmax(series.values)))[:_MOST_NAMED]

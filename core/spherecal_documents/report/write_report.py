@@ -31,8 +31,6 @@ def write_report(
 
     The ending of `output` chooses the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital
     Calibration Certificate, always in English).
-
-    `issuer` None: there can be no certificate; `render` None: it is drawn.
     """
     ending = {".htm": ".html"}.get(output.suffix.lower(), output.suffix.lower())
     if ending not in (".pdf", ".html", ".json", ".xml"):

@@ -24,6 +24,7 @@ _ELLIPSOID_PART, _SHIFT_PART = 0.05, 0.12
 _BODY = 0.5  # of a frustum's depth
 _FLOOR_STEPS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 _FLOOR_LINES = 14  # at most, along the longer side
+_MOST_POINTS = 6000
 
 
 @dataclass(frozen=True)
@@ -79,11 +80,11 @@ class SceneData:
     """`scene` (report.rig_view), `points` (n, 3) in its frame, `sizes` (n,) of their residuals, 1 = `most_px`.
 
     `normals` (n, 3): outward from the ball, NaN where there is none; `names` (n,): placement, target and point.
-    `map_places` (m, 3) and `map_mm` (m,): expanded uncertainty of a length there in its worst direction. `map_k` is its
-    coverage factor and `map_length_mm` the length. `links`: steps of the paths by which the cameras were joined.
-    `ellipsoids` (e, 3, 3): half axes by row, mm, of one standard deviation, at `ellipsoid_places` (e, 3). `images`
-    (height, width) uint8: the last image of each camera, by id. `origin_mm` (3,): the scene's origin in the world.
-    `wanted`: where the ball should go next. `room` (n, 3): more that must be in the picture.
+    `map_places` (m, 3) and `map_mm` (m,): expanded uncertainty of a length `map_length_mm` there in its worst
+    direction. `links`: steps of the paths by which the cameras were joined. `ellipsoids` (e, 3, 3): half axes by row,
+    mm, of one standard deviation, at `ellipsoid_places` (e, 3). `images` (height, width) uint8: the last image of each
+    camera, by id. `origin_mm` (3,): the scene's origin in the world. `wanted`: where the ball should go next. `room`
+    (n, 3): more that must be in the picture.
     """
 
     scene: Any
@@ -92,7 +93,6 @@ class SceneData:
     map_places: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     map_mm: FloatArray = field(default_factory=lambda: np.empty((0,)))
     map_length_mm: float = 0.0
-    map_k: float = 0.0
     links: tuple[tuple[str, str], ...] = ()
     normals: FloatArray | None = None
     names: tuple[tuple[str, int, str], ...] = ()
@@ -202,10 +202,7 @@ class SceneData:
         return float(np.clip(0.45 * np.median(ways), 2e-3 * self.radius, 0.02 * self.radius))
 
     def flat(self, side: str, places: FloatArray) -> FloatArray:
-        """Places in the plane of one of the report's views, (n, 2) mm.
-
-        `places`: places in the scene, (n, 3) mm.
-        """
+        """Places in the plane of one of the report's views, (n, 2) mm; `places`: places in the scene, (n, 3) mm."""
         from spherecal_documents.report.rig_view import FRONT, OBLIQUE, SIDE, TOP
 
         view = {"oblique": OBLIQUE, "top": TOP, "front": FRONT, "side": SIDE}[side]
@@ -242,10 +239,7 @@ def round_factor(wanted: float, size: float) -> float:
 
 
 def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
-    """Colours (red, green, blue; 0 to 255) for sizes from 0 to 1.
-
-    `sizes`: sizes, (n,).
-    """
+    """Colours (red, green, blue; 0 to 255) for sizes from 0 to 1."""
     table = np.array(_DARK if dark else _LIGHT, dtype=float)
     where = np.clip(sizes, 0, 1) * 2
     low = np.minimum(where.astype(int), 1)
@@ -256,7 +250,7 @@ def ramp(sizes: FloatArray, dark: bool) -> list[tuple[int, int, int]]:
 # --- from a result ---------------------------------------------------------------------------------------------------
 
 
-def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int = 6000) -> SceneData | None:
+def scene_data(result: Any, links: tuple[tuple[str, str], ...] = ()) -> SceneData | None:
     """The scene of a result; None without cameras."""
     from spherecal_documents.report.rig_view import make_scene
 
@@ -267,7 +261,7 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int =
     xyz = points.xyz_mm
     middle = xyz.mean(axis=0) if len(xyz) else np.array([c.centre_mm for c in result.rig.cameras]).mean(axis=0)
     sizes = point_residuals(result)
-    keep = np.arange(0, len(xyz), max(1, -(-len(xyz) // most)))
+    keep = np.arange(0, len(xyz), max(1, -(-len(xyz) // _MOST_POINTS)))
     usual = float(np.percentile(sizes, 98)) if len(sizes) else 1.0
     places = (xyz[keep] - middle) @ scene.axes.T
     names = tuple((points.placement[i], int(points.target[i]), points.point[i]) for i in keep.tolist())
@@ -293,7 +287,6 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = (), most: int =
         map_places=(lengths.places_mm[seen] - middle) @ scene.axes.T,
         map_mm=worst[seen],
         map_length_mm=lengths.length_mm,
-        map_k=lengths.coverage_factor,
     )
 
 
@@ -361,8 +354,6 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
     """The scene with the measured bars whose marks' places are known.
 
     A length whose error is larger than its expanded uncertainty (k = 2) is `bad`.
-
-    `report` None: no bars.
     """
     bars = []
     for row in report.measured if report is not None else ():
@@ -379,10 +370,7 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
 
 
 def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatArray]]) -> SceneData:
-    """The scene with cameras that have moved.
-
-    `changes` (3,) mm.
-    """
+    """The scene with cameras that have moved; `changes` (3,) mm."""
     from spherecal.geometry.rotation import exp_rotation
 
     now = {camera.id: camera for camera in data.scene.cameras}
@@ -401,8 +389,5 @@ def with_moved(data: SceneData, changes: Sequence[tuple[str, FloatArray, FloatAr
 
 
 def with_images(data: SceneData, images: Mapping[str, Any]) -> SceneData:
-    """The scene with the last image of each camera.
-
-    `images`: images (height, width) by camera id, 0 to 255.
-    """
+    """The scene with the last image of each camera; `images`: images (height, width) by camera id, 0 to 255."""
     return replace(data, images={name: np.asarray(image, dtype=np.uint8) for name, image in images.items()})

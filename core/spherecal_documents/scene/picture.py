@@ -25,10 +25,7 @@ _IMAGE_PX = 480
 
 
 def scene_picture(result: Result, session: Session | None) -> ScenePicture | None:
-    """The scene of a result on white, with the last images of its session; None without cameras or renderer.
-
-    `session` None: no images.
-    """
+    """The scene of a result on white, with the last images of its session; None without cameras or renderer."""
     data = scene_data(result) if can_render() else None
     if data is None:
         return None

@@ -41,10 +41,7 @@ class SheetDrawing:
     height_mm: float
 
     def line(self, x0: float, y0: float, x1: float, y1: float, width_mm: float = _HAIRLINE_MM) -> None:
-        """A black line.
-
-        `x0`, `y0`, `x1`, `y1`: its ends in mm.
-        """
+        """A black line; `x0`, `y0`, `x1`, `y1`: its ends in mm."""
         ends = (x0 * MM, (self.height_mm - y0) * MM, x1 * MM, (self.height_mm - y1) * MM)
         self.canvas.line(*ends, width_mm * MM)
 
@@ -71,10 +68,7 @@ class SheetDrawing:
         grey: float = 0.0,
         turn_deg: float = 0.0,
     ) -> None:
-        """A line of text.
-
-        `x`, `y`: where its base line starts, in mm.
-        """
+        """A line of text; `x`, `y`: where its base line starts, in mm."""
         self.canvas.text(x * MM, (self.height_mm - y) * MM, text, size_pt, bold, grey, turn_deg)
 
 
@@ -125,10 +119,7 @@ def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
 
 
 def draw_sticker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
-    """Draw one target.
-
-    `x`, `y`: top left corner of its sticker, mm.
-    """
+    """Draw one target; `x`, `y`: top left corner of its sticker, mm."""
     if target_set.dictionary is not None:
         _draw_marker(drawing, target_set, target, x, y)
         return

@@ -174,7 +174,10 @@ class Redactor:
         if isinstance(value, list):
             return [self._walked(one, change, field) for one in value]
         kind = _KIND_OF_FIELD.get(field)
-        if kind and ((isinstance(value, str) and value) or (kind == "serial" and _is_number(value))):
+        if kind and (
+            (isinstance(value, str) and value)
+            or (kind == "serial" and isinstance(value, int) and not isinstance(value, bool))
+        ):
             return self._know(kind, str(value))
         return change(value) if isinstance(value, str) else value
 
@@ -251,10 +254,6 @@ def _is_figure(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _parsed(text: str) -> Any:

@@ -33,13 +33,9 @@ from spherecal.files.read_session import FORMAT as SESSION_FORMAT
 from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_documents.support.redact import Redactor
+from spherecal_rigs.result_folder import RESULT_FILES
 
 SESSION_FOLDER = "session"
-_RESULT_FILES = (
-    "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
-    "image_motions.csv",
-    "verification.json",
-)  # fmt: skip
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "matplotlib", "typst", "PySide6-Essentials")
 _MOST_BYTES = 1 << 30
 # Of a bundle that is opened: 1 GB of a hundred cameras' observations, a few thousand images.
@@ -121,12 +117,7 @@ def write_bundle(
 
 
 def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: Context | None = None) -> None:
-    """Write a zip file whole, one file after the other.
-
-    Nobody else can read it before it is in its place.
-
-    `context` None: neither.
-    """
+    """Write a zip file whole, one file after the other. Nobody else can read it before it is in its place."""
     with tempfile.TemporaryFile() as archive:
         with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as bundle:
             for done, (name, read) in enumerate(sorted(files.items())):
@@ -140,7 +131,9 @@ def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: C
 def _session_files(folder: Path, session: Session, options: BundleOptions, context: Context) -> dict[str, bytes]:
     """session.json with bars of the registry filled in, observations, targets, images if asked; no link is followed."""
     document: dict[str, Any] = json.loads(read_below(folder, SESSION_FILE, _MOST_BYTES).decode("utf-8-sig"))
-    _fill_in_bars(document, session)
+    for entry, bar in zip(document.get("bars") or [], session.bars, strict=True):
+        if "lengths" not in entry:  # whoever opens the bundle has no registry of ours
+            entry.update(figures_entry(bar))
     own = {SESSION_FILE: json_bytes(document)}
     if document.get("target_set") is not None:
         own[_plain(document["target_set"])] = read_below(folder, _plain(document["target_set"]), _MOST_BYTES)
@@ -168,14 +161,6 @@ def with_observations(session: Session, settings: CalibrationSettings, context: 
     return with_missed_targets(seen, calibrate(seen, settings, context), context)
 
 
-def _fill_in_bars(document: dict[str, Any], session: Session) -> None:
-    """Whoever opens the bundle has no registry of ours."""
-    for entry, bar in zip(document.get("bars") or [], session.bars, strict=True):
-        if "lengths" in entry:
-            continue
-        entry.update(figures_entry(bar))
-
-
 def _images(folder: Path, context: Context) -> dict[str, int]:
     """The images that session.json names and that are there: size in bytes by name."""
     document: dict[str, Any] = json.loads(read_below(folder, SESSION_FILE, _MOST_BYTES).decode("utf-8-sig"))
@@ -194,8 +179,11 @@ def _images(folder: Path, context: Context) -> dict[str, int]:
 def _rest(options: BundleOptions) -> dict[str, bytes]:
     """Result, settings, logs, and what this machine runs."""
     found: dict[str, bytes] = {}
-    if options.result is not None:
-        found |= _result_files(options.result)
+    if (result := options.result) is not None:
+        if not (result / "rig.json").is_file():
+            raise InputError(Phrase("error-no-result", {"folder": result}))
+        there = [name for name in RESULT_FILES if (result / name).exists() or (result / name).is_symlink()]
+        found |= {f"result/{name}": read_below(result, name, _MOST_BYTES) for name in there}
     if options.camera_settings is not None:
         found["cameras.json"] = read_bytes(options.camera_settings, _MOST_BYTES)
     for number, log in enumerate(options.logs, 1):
@@ -215,13 +203,6 @@ def _readme(contents: BundleContents) -> str:
         "Compute it again:  spherecal calibrate BUNDLE.zip -o RESULT\n\n"
         f"Replaced in it: {'; '.join(contents.redacted)}.\n\n" + "\n".join(lines) + "\n"
     )
-
-
-def _result_files(result: Path) -> dict[str, bytes]:
-    if not (result / "rig.json").is_file():
-        raise InputError(Phrase("error-no-result", {"folder": result}))
-    there = [name for name in _RESULT_FILES if (result / name).exists() or (result / name).is_symlink()]
-    return {f"result/{name}": read_below(result, name, _MOST_BYTES) for name in there}
 
 
 def versions() -> dict[str, Any]:
@@ -261,17 +242,7 @@ def unpack(path: Path, to: Path) -> None:
             for member in members:
                 if not member.is_dir():
                     total = _unpack_one(path, bundle, member, to, total)
-    except (
-        zipfile.BadZipFile,
-        zipfile.LargeZipFile,
-        zlib.error,
-        EOFError,
-        NotImplementedError,
-        RuntimeError,
-        OSError,
-    ) as error:
-        raise InputError(Phrase("error-not-unpacked", {"file": path, "why": str(error)})) from error
-    except ValueError as error:
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as error:
         raise InputError(Phrase("error-not-unpacked", {"file": path, "why": str(error)})) from error
     if not (to / SESSION_FOLDER / SESSION_FILE).is_file():
         raise InputError(Phrase("error-no-bundle", {"file": path, "name": f"{SESSION_FOLDER}/{SESSION_FILE}"}))

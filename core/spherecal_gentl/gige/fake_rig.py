@@ -61,17 +61,14 @@ class Camera:
 
 
 class CameraNetwork:
-    """The switch in this process's own namespace; everything else in namespaces of its own.
-
-    `mtu`: largest packet, bytes.
-    """
+    """The switch in this process's own namespace; everything else in namespaces of its own."""
 
     def __init__(self, server: str, mtu: int, cameras: list[dict[str, Any]]) -> None:
         self._server, self._mtu = server, mtu
         self._switch = NetworkNamespace.own()
-        self._switch.run("ip", "link", "set", "lo", "up")
-        self._switch.run("ip", "link", "add", "switch", "mtu", str(mtu), "type", "bridge")
-        self._switch.run("ip", "link", "set", "switch", "up")
+        self._switch.run("ip link set lo up")
+        self._switch.run(f"ip link add switch mtu {mtu} type bridge")
+        self._switch.run("ip link set switch up")
         self._switch.run("nft", "add table netdev faults")
         self.client = self._computer("client", CLIENT)
         self.second = self._computer("second", SECOND)
@@ -93,53 +90,28 @@ class CameraNetwork:
     def _computer(self, port: str, address: str) -> NetworkNamespace:
         network = NetworkNamespace.new()
         self._cable(network, port, None)
-        network.run("ip", "address", "add", f"{address}/24", "broadcast", "+", "dev", "eth0")
+        network.run(f"ip address add {address}/24 broadcast + dev eth0")
         self._ask_nft(f"add chain netdev faults {port} {{ type filter hook ingress device {port} priority 0; }}")
         return network
 
     def _cable(self, network: NetworkNamespace, port: str, mac: str | None) -> None:
         # the first process of the process namespace is this one, whose namespace is the switch
-        address = ["address", mac] if mac else []
-        network.run(
-            "ip",
-            "link",
-            "add",
-            "eth0",
-            *address,
-            "mtu",
-            str(self._mtu),
-            "type",
-            "veth",
-            "peer",
-            "name",
-            port,
-            "mtu",
-            str(self._mtu),
-            "netns",
-            "1",
-        )
-        network.run("ip", "link", "set", "eth0", "up")
-        self._switch.run("ip", "link", "set", port, "master", "switch", "up")
+        own = f"address {mac} mtu {self._mtu}" if mac else f"mtu {self._mtu}"
+        network.run(f"ip link add eth0 {own} type veth peer name {port} mtu {self._mtu} netns 1")
+        network.run("ip link set eth0 up")
+        self._switch.run(f"ip link set {port} master switch up")
 
     def _give_address(self, camera: Camera, address: str) -> None:
         network = camera.network
-        network.run("ip", "address", "flush", "dev", "eth0")
-        network.run("ip", "address", "add", f"{address}/24", "broadcast", "+", "dev", "eth0")
+        network.run("ip address flush dev eth0")
+        network.run(f"ip address add {address}/24 broadcast + dev eth0")
         # as real cameras do, it answers whoever asks, also from another subnet
-        network.run("ip", "route", "replace", "default", "dev", "eth0")
+        network.run("ip route replace default dev eth0")
         camera.address = address
 
     def _start(self, camera: Camera) -> None:
-        command = [
-            self._server,
-            "eth0",
-            camera.serial,
-            str(camera.width),
-            str(camera.height),
-            camera.mac,
-            MASK,
-            str(camera.pictures),
-        ]
+        size = str(camera.width), str(camera.height)
+        command = [self._server, "eth0", camera.serial, *size, camera.mac, MASK, str(camera.pictures)]
         program = subprocess.Popen(
             camera.network.inside(command),
             stdin=subprocess.PIPE,
@@ -196,42 +168,26 @@ class CameraNetwork:
         """A cable carries less."""
         network, device = (self._switch, "client") if where == "line" else (self.cameras[where].network, "eth0")
         if not mbit_s:
-            network.run("tc", "qdisc", "delete", "dev", device, "root")
+            network.run(f"tc qdisc delete dev {device} root")
             return
-        network.run(
-            "tc",
-            "qdisc",
-            "replace",
-            "dev",
-            device,
-            "root",
-            "tbf",
-            "rate",
-            f"{mbit_s}mbit",
-            "burst",
-            str(max(_BURST_BYTES, 2 * self._mtu)),
-            "latency",
-            f"{_QUEUE_MS}ms",
-        )
+        burst = max(_BURST_BYTES, 2 * self._mtu)
+        network.run(f"tc qdisc replace dev {device} root tbf rate {mbit_s}mbit burst {burst} latency {_QUEUE_MS}ms")
 
     def latency(self, serial: str, ms: float, jitter_ms: float = 0.0) -> None:
-        """Packets of the camera arrive later, in another order with jitter; needs the netem module.
-
-        `ms`: by how much, ms.
-        """
+        """Packets of the camera arrive later, in another order with jitter; needs the netem module."""
         network = self.cameras[serial].network
         if not ms:
-            network.run("tc", "qdisc", "delete", "dev", "eth0", "root")
+            network.run("tc qdisc delete dev eth0 root")
             return
-        network.run("tc", "qdisc", "replace", "dev", "eth0", "root", "netem", "delay", f"{ms}ms", f"{jitter_ms}ms")
+        network.run(f"tc qdisc replace dev eth0 root netem delay {ms}ms {jitter_ms}ms")
 
     def unplug(self, serial: str) -> None:
         """The camera's cable is pulled; it keeps its power."""
-        self._switch.run("ip", "link", "set", self.cameras[serial].port, "down")
+        self._switch.run(f"ip link set {self.cameras[serial].port} down")
 
     def plug(self, serial: str) -> None:
         """The cable is put in."""
-        self._switch.run("ip", "link", "set", self.cameras[serial].port, "up")
+        self._switch.run(f"ip link set {self.cameras[serial].port} up")
 
     def power_off(self, serial: str) -> None:
         """The camera loses its power and with it its settings."""
@@ -288,7 +244,7 @@ class CameraNetwork:
         self._give_address(camera, address)
         self._start(camera)
         # what the others knew of this address is old
-        self.client.run("ip", "neighbour", "flush", "dev", "eth0")
+        self.client.run("ip neighbour flush dev eth0")
 
 
 class _Holder:

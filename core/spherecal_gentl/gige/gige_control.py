@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -78,7 +77,7 @@ class GigeRig:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -139,10 +138,7 @@ class GigeRig:
             os.close(network.file)
 
     def set_image(self, serial: str, image: NDArray[np.uint8]) -> None:
-        """Set what a simulated camera sees from the next frame on.
-
-        `image`: of the camera's size, (height, width).
-        """
+        """Set what a simulated camera sees from the next frame on; `image`: of the camera's size, (height, width)."""
         self._pictures[serial].put(image)
 
     def fault(self, name: str, *words: str | float) -> None:

@@ -87,28 +87,21 @@ class NetworkNamespace:
             if _libc.unshare(_NEW_NETWORK) != 0:
                 raise CommandError(os.strerror(ctypes.get_errno()))
             made = cls.own()
-        made.run("ip", "link", "set", "lo", "up")
+        made.run("ip link set lo up")
         return made
 
     @contextmanager
     def entered(self) -> Iterator[None]:
         """The calling thread is in the namespace; sockets made meanwhile stay there."""
         with _elsewhere():
-            self._enter()
+            if _libc.setns(self.file, _NEW_NETWORK) != 0:
+                raise CommandError(os.strerror(ctypes.get_errno()))
             yield
 
-    def _enter(self) -> None:
-        if _libc.setns(self.file, _NEW_NETWORK) != 0:
-            raise CommandError(os.strerror(ctypes.get_errno()))
-
-    def run(self, *command: str, data: str | None = None) -> str:
-        """What a command in the namespace prints.
-
-        `data` None: as the calling process.
-        """
+    def run(self, command: str, *words: str) -> None:
+        """Run a command in the namespace; `words` are arguments that may hold blanks."""
         done = subprocess.run(
-            self.inside(command),
-            input=data,
+            self.inside([*command.split(), *words]),
             capture_output=True,
             text=True,
             timeout=_LIMIT_S,
@@ -117,8 +110,7 @@ class NetworkNamespace:
             env=os.environ | {"PATH": _PATH},
         )
         if done.returncode != 0:
-            raise CommandError(f"{' '.join(command)}: {done.stderr.strip() or done.returncode}")
-        return done.stdout
+            raise CommandError(f"{' '.join((command, *words))}: {done.stderr.strip() or done.returncode}")
 
     def inside(self, command: Sequence[str]) -> list[str]:
         """The command that runs `command` in the namespace; its process must inherit `file`."""

@@ -61,8 +61,6 @@ def build_producer(folder: Path | None = None, aravis: bool = False) -> Path:
 
     It is kept in the user's cache folder under a hash of its sources and the compiler's name, alone in its folder. So
     this folder can be named in GENICAM_GENTL64_PATH.
-
-    `folder` None: no copy.
     """
     product = _OF_ARAVIS if aravis else _SIMULATED
     kept = _built(product)
@@ -79,7 +77,7 @@ def build_fake_camera() -> Path:
 
 def built_producers() -> list[Path]:
     """The producer files (.cti) that were built on this machine so far."""
-    return sorted(file for name in (CTI_FILE, ARAVIS_CTI_FILE) for file in _cache_folder().glob(f"*/{name}"))
+    return sorted(file for name in (CTI_FILE, ARAVIS_CTI_FILE) for file in cache_folder("producer").glob(f"*/{name}"))
 
 
 def compile_command(
@@ -123,14 +121,10 @@ def _no_aravis(package: str) -> InputError:
     )
 
 
-def _cache_folder() -> Path:
-    return cache_folder("producer")
-
-
 def _built(product: _Product) -> Path:
     flags = aravis_flags() if product.aravis else []
     compiler = cxx_compiler()
-    kept = _cache_folder() / _source_hash(product, compiler) / product.file
+    kept = cache_folder("producer") / _source_hash(product, compiler) / product.file
     if not kept.exists():
         _put(kept, lambda file: _compile(product, compiler, file, flags))
     if not product.library and not os.access(kept, os.X_OK):
@@ -186,17 +180,13 @@ def _put(file: Path, make: Callable[[Path], object]) -> None:
     """Let `make` write beside `file`, then move it there whole: two programs may build at once."""
     try:
         scratch = scratch_beside(file)
+        try:
+            make(scratch / file.name)
+            with (scratch / file.name).open("rb") as made:
+                write_whole(file, made)
+        finally:
+            remove_own_folder(scratch)
     except OSError as error:
         raise OutputError(
             f"{file}: cannot be written ({error.strerror}).", "Free it, or name another folder."
         ) from error
-    try:
-        make(scratch / file.name)
-        with (scratch / file.name).open("rb") as made:
-            write_whole(file, made)
-    except OSError as error:
-        raise OutputError(
-            f"{file}: cannot be written ({error.strerror}).", "Free it, or name another folder."
-        ) from error
-    finally:
-        remove_own_folder(scratch)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -24,7 +23,10 @@ class SessionScenes:
         if not self._images:
             raise InputError(f"{session_folder} has no images to show.", "Take or render a session with images.")
         self.cameras = {serial_of(camera): camera for camera in session.cameras}
-        self.bits = {serial: _bits(self._paths(camera)) for serial, camera in self.cameras.items()}
+        self.bits = {
+            serial: _bits([images[camera.id] for images in self._images.values() if camera.id in images])
+            for serial, camera in self.cameras.items()
+        }
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -49,9 +51,6 @@ class SessionScenes:
                 f"other images say {width} x {height} as {kind.__name__}."
             )
         return image
-
-    def _paths(self, camera: CameraSpec) -> list[Path]:
-        return [paths[camera.id] for paths in self._images.values() if camera.id in paths]
 
 
 class RigFeed:
@@ -80,7 +79,7 @@ class RigFeed:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -1,5 +1,6 @@
 """The bytes of the shared memory region between the simulated cameras and their controller; region.h is its twin."""
 
+from collections import namedtuple
 from typing import Any
 
 import numpy as np
@@ -59,11 +60,12 @@ REGISTERS = _record(
     user_id=("S64", 128),
 )
 
-COUNTERS = (
-    "opened", "closed", "reads", "writes", "triggers", "triggers_dropped", "triggers_missed", "frames_exposed",
-    "frames_delivered", "frames_incomplete", "frames_lost", "frames_late", "frames_underrun", "acquisition_starts",
-    "acquisition_stops", "last_image",
-)  # fmt: skip
+# What a camera counts since its region was made; `last_image` is the number of the picture last sent.
+Counters = namedtuple(
+    "Counters",
+    "opened closed reads writes triggers triggers_dropped triggers_missed frames_exposed frames_delivered "
+    "frames_incomplete frames_lost frames_late frames_underrun acquisition_starts acquisition_stops last_image",
+)
 
 DEVICE = _record(
     PAGE,
@@ -98,7 +100,7 @@ DEVICE = _record(
     late_count=("i4", 256),
     late_ms=("u4", 260),
     crash_count=("i4", 264),
-    **{name: ("u8", 288 + 8 * i) for i, name in enumerate(COUNTERS)},
+    **{name: ("u8", 288 + 8 * i) for i, name in enumerate(Counters._fields)},
     acquiring=("u4", 416),
     open_by_pid=("u4", 420),
     powered=("u4", 424),

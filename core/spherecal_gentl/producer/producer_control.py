@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 from xml.etree import ElementTree
 
@@ -35,28 +34,6 @@ class SimulatedCamera:
     model: str = "Simulated 5M"
 
 
-@dataclass(frozen=True)
-class RegionCounters:
-    """What one camera has counted since its region was made; `last_image` is the number of the picture last sent."""
-
-    opened: int
-    closed: int
-    reads: int
-    writes: int
-    triggers: int
-    triggers_dropped: int
-    triggers_missed: int
-    frames_exposed: int
-    frames_delivered: int
-    frames_incomplete: int
-    frames_lost: int
-    frames_late: int
-    frames_underrun: int
-    acquisition_starts: int
-    acquisition_stops: int
-    last_image: int
-
-
 def simulated_cameras(count: int = 12) -> tuple[SimulatedCamera, ...]:
     """Five-megapixel cameras SIM01, SIM02, ..."""
     return tuple(SimulatedCamera(f"SIM{i + 1:02d}") for i in range(count))
@@ -67,8 +44,6 @@ class ProducerControl:
 
     Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods that
     take a serial number raise InputError where no simulated camera has it.
-
-    `name` None is an unused one.
     """
 
     def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
@@ -102,7 +77,7 @@ class ProducerControl:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -206,10 +181,7 @@ class ProducerControl:
         self._record(serial)["open_error"] = code
 
     def fail_reads(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register reads fail, of one feature or of any.
-
-        `times` None: until `clear_faults`; `feature` None: any.
-        """
+        """Register reads fail, of one feature or of any; `times` None: until `clear_faults`; `feature` None: any."""
         record = self._record(serial)
         record["read_error"] = code
         record["read_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
@@ -230,10 +202,7 @@ class ProducerControl:
         self._record(serial)["port_delay_us"] = round(seconds * 1e6)
 
     def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
-        """Waiting for a frame fails.
-
-        `times` None: until `clear_faults`.
-        """
+        """Waiting for a frame fails; `times` None: until `clear_faults`."""
         record = self._record(serial)
         record["event_error"] = code
         record["event_error_count"] = _count(times)
@@ -243,10 +212,7 @@ class ProducerControl:
         self._record(serial)["crash_count"] = 1
 
     def spoil_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames arrive incomplete: the lower half is missing.
-
-        `times` None: until `clear_faults`.
-        """
+        """Frames arrive incomplete: the lower half is missing; `times` None: until `clear_faults`."""
         self._record(serial)["incomplete_count"] = _count(times)
 
     def lose_frames(self, serial: str, times: int | None = 1) -> None:
@@ -285,10 +251,10 @@ class ProducerControl:
 
     # ---- what happened ----
 
-    def counters(self, serial: str) -> RegionCounters:
+    def counters(self, serial: str) -> layout.Counters:
         """What a camera has counted since its region was made."""
         record = self._record(serial)
-        return RegionCounters(*(int(record[name]) for name in layout.COUNTERS))
+        return layout.Counters(*(int(record[name]) for name in layout.Counters._fields))
 
     def settings(self, serial: str) -> dict[str, int | float | str]:
         """The present values of a camera's registers, by name (all zero before its first opening)."""

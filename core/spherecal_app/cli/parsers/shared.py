@@ -32,10 +32,7 @@ def flag(to: To, name: str, text: str) -> None:
 def word(
     to: To, name: str, metavar: str | None, text: str, *, required: bool = False, default: str | None = None
 ) -> None:
-    """Add an option that takes a word.
-
-    `name`, `metavar`, `text` None: by the option's name), and its help.
-    """
+    """Add an option that takes a word."""
     to.add_argument(name, metavar=metavar, default=default, help=text).required = required
 
 
@@ -48,10 +45,7 @@ def number(
     *,
     default: float | None = None,
 ) -> None:
-    """Add an option that takes a number.
-
-    `name`, `metavar`, `text` None: by the option's name), and its help.
-    """
+    """Add an option that takes a number."""
     to.add_argument(name, type=kind, metavar=metavar, default=default, help=text)
 
 

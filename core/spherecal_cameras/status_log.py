@@ -1,4 +1,4 @@
-"""What is known of the cameras on the program's side: their states, counters and the events not yet taken."""
+"""What a source knows of its cameras: their states, counters and the events not yet taken."""
 
 import logging
 import threading
@@ -7,8 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
 
-from spherecal_cameras.genicam.messages import Alive
-from spherecal_cameras.protocol import CameraEvent, CameraState, CameraStatus, EventKind
+from spherecal_cameras.protocol import CameraEvent, CameraState, CameraStatus, Counters, EventKind
 
 _EVENTS_KEPT = 1000
 
@@ -23,11 +22,11 @@ class StatusLog:
         self._statuses: dict[str, CameraStatus] = {}
         self._events: deque[CameraEvent] = deque(maxlen=_EVENTS_KEPT)
 
-    def keep_only(self, serials: Iterable[str]) -> None:
-        """Keep these cameras only; what is known of them stays."""
+    def keep_only(self, serials: Iterable[str], state: CameraState = CameraState.FOUND) -> None:
+        """Keep these cameras only; what is known of them stays, `state` is that of the others."""
         now = time.perf_counter()
         with self._lock:
-            fresh = {serial: CameraStatus(serial, CameraState.FOUND, since_s=now) for serial in serials}
+            fresh = {serial: CameraStatus(serial, state, since_s=now) for serial in serials}
             self._statuses = {serial: self._statuses.get(serial, new) for serial, new in fresh.items()}
 
     def statuses(self) -> dict[str, CameraStatus]:
@@ -61,24 +60,19 @@ class StatusLog:
         camera: str | None = None,
         status: CameraStatus | None = None,
     ) -> None:
-        """Note that something happened, and log it.
-
-        `camera` None for all cameras.
-        """
+        """Note that something happened, and log it."""
         with self._lock:
             self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
         well = kind == EventKind.SERVICE_BACK or (status is not None and status.state.usable)
         log.log(logging.INFO if well else logging.WARNING, "%s", message)
 
-    def count(self, report: Alive) -> None:
-        """Take over what the camera process has counted; what is counted here stays."""
+    def count(self, serial: str, counters: Counters, temperature_c: float | None) -> None:
+        """Take over what was counted elsewhere; what is counted here stays."""
         with self._lock:
-            for serial, counters in report.counters.items():
-                status = self._statuses.get(serial)
-                if status is not None:
-                    own = replace(counters, overwritten=status.counters.overwritten, reopened=status.counters.reopened)
-                    warm = report.temperatures.get(serial)
-                    self._statuses[serial] = replace(status, counters=own, temperature_c=warm)
+            status = self._statuses.get(serial)
+            if status is not None:
+                own = replace(counters, overwritten=status.counters.overwritten, reopened=status.counters.reopened)
+                self._statuses[serial] = replace(status, counters=own, temperature_c=temperature_c)
 
     def add(self, serial: str, overwritten: int = 0, reopened: int = 0) -> None:
         """Count images that could not be fetched in time, or returns after a loss."""

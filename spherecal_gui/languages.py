@@ -1,9 +1,11 @@
 """The languages of the window: Qt's translations of ours and of Qt's own words."""
 
 import re
+from collections.abc import Iterable
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
+from spherecal.base.messages import catalogue
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.base.resources import resource_path
 
@@ -52,6 +54,11 @@ def by_locale(text: str) -> str:
     if now() not in _WITH_COMMA:
         return text
     return _IN_A_ROW.sub(r"\1; ", _DECIMAL.sub(r"\1,\2", text))
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in a row within a sentence, parted as the language does it."""
+    return catalogue.table(now())["lists"]["default"].join(names)
 
 
 def unbroken(text: str) -> str:

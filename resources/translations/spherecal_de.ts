@@ -1122,8 +1122,8 @@ px</translation>
         <translation>{good} von {all} Kameras bereit</translation>
     </message>
     <message>
-        <source>without {cameras}</source>
-        <translation>ohne {cameras}</translation>
+        <source>{good} of {all} cameras ready, without {cameras}</source>
+        <translation>{good} von {all} Kameras bereit, ohne {cameras}</translation>
     </message>
     <message>
         <source>{nominal} nominal, {certified} certified</source>

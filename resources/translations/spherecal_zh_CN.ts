@@ -1122,8 +1122,8 @@ px</translation>
         <translation>{good}/{all} 台相机就绪</translation>
     </message>
     <message>
-        <source>without {cameras}</source>
-        <translation>缺少 {cameras}</translation>
+        <source>{good} of {all} cameras ready, without {cameras}</source>
+        <translation>{good}/{all} 台相机就绪，缺少 {cameras}</translation>
     </message>
     <message>
         <source>{nominal} nominal, {certified} certified</source>

@@ -116,7 +116,7 @@ _MOST_NAMED = 6
 def care_text(affected: "Sequence[Affected]") -> str:
     """What a calibration is to be used with care for."""
     cameras = [one.camera for one in affected if one.camera is not None]
-    parts = [", ".join(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
+    parts = [languages.listed(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
     parts += [translate("Results", "the scale")] if any(one.scale for one in affected) else []
     parts += [translate("Results", "a part of the volume")] if any(one.region_mm for one in affected) else []
     return "; ".join(parts)
@@ -229,7 +229,7 @@ def compared_text(compared: "Compared | None") -> tuple[str, Level]:
         text = translate("Results", "lengths change by up to {mm:.3f} mm")
         parts.append(text.format(mm=abs(found.length_mm)))
     if moved:
-        parts.append(translate("Results", "{cameras} moved").format(cameras=", ".join(moved)))
+        parts.append(translate("Results", "{cameras} moved").format(cameras=languages.listed(moved)))
     else:
         parts.append(translate("Results", "no camera stands out"))
     return f"{since} {', '.join(parts)}.", "caution" if moved else "none"
@@ -315,7 +315,7 @@ def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> F
         finding.words("message", languages.now()),
         finding.words("hint", languages.now(), with_options=not has_buttons),
         actions,
-        ", ".join(named[:_MOST_NAMED]) + (" …" if len(named) > _MOST_NAMED else ""),
+        languages.listed(named[:_MOST_NAMED]) + (" …" if len(named) > _MOST_NAMED else ""),
     )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui import languages
 from spherecal_gui.presenters.placement_presenter import Scene, is_stuck, ready_text, short_text
 from spherecal_gui.standing import Button, Level, Said
 from spherecal_gui.texts import reason_text
@@ -161,7 +162,7 @@ def placement_says(f: PlacementFacts) -> Said:
 
 
 def _placement_button(f: PlacementFacts) -> Button:
-    lost = ", ".join(f.scene.lost)
+    lost = languages.listed(f.scene.lost)
     words = translate("State", "Capture  (space)")
     if lost:
         words = translate("State", "Capture without {cameras}").format(cameras=lost)
@@ -209,8 +210,8 @@ def _placement_also(f: PlacementFacts) -> frozenset[str]:
 
 def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
     scene = f.scene
-    lost, poor = ", ".join(scene.lost), list(scene.short)
-    few, seen = ", ".join(poor[:_NAMED]), any(scene.counts.values())
+    lost, poor = languages.listed(scene.lost), list(scene.short)
+    few, seen = languages.listed(poor[:_NAMED]), any(scene.counts.values())
     turn = translate("State", "Turn or move the ball: {names} sees too little").format(names=few)
     where = "" if f.to_go is None else move_text(f.to_go)
     return _first(

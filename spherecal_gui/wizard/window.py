@@ -9,7 +9,7 @@ from PySide6.QtGui import QCloseEvent, QFocusEvent, QGuiApplication, QKeyEvent, 
 from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import bump_text
@@ -269,6 +269,7 @@ class WizardWindow(WindowFrame):
         if state is None or self.page is None or self._shown_step is None or state.current != self._shown_step.id:
             return
         self.page.alarmed = self.banner.alarms
+        self._show_source()
         standing = self.page.standing()
         self.rail.show_state(state, standing)
         self._sound_ready(standing)
@@ -283,6 +284,15 @@ class WizardWindow(WindowFrame):
         self._ready = ready
 
     def _show_status(self) -> None:
+        self._show_source()
+        self._lost = self.controller.cameras.lost()
+        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
+        self.validity.show_state(word, level, details)
+        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
+        self.start.validity.show_state(word, level, details)
+
+    def _show_source(self) -> None:
+        """Where the images come from, and from how many cameras."""
         project, connection = self.controller.project, self.controller.cameras.connection
         self.source.setVisible(project is not None)
         if project is not None:
@@ -291,20 +301,16 @@ class WizardWindow(WindowFrame):
             if connection is not None:
                 found = self.tr("{count} cameras").format(count=len(connection.names))
             if lost:
-                found = self.tr("without {cameras}").format(cameras=", ".join(lost))
+                found = self.tr("without {cameras}").format(cameras=languages.listed(lost))
             live = project.source.startswith("genicam")
             state = self.controller.state
             kind = state.now.step.kind if state is not None else None
-            level = camera_level(bool(lost), connection is not None, kind, live)
+            says = self.page.said().level if self.page is not None and kind == "connect" else "none"
+            level = camera_level(bool(lost), connection is not None, kind, live, says)
             if connection is None and self.controller.runner.running == "connect":
                 found, level = self.tr("connecting"), "none"
-            self._lost = lost
             details = connection.source.label if connection is not None else ""
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
-        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
-        self.validity.show_state(word, level, details)
-        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
-        self.start.validity.show_state(word, level, details)
 
     def _say(self, kind: str, text: str, hint: str) -> None:
         if kind == "good" or (kind == "bad" and self._page_tells(text)):  # a message would only push the page about

@@ -21,6 +21,7 @@ from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal_gui import coverage as cov
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.bars_presenter import (
     budget_cells,
     errors_of,
@@ -269,6 +270,14 @@ def test_an_ill_link_names_the_remedy():
     assert "10 % of the images damaged. Check cable" in line.word
     (line,) = camera_lines(connection({"S1": status(delivered=0, incomplete=10)}), ())
     assert line.level == "bad", "no image arrives whole"
+
+
+def test_a_camera_whose_images_all_arrive_damaged_is_lost(qapp):
+    cameras = Controller().cameras
+    cameras.connection = connection(
+        {"S1": status(delivered=90, incomplete=10), "S2": status(delivered=0, incomplete=9)}
+    )
+    assert cameras.lost() == ("C-S2",)
 
 
 # --- calibrate -------------------------------------------------------------------------------------------------------

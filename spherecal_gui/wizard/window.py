@@ -512,6 +512,17 @@ class WizardWindow(WindowFrame):
         self._say("info", self.tr("Work is running; wait for it or cancel it."), "")
         return False
 
+    def _work_ended(self) -> bool:
+        """Stop what runs; whether it has ended. Nobody waits for kernels that are still compiled."""
+        if self.controller.runner.close(_PATIENCE_MS):
+            return True
+        from spherecal.base.kernels import state  # needs NumPy, which the work has loaded
+
+        if state() != "to compile":
+            return False
+        self.controller.runner.abandon(0)
+        return True
+
     def closeEvent(self, event: QCloseEvent) -> None:
         """Everything is on disk: stop what runs, let go of the cameras."""
         if self._closed:
@@ -526,7 +537,7 @@ class WizardWindow(WindowFrame):
             return
         self.settings.geometry = self.saveGeometry()
         self.settings.sync()
-        if not self.controller.runner.close(_PATIENCE_MS) or not self.start.close_work():
+        if not self._work_ended() or not self.start.close_work():
             self._timer.start()
             self.controller.changed.connect(self.refresh)
             self.controller.runner.lasted.connect(self._remember_pace)

@@ -32,9 +32,9 @@ class CheckController(ControllerPart):
 
     def load(self, project: Project) -> None:
         """Take up the check that is kept with a project."""
-        from spherecal_gui.tasks.kept_check import read_kept_check  # needs scipy
-
         if project.checked is not None:
+            from spherecal_gui.tasks.kept_check import read_kept_check  # needs scipy, OpenCV and the kernels: a second
+
             kept = read_kept_check(project.folder)
             self.found = kept if kept is not None and kept.verdict == project.checked.verdict else None
 

@@ -233,6 +233,8 @@ class VerifyPage(ScalePage):
             part.setVisible(not shown)
         for part in (self.limit, self.limit_label):  # beside the poses there is no room for it from afar
             part.setVisible(shown or not theme.is_far())
+        self.limit_label.setWordWrap(not shown)  # alone in its row it has all the room
+        self.limit_label.setFixedWidth(self.limit_label.sizeHint().width() if shown else _LIMIT_PX)
         bars = self.controller.result.bars if self.controller.result is not None else None
         if shown and bars is not None:
             state = self.state

@@ -157,6 +157,6 @@ def makers_rows(system: str = sys.platform) -> list[tuple[str, str, str, str]]:
         if maker is ANY_MAKER and not folders:
             continue
         name = maker.name or translate("Drivers", "any maker (GigE, USB3 Vision)")
-        none = translate("Drivers", "as its installer says, in {name}").format(name=ENVIRONMENT)
+        none = translate("Drivers", "as its installer says")
         rows.append((name, maker.driver, "\n".join(maker.files), "\n".join(folders) or none))
     return rows

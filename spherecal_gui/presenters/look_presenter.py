@@ -102,7 +102,7 @@ def tile_state(
     if level == "good":
         level, word, summed = _focus(sight)
     if level == "good" and not len(sight.dots) and expected.by_some:
-        level, word = "none", translate("Look", "does not see it; not every camera has to")
+        level, word = "none", translate("Look", "not needed here")
     if level == "good" and not len(sight.dots):
         level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
     return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))

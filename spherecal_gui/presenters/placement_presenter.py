@@ -120,7 +120,7 @@ class NeedLine:
     @property
     def text(self) -> str:
         """In plain words."""
-        return f"{self.message} {self.all_words if self.everyone else ', '.join(self.cameras)}"
+        return f"{self.message} {self.all_words if self.everyone else languages.listed(self.cameras)}"
 
 
 def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple[NeedLine | None, NeedLine | None]:

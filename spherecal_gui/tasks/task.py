@@ -18,7 +18,7 @@ _LEFT: list[Callable[[], object]] = []  # whether work runs on that was left beh
 
 
 def leave_behind(runs: Callable[[], object]) -> None:
-    """Nobody waits for this work any more: it compiles kernels, which nothing interrupts. `runs`: whether it still does."""
+    """Nobody waits for this work any more: it compiles kernels. `runs`: whether it still does."""
     _LEFT.append(runs)
 
 

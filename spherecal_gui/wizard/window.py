@@ -25,13 +25,19 @@ from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dial
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys, Onward
 from spherecal_gui.wizard.limits_viewer import show_limits, take_over_limits
-from spherecal_gui.wizard.page_classes import page_class
+from spherecal_gui.wizard.page_classes import load_pages, page_class
 from spherecal_gui.workflow import Status, Step
 
 _TICK_MS = 100
 _LOOK_EVERY = 10  # ticks between two looks for the project's folder
 _PATIENCE_MS = 5000
-_SAID_BY_PAGES = ("taken without", "taken moving", "not valid", "recalibrate")  # reasons that a headline has
+_SAID_BY_PAGES = (
+    "inconsistent",
+    "taken without",
+    "taken moving",
+    "not valid",
+    "recalibrate",
+)  # reasons that a headline has
 
 
 class WizardWindow(WindowFrame):
@@ -76,6 +82,7 @@ class WizardWindow(WindowFrame):
         self.controller.runner.lasted.connect(self._remember_pace)
         if self._own:
             self.controller.cameras.driver_asked.connect(self._ask_driver)
+            self.controller.cameras.connected.connect(load_pages)
             self.controller.cameras.somebody_answers = True
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)

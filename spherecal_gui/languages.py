@@ -5,7 +5,6 @@ from collections.abc import Iterable
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
-from spherecal.base.messages import catalogue
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.base.resources import resource_path
 
@@ -58,7 +57,7 @@ def by_locale(text: str) -> str:
 
 def listed(names: Iterable[str]) -> str:
     """Names in a row within a sentence, parted as the language does it."""
-    return catalogue.table(now())["lists"]["default"].join(names)
+    return ("、" if now() == "zh_CN" else ", ").join(names)  # as the catalogue of messages has it
 
 
 def unbroken(text: str) -> str:

@@ -1440,13 +1440,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>ErrorChart</name>
-    <message>
-        <source>error, mm</source>
-        <translation>误差，mm</translation>
-    </message>
-</context>
-<context>
     <name>Errors</name>
     <message>
         <source>Something went wrong inside the program ({kind}: {text}).</source>

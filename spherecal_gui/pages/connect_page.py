@@ -80,7 +80,7 @@ class CameraRow(QWidget):
         self.picture.setFixedSize(int(theme.pt(60 if narrow else 76)), int(theme.pt(45 if narrow else 57)))
         self.name = Elided("", "big")
         self.about = Elided("", "soft")
-        self.word = Elided("", "") if narrow else label("")
+        self.word = label("")  # what to do about it, in full
         self.which = button(self.tr("Which is it?"), f"camera-{line.name}", "link" if narrow else "")
         if narrow:
             self.which.setText("?")
@@ -272,7 +272,7 @@ class ConnectPage(Page):
     def _bench(self) -> Card:
         """What should lie on the bench, and how that is chosen."""
         self.bench = Card(self.tr("On the bench"))
-        self.bench.setMinimumWidth(int(theme.pt(_BENCH_PT)))
+        self.bench.body.addStrut(int(theme.pt(_BENCH_PT)))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
         column = QVBoxLayout(rows)
@@ -379,6 +379,8 @@ class ConnectPage(Page):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """With large text a small screen has no room for pictures."""
         super().resizeEvent(event)
+        if not self.has_room:
+            self.space.view.hide()
         for row in self._rows.values():
             row.show_picture()
 

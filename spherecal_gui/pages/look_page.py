@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import MOST_GAIN_DB
 from spherecal_gui.pages.live_page import LivePage
@@ -40,9 +41,10 @@ class LookPage(LivePage):
         self.wall = Wall(renames=True)
         self.wall.masked.connect(self.controller.recording.mask)
         self.wall.renamed.connect(self.controller.tuning.name_camera)
-        tools = QHBoxLayout()
         self.message = label("", "soft")
-        tools.addWidget(self.message, 1)
+        column.addWidget(self.message)
+        tools = QHBoxLayout()
+        tools.addStretch(1)
         for one in (*self._for_all(), *self._of_masks()):
             tools.addWidget(one)
         column.addLayout(tools)
@@ -121,9 +123,11 @@ class LookPage(LivePage):
             text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
         self.message.setText(text)
         for one in (self.format, self.gain, self.expose):  # one row has no room for all
-            one.setVisible(not self.draw.isChecked())
+            one.setVisible(not self.draw.isChecked() and (one is self.expose or not theme.is_far()))
         for one in (self.undo, self.clear):
             one.setVisible(self.draw.isChecked())
+        self.worst.setVisible(not self.draw.isChecked())
+        self.message.setVisible(bool(text))
         idle = self.controller.runner.running is None
         busy, none = self.tr("Work is running."), self.tr("There are no masks.")
         connected = self.controller.cameras.connection is not None

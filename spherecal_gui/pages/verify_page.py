@@ -377,7 +377,8 @@ class VerifyPage(ScalePage):
         elif planned is not None:
             bars = replace(bars, guide=(lay_text(planned), "none", False))
         outcome = self.outcome.words if self.shows_outcome else None
-        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken))
+        outdated = state is not None and state.reason is not None and state.reason.code == "calibration stale"
+        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated))
 
     @property
     def _any_taken(self) -> bool:
@@ -385,5 +386,6 @@ class VerifyPage(ScalePage):
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Take the next pose, or measure."""
-        return {"capture": self._take, "measure": self._measure}
+        """Take the next pose, or measure; first see why the calibration is out of date."""
+        see = {"results": lambda: self.controller.go("calibrate")}
+        return {"capture": self._take, "measure": self._measure, **see}

@@ -348,6 +348,7 @@ class VerifyFacts:
     measuring: bool = False
     current: bool = True  # what was measured is of the poses, the calibration and the limit of now
     taken: bool = False
+    outdated: bool = False  # the calibration itself is out of date
 
 
 def verify_says(f: VerifyFacts) -> Said:
@@ -362,6 +363,8 @@ def verify_says(f: VerifyFacts) -> Said:
         level = f.outcome[1]
         if f.bar.work:
             return Said(level, f.outcome[0], Button(words, "measure", False, _busy()))
+        if f.outdated:  # to measure with it would be in vain
+            return Said(level, f.outcome[0], Button(translate("State", "See what has changed"), "results"))
         again = translate("State", "It is measured; retake a pose to measure again.")
         button = Button(words, "measure", False, again, done=True) if f.current else Button(words, "measure")
         return Said(level, f.outcome[0], button)

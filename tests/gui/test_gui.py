@@ -89,7 +89,8 @@ def test_nothing_heavy_is_loaded_before_the_window_stands(home):
 def test_a_project_is_begun_before_anything_heavy_is_loaded(home):
     """The first click: the window stood still for a second of imports. Those of the cameras are the worker's."""
     code = (
-        "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication; from spherecal_gui import app\n"
+        "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
+        "from spherecal_gui import app\n"
         "a = QApplication(['x']); w = app.make_window(Path(sys.argv[1])); w.show(); a.processEvents()\n"
         "w.controller.cameras.connect_all = lambda: None\n"
         "w.new_project('simulated:demo'); a.processEvents()\n"

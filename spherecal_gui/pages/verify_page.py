@@ -392,5 +392,8 @@ class VerifyPage(ScalePage):
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Take the next pose, or measure; first see why the calibration is out of date."""
-        see = {"results": lambda: self.controller.go("calibrate")}
-        return {"capture": self._take, "measure": self._measure, **see}
+        return {
+            "capture": self._take,
+            "measure": self._measure,
+            "results": lambda: self.controller.go("calibrate"),
+        }

@@ -247,7 +247,8 @@ class Walk:
         for key, wanted in (("calibrated", "valid"), ("verified", "consistent")):
             if (project.get(key) or {}).get("verdict") != wanted:
                 sys.exit(f"{key}: {project.get(key)}")
-        self.press("save-profile")
+        self.wait(lambda: self.offer() == "Save and put to use", "it can be saved")
+        self.click("action")
         self.wait((self.folder / "projects" / "training-profile" / "rig.json").is_file, "the profile")
         self.wait(lambda: self.offer() == "Write the report", "it is saved")
         self.click("action")

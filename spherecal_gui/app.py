@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import os
 import sys
 import threading
 import traceback
@@ -19,6 +20,7 @@ from spherecal_gui import click_map, languages
 from spherecal_gui.ending import Ending, end_children
 from spherecal_gui.tasks.compiling import Compiling
 from spherecal_gui.tasks.garbage import Collector
+from spherecal_gui.tasks.task import something_left
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.wizard.window_settings import WindowSettings
@@ -109,6 +111,10 @@ def main(arguments: list[str] | None = None) -> int:
     program.compiling.stop()
     end_children()
     collector.stop()
+    if something_left():  # a library must not be unloaded under a thread that compiles; all is on disk
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
     return code
 
 

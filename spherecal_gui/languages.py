@@ -1,6 +1,7 @@
 """The languages of the window: Qt's translations of ours and of Qt's own words."""
 
 import re
+from collections.abc import Iterable
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
@@ -52,6 +53,11 @@ def by_locale(text: str) -> str:
     if now() not in _WITH_COMMA:
         return text
     return _IN_A_ROW.sub(r"\1; ", _DECIMAL.sub(r"\1,\2", text))
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in a row within a sentence, parted as the language does it."""
+    return ("、" if now() == "zh_CN" else ", ").join(names)  # as the catalogue of messages has it
 
 
 def unbroken(text: str) -> str:

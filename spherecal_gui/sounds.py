@@ -12,6 +12,7 @@ from PySide6.QtCore import QCoreApplication, QProcess
 
 from spherecal.base.filesystem import remove_below
 from spherecal.base.working_folder import find_program
+from spherecal_gui import languages
 
 translate = QCoreApplication.translate
 
@@ -73,7 +74,7 @@ class Sounds:
         if self._player is None:
             return translate(
                 "Sounds", "There is no program that plays sounds; one of these is needed: {names}."
-            ).format(names=", ".join(name for name, *_ in _PLAYERS))
+            ).format(names=languages.listed(name for name, *_ in _PLAYERS))
         playing = QProcess()
         playing.start(self._player[0], [*self._player[1:], str(self._file("done"))])
         ended = playing.waitForFinished(_TEST_MS)

@@ -120,11 +120,11 @@ def status_shown(status: Status, level: Level) -> Status:
     return Status.CARE if level == "caution" and status is Status.DONE else status
 
 
-def camera_level(lost: bool, connected: bool, kind: StepKind | None, live: bool) -> Level:
+def camera_level(lost: bool, connected: bool, kind: StepKind | None, live: bool, page: Level = "none") -> Level:
     """The colour of the chip with the cameras: red only where the page needs them, and never greener than the page.
 
-    `kind` None: no project is open.
+    `kind` None: no project is open. `page`: what the page says of the cameras.
     """
     if (lost or not connected) and (kind is None or kind in NEEDS_CAMERAS):
         return "bad"
-    return "caution" if lost or not connected or not live else "good"
+    return worst((page, "caution" if lost or not connected or not live else "good"))

@@ -84,7 +84,7 @@ def reason_text(reason: Reason | None) -> str:
     if reason is None:
         return ""
     values = tuple(input_name(value) for value in reason.values)
-    joined = ", ".join(values)
+    joined = languages.listed(values)
     texts = {
         "connect first": translate("Reasons", "The cameras are not connected."),
         "confirm the bench": translate("Reasons", "Nobody has confirmed yet which ball and bars are on the bench."),
@@ -123,14 +123,14 @@ def reason_text(reason: Reason | None) -> str:
         return text.format(have=reason.values[0], need=reason.values[1])
     if reason.code == "flawed":
         text = translate("Reasons", "{name} is not good ({cameras}): retake it, or keep it as it is.")
-        return text.format(name=values[0], cameras=", ".join(values[1:]))
+        return text.format(name=values[0], cameras=languages.listed(values[1:]))
     return texts[reason.code]
 
 
 def moved_text(cameras: tuple[str, ...]) -> str:
     """That cameras were moved, and what to do."""
     text = translate("Reasons", "{names} was moved. Tighten its mount, then press “Fixed again”.")
-    return text.format(names=", ".join(cameras))
+    return text.format(names=languages.listed(cameras))
 
 
 def camera_trouble(status: "CameraStatus") -> str:

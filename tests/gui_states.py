@@ -96,6 +96,7 @@ def _facts(_: str) -> dict[Any, list]:
             measuring=ON,
             current=ON,
             taken=ON,
+            outdated=ON,
         ),
         st.calibrate_says: every(
             st.CalibrateFacts,

@@ -34,6 +34,7 @@ from spherecal_cameras.status_log import StatusLog
 
 _PULSE_S = 0.001  # apart from each other in a simulated set
 _PAUSE_S = 0.02
+_PATIENCE_S = 2.0  # an image is rendered in 0.5 s at most; kernels of the first one are compiled for up to a minute
 
 
 @runtime_checkable
@@ -178,8 +179,9 @@ class InProcessSource(ABC):
             raise CameraError(Phrase("error-none-open"))
         self.stop_live()
         self._live_hz = rate_hz
-        self._live_end.clear()
-        self._live = threading.Thread(target=self._run_live, args=(1.0 / rate_hz,), name="live", daemon=True)
+        self._live_end = threading.Event()
+        arguments = (1.0 / rate_hz, self._live_end)
+        self._live = threading.Thread(target=self._run_live, args=arguments, name="live", daemon=True)
         self._live.start()
         for serial in self._settings:
             self._log.set_state(serial, CameraState.STREAMING)
@@ -188,26 +190,29 @@ class InProcessSource(ABC):
         """No images but those of sets."""
         if self._live is not None:
             self._live_end.set()
-            self._live.join()
+            self._live.join(_PATIENCE_S)
             self._live = None
             self._live_hz = None
             for serial in self._settings:
                 if self.statuses()[serial].state == CameraState.STREAMING:
                     self._log.set_state(serial, CameraState.CONNECTED)
 
-    def _run_live(self, period_s: float) -> None:
-        while not self._live_end.is_set():
+    def _run_live(self, period_s: float, end: threading.Event) -> None:
+        while not end.is_set():
             began = time.perf_counter()
             for serial, settings in list(self._settings.items()):
-                if self._live_end.is_set():
+                if end.is_set():
                     return
                 try:
-                    self._deliver(self.take_image(serial, settings, 0, 1, period_s))
+                    image = self.take_image(serial, settings, 0, 1, period_s)
+                    if end.is_set():
+                        return
+                    self._deliver(image)
                     self._log.set_state(serial, CameraState.STREAMING)
                 except NoImage as missing:
                     if missing.state is not None:
                         self._log.set_state(serial, missing.state, missing.cause, missing.remedy)
-            self._live_end.wait(max(period_s - (time.perf_counter() - began), _PAUSE_S))
+            end.wait(max(period_s - (time.perf_counter() - began), _PAUSE_S))
 
     def latest(self, serial: str) -> Frame | None:
         """The camera's newest image, None if there was none yet."""

@@ -1122,8 +1122,8 @@ px</translation>
         <translation>{good} von {all} Kameras bereit</translation>
     </message>
     <message>
-        <source>without {cameras}</source>
-        <translation>ohne {cameras}</translation>
+        <source>{good} of {all} cameras ready, without {cameras}</source>
+        <translation>{good} von {all} Kameras bereit, ohne {cameras}</translation>
     </message>
     <message>
         <source>{nominal} nominal, {certified} certified</source>
@@ -1389,8 +1389,8 @@ px</translation>
         <translation>jeder Hersteller (GigE, USB3 Vision)</translation>
     </message>
     <message>
-        <source>as its installer says, in {name}</source>
-        <translation>wie das Installationsprogramm sagt, in {name}</translation>
+        <source>as its installer says</source>
+        <translation>wie sein Installer sagt</translation>
     </message>
     <message>
         <source>Load it</source>
@@ -1437,13 +1437,6 @@ px</translation>
     <message>
         <source>{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.</source>
         <translation>{camera} hat sich über die Aufstellungen am meisten gedreht: {px:.2f} px. Halterung und Kabel ansehen.</translation>
-    </message>
-</context>
-<context>
-    <name>ErrorChart</name>
-    <message>
-        <source>length error, mm</source>
-        <translation>Längenabweichung, mm</translation>
     </message>
 </context>
 <context>
@@ -1505,6 +1498,10 @@ px</translation>
     <message>
         <source>Nothing to complain about.</source>
         <translation>Nichts zu beanstanden.</translation>
+    </message>
+    <message>
+        <source>{title}: {where}</source>
+        <translation>{title}: {where}</translation>
     </message>
     <message>
         <source>It is already requested: calibrate again.</source>
@@ -2081,10 +2078,6 @@ px</translation>
         <translation>allein um {px:.0f} px bewegt. Sitzt sie fest?</translation>
     </message>
     <message>
-        <source>does not see it; not every camera has to</source>
-        <translation>sieht ihn nicht; nicht jede Kamera muss</translation>
-    </message>
-    <message>
         <source>no targets in sight</source>
         <translation>keine Zielmarken in Sicht</translation>
     </message>
@@ -2147,6 +2140,10 @@ px</translation>
     <message>
         <source>{ms:g} ms</source>
         <translation>{ms:g} ms</translation>
+    </message>
+    <message>
+        <source>not needed here</source>
+        <translation>hier nicht nötig</translation>
     </message>
     <message>
         <source>sharp</source>
@@ -2796,8 +2793,12 @@ px</translation>
         <translation>keine Residuen</translation>
     </message>
     <message>
-        <source>{name}: errors drawn {gain:.0f} times larger, most below {usual:.3f} px; {out} dots left out</source>
-        <translation>{name}: Fehler {gain:.0f}-mal größer gezeichnet, meist unter {usual:.3f} px; {out} Punkte weggelassen</translation>
+        <source>Drawn {gain:.0f} times larger; most below {usual:.3f} px</source>
+        <translation>{gain:.0f}-mal vergrößert; die meisten unter {usual:.3f} px</translation>
+    </message>
+    <message>
+        <source>; {out} left out</source>
+        <translation>; {out} ausgelassen</translation>
     </message>
 </context>
 <context>

@@ -1122,8 +1122,8 @@ px</translation>
         <translation>{good}/{all} 台相机就绪</translation>
     </message>
     <message>
-        <source>without {cameras}</source>
-        <translation>缺少 {cameras}</translation>
+        <source>{good} of {all} cameras ready, without {cameras}</source>
+        <translation>{good}/{all} 台相机就绪，缺少 {cameras}</translation>
     </message>
     <message>
         <source>{nominal} nominal, {certified} certified</source>
@@ -1389,8 +1389,8 @@ px</translation>
         <translation>任何厂商 (GigE, USB3 Vision)</translation>
     </message>
     <message>
-        <source>as its installer says, in {name}</source>
-        <translation>由安装程序写在 {name} 中</translation>
+        <source>as its installer says</source>
+        <translation>以其安装程序所示为准</translation>
     </message>
     <message>
         <source>Load it</source>
@@ -1437,13 +1437,6 @@ px</translation>
     <message>
         <source>{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.</source>
         <translation>各次摆放期间 {camera} 转动最多：{px:.2f} px。请检查其支架和电缆。</translation>
-    </message>
-</context>
-<context>
-    <name>ErrorChart</name>
-    <message>
-        <source>length error, mm</source>
-        <translation>长度误差，mm</translation>
     </message>
 </context>
 <context>
@@ -1505,6 +1498,10 @@ px</translation>
     <message>
         <source>Nothing to complain about.</source>
         <translation>没有问题。</translation>
+    </message>
+    <message>
+        <source>{title}: {where}</source>
+        <translation>{title}：{where}</translation>
     </message>
     <message>
         <source>It is already requested: calibrate again.</source>
@@ -2081,10 +2078,6 @@ px</translation>
         <translation>仅此相机移动了 {px:.0f} px。固定好了吗？</translation>
     </message>
     <message>
-        <source>does not see it; not every camera has to</source>
-        <translation>看不到；不必每台相机都看到</translation>
-    </message>
-    <message>
         <source>no targets in sight</source>
         <translation>看不到靶标</translation>
     </message>
@@ -2147,6 +2140,10 @@ px</translation>
     <message>
         <source>{ms:g} ms</source>
         <translation>{ms:g} ms</translation>
+    </message>
+    <message>
+        <source>not needed here</source>
+        <translation>此处不需要</translation>
     </message>
     <message>
         <source>sharp</source>
@@ -2796,8 +2793,12 @@ px</translation>
         <translation>无残差</translation>
     </message>
     <message>
-        <source>{name}: errors drawn {gain:.0f} times larger, most below {usual:.3f} px; {out} dots left out</source>
-        <translation>{name}：误差放大 {gain:.0f} 倍绘制，多数小于 {usual:.3f} px；略去 {out} 个圆点</translation>
+        <source>Drawn {gain:.0f} times larger; most below {usual:.3f} px</source>
+        <translation>放大 {gain:.0f} 倍；大多低于 {usual:.3f} px</translation>
+    </message>
+    <message>
+        <source>; {out} left out</source>
+        <translation>；略去 {out} 个</translation>
     </message>
 </context>
 <context>

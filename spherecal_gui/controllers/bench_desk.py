@@ -53,7 +53,7 @@ class Imported:
         parts = [translate("Bench", "Bars taken over: {count}.").format(count=len(self.entered))]
         if self.other:
             message = translate("Bench", "With other figures than the library's, which can be undone: {bars}.")
-            parts.append(message.format(bars=", ".join(self.other)))
+            parts.append(message.format(bars=languages.listed(self.other)))
         if self.lines:
             parts.append(translate("Bench", "Lines that could not be used: {count}.").format(count=len(self.lines)))
         return " ".join(parts) + "".join(f"\n{line}" for line in self.lines)

@@ -22,12 +22,16 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from spherecal_cameras.driver_help import DriverTrouble
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
+    from spherecal_cameras.protocol import Counters
     from spherecal_gui.tasks.live_detection import Connection, LiveView
 
 translate = QCoreApplication.translate
 
 # Sight of the cameras while somebody aims them; detection takes 45 ms an image of 1.3 MP here and sets its own pace.
 LIVE_HZ = 5.0
+
+# Damaged images, and not one whole, until a camera counts as lost; the first ones may break while it starts.
+_ALL_DAMAGED = 5
 
 _Found = TypeVar("_Found")  # what a piece of work gives
 
@@ -237,14 +241,14 @@ class CameraController(ControllerPart):
     # --- lost, moved -------------------------------------------------------------------------------------------------
 
     def lost(self) -> tuple[str, ...]:
-        """The names of cameras that send no images now."""
+        """The names of cameras that send no images now, or none that is whole."""
         if self.connection is None:
             return ()
         statuses = self.connection.source.statuses()
         return tuple(
             name
             for serial, name in self.connection.names.items()
-            if serial in statuses and not statuses[serial].state.usable
+            if serial in statuses and not (statuses[serial].state.usable and _some_whole(statuses[serial].counters))
         )
 
     def moved(self) -> tuple[str, ...]:
@@ -336,3 +340,7 @@ def keep_in_profile(serials: Iterable[str], **changes: object) -> None:
 def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
     """The parts of a camera's image in which nothing is a target: left, top, width and height in px."""
     return tuple(rectangle for name, rectangle in project.masks if name == camera)
+
+
+def _some_whole(counted: "Counters") -> bool:
+    return counted.delivered > 0 or counted.incomplete + counted.underrun < _ALL_DAMAGED

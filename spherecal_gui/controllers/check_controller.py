@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.context import Context
+from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
@@ -31,9 +32,9 @@ class CheckController(ControllerPart):
 
     def load(self, project: Project) -> None:
         """Take up the check that is kept with a project."""
-        from spherecal_gui.tasks.kept_check import read_kept_check  # needs scipy
-
         if project.checked is not None:
+            from spherecal_gui.tasks.kept_check import read_kept_check  # needs scipy, OpenCV and the kernels: a second
+
             kept = read_kept_check(project.folder)
             self.found = kept if kept is not None and kept.verdict == project.checked.verdict else None
 
@@ -93,7 +94,9 @@ class CheckController(ControllerPart):
             text = translate("Check", "The repaired calibration is in use, as number {number}.")
             self.main.tell("good", text.format(number=number))
 
-        note = translate("Check", "repaired after a check: {cameras}").format(cameras=", ".join(self.repaired_names))
+        note = translate("Check", "repaired after a check: {cameras}").format(
+            cameras=languages.listed(self.repaired_names)
+        )
 
         def work(context: Context) -> str:
             return jobs.save_profile(project.repair_folder, project.folder, profile, True, note, context)

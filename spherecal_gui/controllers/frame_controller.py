@@ -79,11 +79,11 @@ class FrameController(ControllerPart):
 
     def _frame_of_profile(self) -> "UserFrame | None":
         """The frame kept with the rig; None where there is none, or where it is of another camera's world."""
-        from spherecal_rigs.frame_file import read_frame  # needs scipy
-
         path = profile_of(self.project) / FRAME if self.project is not None else None
         if path is None or self.main.outcome is None or not path.is_file():
             return None
+        from spherecal_rigs.frame_file import read_frame  # needs scipy
+
         try:
             kept = read_frame(path)
         except InputError as error:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.context import Context
+from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
@@ -68,7 +69,7 @@ class SetController(ControllerPart):
         moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)
         flaws: dict[changes.FlawCode, tuple[str, ...]] = {"taken without": lacking, "taken moving": moving}
         self.main.update(changes.with_set(self.project, taken.set_id, at, flaws))
-        missing, moved = ", ".join(lacking), ", ".join(moving)
+        missing, moved = languages.listed(lacking), languages.listed(moving)
         if missing:
             text = translate("Placement", "{name} is captured, but without {cameras}.").format(
                 name=taken.set_id, cameras=missing

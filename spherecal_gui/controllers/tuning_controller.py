@@ -155,7 +155,7 @@ class TuningController(ControllerPart):
             self._tuned.update(found[0])
             if found[1]:
                 message = translate("Look", "Not as wanted: {names}. Their driver took the nearest setting.")
-                self.main.tell("bad", message.format(names=", ".join(names[one] for one in found[1])))
+                self.main.tell("bad", message.format(names=languages.listed(names[one] for one in found[1])))
             self._set_up(False)
 
         return self.runner.start("connect", work, done, self.main.failed("connect"))

@@ -6,6 +6,7 @@ from pathlib import Path
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
+from spherecal_gui import languages
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
@@ -109,7 +110,7 @@ class CheckPage(Page):
         idle, repaired_run = self.controller.runner.running is None, self.open_project.repaired
         moved = found.to_repair if there and found is not None else ()
         repaired = there and after is not None
-        self.repair.setText(self.tr("Repair {cameras}").format(cameras=", ".join(moved)))
+        self.repair.setText(self.tr("Repair {cameras}").format(cameras=languages.listed(moved)))
         self.repair.setVisible(bool(moved) and not repaired)
         self.repair.setEnabled(idle)
         good = repaired_run is not None and usable(repaired_run.verdict)

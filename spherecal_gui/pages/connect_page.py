@@ -55,6 +55,7 @@ from spherecal_gui.widgets.bench_view import BenchView
 from spherecal_gui.widgets.thumbnail import Thumbnail
 
 _ROOMY_PX = 1200
+_BENCH_PT = 237  # what its rows need in two lines at most; Chinese has no wide word that would ask for it
 _BESIDE_SCENE = 4  # ... that leave room for the scene below them
 _ONE_COLUMN = 7  # rows of cameras that a screen of 800 px shows one below the other
 
@@ -79,7 +80,7 @@ class CameraRow(QWidget):
         self.picture.setFixedSize(int(theme.pt(60 if narrow else 76)), int(theme.pt(45 if narrow else 57)))
         self.name = Elided("", "big")
         self.about = Elided("", "soft")
-        self.word = Elided("", "") if narrow else label("")
+        self.word = label("")  # what to do about it, in full
         self.which = button(self.tr("Which is it?"), f"camera-{line.name}", "link" if narrow else "")
         if narrow:
             self.which.setText("?")
@@ -111,10 +112,7 @@ class CameraRow(QWidget):
             set_level(part, line.level if line.level in ("bad", "caution") else "none")
         for part in (self.name, self.about, self.word):
             part.setEnabled(line.in_rig)
-        policy = self.picture.sizePolicy()
-        policy.setRetainSizeWhenHidden(self._page.has_room)
-        self.picture.setSizePolicy(policy)
-        self.picture.setVisible(self._page.has_room and line.in_rig)
+        self.show_picture()
         self.picture.show_past(line.level == "bad")
         self.in_rig.setVisible(line.listed and project is not None and project.source.startswith("genicam"))
         self.in_rig.setChecked(line.in_rig)
@@ -131,6 +129,13 @@ class CameraRow(QWidget):
             self.cure.setText(self.tr("Driver") if narrow else self.tr("Use the built-in driver"))
             self.cure.setToolTip(self.tr("For GigE and USB3 Vision cameras of any maker."))
         self.cure.setEnabled(not busy)
+
+    def show_picture(self) -> None:
+        """The picture, or its room where the camera is left out; neither on a small screen with large text."""
+        policy = self.picture.sizePolicy()
+        policy.setRetainSizeWhenHidden(self._page.has_room)
+        self.picture.setSizePolicy(policy)
+        self.picture.setVisible(self._page.has_room and self.line.in_rig)
 
     def follow(self) -> None:
         """Show the newest image and the dots in it."""
@@ -267,6 +272,7 @@ class ConnectPage(Page):
     def _bench(self) -> Card:
         """What should lie on the bench, and how that is chosen."""
         self.bench = Card(self.tr("On the bench"))
+        self.bench.body.addStrut(int(theme.pt(_BENCH_PT)))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
         column = QVBoxLayout(rows)
@@ -373,8 +379,10 @@ class ConnectPage(Page):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """With large text a small screen has no room for pictures."""
         super().resizeEvent(event)
+        if not self.has_room:
+            self.space.view.hide()
         for row in self._rows.values():
-            row.picture.setVisible(self.has_room and row.line.in_rig)
+            row.show_picture()
 
     @property
     def has_room(self) -> bool:

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QDialog, QDoubleSpinBox, QGridLayout, Q
 from spherecal.base.context import Context
 from spherecal.targets.family import CODE_COUNT, make_target_set
 from spherecal_app.recordings.image_layout import ImageLayout, recognise
+from spherecal_gui import languages
 from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.project_folder import new_folder
 from spherecal_gui.tasks.task import Runner
@@ -68,7 +69,7 @@ class ImportDialog(QDialog):
         """What was recognised."""
 
         def shown(names: list[str]) -> str:
-            return ", ".join(names[:_NAMED]) + (" …" if len(names) > _NAMED else "")
+            return languages.listed(names[:_NAMED]) + (" …" if len(names) > _NAMED else "")
 
         rows = [
             (self.tr("Folder"), str(self._images)),

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import MOST_GAIN_DB
 from spherecal_gui.pages.live_page import LivePage
@@ -32,7 +33,7 @@ class LookPage(LivePage):
         column = QVBoxLayout(self)
         self.summary = label("", "huge")
         self.summary.setObjectName("huge")
-        column.addLayout(self._top_row())
+        column.addWidget(self.summary)
         self.warm_up = label("", "")
         set_level(self.warm_up, "caution")
         self.warm_up.hide()
@@ -40,7 +41,13 @@ class LookPage(LivePage):
         self.wall = Wall(renames=True)
         self.wall.masked.connect(self.controller.recording.mask)
         self.wall.renamed.connect(self.controller.tuning.name_camera)
-        column.addLayout(self._mask_row())
+        self.message = label("", "soft")
+        column.addWidget(self.message)
+        tools = QHBoxLayout()
+        tools.addStretch(1)
+        for one in (*self._for_all(), *self._of_masks()):
+            tools.addWidget(one)
+        column.addLayout(tools)
         self.space = RigSpace(controller)
         row = QHBoxLayout()
         row.addWidget(self.wall, 5)
@@ -48,10 +55,8 @@ class LookPage(LivePage):
         column.addLayout(row, 1)
         self._states: list[TileState] = []
 
-    def _top_row(self) -> QHBoxLayout:
-        """How the cameras are, and what is set for all of them."""
-        row = QHBoxLayout()
-        row.addWidget(self.summary, 1)
+    def _for_all(self) -> tuple[QWidget, ...]:
+        """What is set for all cameras."""
         self.expose = button(self.tr("Set exposures"), "expose-all")
         self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
         self.expose.clicked.connect(self.controller.tuning.expose_all)
@@ -71,19 +76,14 @@ class LookPage(LivePage):
         self.gain.setAccessibleName(self.tr("Gain of all cameras"))
         self.gain.setToolTip(self.gain.accessibleName())
         self.gain.valueChanged.connect(self._set_gain)
-        row.addWidget(self.format)
-        row.addWidget(self.gain)
-        row.addWidget(self.expose)
-        return row
+        return self.format, self.gain, self.expose
 
     def _set_gain(self, gain_db: float) -> None:
         if gain_db >= 0:
             self.controller.tuning.set_gain(gain_db)
 
-    def _mask_row(self) -> QHBoxLayout:
-        """Reflections and strange targets are covered with the mouse."""
-        row = QHBoxLayout()
-        self.message = label("", "soft")
+    def _of_masks(self) -> tuple[QWidget, ...]:
+        """Reflections and strange targets are covered with the mouse; in the order of the tiles."""
         self.draw = button(self.tr("Mask reflections"), "draw-mask")
         self.draw.setCheckable(True)
         self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
@@ -100,10 +100,7 @@ class LookPage(LivePage):
         self.worst.setCheckable(True)
         self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
-        row.addWidget(self.message, 1)
-        for one in (self.fixed, self.worst, self.draw, self.undo, self.clear):
-            row.addWidget(one)
-        return row
+        return self.fixed, self.worst, self.draw, self.undo, self.clear
 
     @property
     def headline(self) -> QLabel:
@@ -125,6 +122,12 @@ class LookPage(LivePage):
         if not self.draw.isChecked():
             text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
         self.message.setText(text)
+        for one in (self.format, self.gain, self.expose):  # one row has no room for all
+            one.setVisible(not self.draw.isChecked() and (one is self.expose or not theme.is_far()))
+        for one in (self.undo, self.clear):
+            one.setVisible(self.draw.isChecked())
+        self.worst.setVisible(not self.draw.isChecked())
+        self.message.setVisible(bool(text))
         idle = self.controller.runner.running is None
         busy, none = self.tr("Work is running."), self.tr("There are no masks.")
         connected = self.controller.cameras.connection is not None

@@ -490,6 +490,8 @@ class PlacementPage(LivePage):
     def _reason(self) -> str:
         """Why the ball goes nowhere now: the place is being worked out, or no other one is worth a walk."""
         seconds = self.controller.advice.planning_s
+        if self._all_taken and self.is_taken:
+            seconds = None  # nobody asked where it would go next
         if self.controller.advice.guidance is None and seconds is not None:
             return self.tr("Working out where the ball should go next: {seconds:.0f} s").format(seconds=seconds)
         return self.tr("Enough: one more placement would not be worth it.") if self._is_enough() else ""

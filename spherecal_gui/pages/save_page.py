@@ -171,6 +171,8 @@ class SavePage(Page):
         idle, why = self.controller.runner.running is None, self._why_not_saved()
         busy = self.tr("Work is running.")
         enable(self.profile, idle and not why, why or busy)
+        action = self.action()
+        self.profile.setVisible(action is None or action.does != "save")  # else the large button does it
         stale = self.tr("The calibration is out of date.") if self._is_stale else ""
         problem = self.controller.user_frame.problem
         if self._refused:
@@ -180,6 +182,7 @@ class SavePage(Page):
         enable(self.axes, shown, stale or self.tr("There is no calibration yet.") if idle else busy)
         self._tell_frame(self.controller.user_frame.problem)
         self.discard.setEnabled(idle)
+        self.discard.setVisible(not self.is_kept)
         self.why_not.setText(why if idle and not self.is_kept else "")
         self.why_not.setVisible(bool(self.why_not.text()))
         self.action_changed.emit()

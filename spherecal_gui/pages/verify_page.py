@@ -27,12 +27,12 @@ from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import VerifyFacts, verify_says
 from spherecal_gui.project import Artefacts
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
-from spherecal_gui.standing import Deed, Said
+from spherecal_gui.standing import Deed, Part, Said
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.verification_view import VerificationView
-from spherecal_gui.workflow import Status, Step
+from spherecal_gui.workflow import Status, Step, StepState
 
 _NOT_READ_C = -10.0  # no bar is measured with in the frost: this means a temperature that nobody has read
 _LIMIT_PX = 130  # in two lines: in one it would push the field out of 1280 px
@@ -233,6 +233,8 @@ class VerifyPage(ScalePage):
             part.setVisible(not shown)
         for part in (self.limit, self.limit_label):  # beside the poses there is no room for it from afar
             part.setVisible(shown or not theme.is_far())
+        self.limit_label.setWordWrap(not shown)  # alone in its row it has all the room
+        self.limit_label.setFixedWidth(self.limit_label.sizeHint().width() if shown else _LIMIT_PX)
         bars = self.controller.result.bars if self.controller.result is not None else None
         if shown and bars is not None:
             state = self.state
@@ -375,7 +377,13 @@ class VerifyPage(ScalePage):
         elif planned is not None:
             bars = replace(bars, guide=(lay_text(planned), "none", False))
         outcome = self.outcome.words if self.shows_outcome else None
-        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken))
+        outdated = state is not None and state.reason is not None and state.reason.code == "calibration stale"
+        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated))
+
+    def _step_part(self, state: StepState) -> Part:
+        """While poses are laid where the bar goes comes first, and not that others were measured before."""
+        stale = state.status is Status.STALE and state.reason is not None and state.reason.code == "changed"
+        return Part("none") if stale and not self.shows_outcome else super()._step_part(state)
 
     @property
     def _any_taken(self) -> bool:
@@ -383,5 +391,9 @@ class VerifyPage(ScalePage):
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Take the next pose, or measure."""
-        return {"capture": self._take, "measure": self._measure}
+        """Take the next pose, or measure; first see why the calibration is out of date."""
+        return {
+            "capture": self._take,
+            "measure": self._measure,
+            "results": lambda: self.controller.go("calibrate"),
+        }

@@ -111,8 +111,7 @@ class Page(QWidget):
         may_go_on = after is not None and after.open
         return stand(said, self._step_part(state), self._troubles(), may_go_on, self.alarmed)
 
-    @staticmethod
-    def _step_part(state: StepState) -> Part:
+    def _step_part(self, state: StepState) -> Part:
         """What the step's status says; one that is ready, or runs, says nothing."""
         if state.status in (Status.FAILED, Status.CARE, Status.STALE):
             return Part(level_of(state.status), reason_text(state.reason))

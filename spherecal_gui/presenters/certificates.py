@@ -10,6 +10,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import SpherecalError
 from spherecal.files.json_file import read_json
+from spherecal_gui import languages
 from spherecal_gui.standing import Level, worst
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
     }
     levels: dict[str, Level] = {"expired": "bad", "not-yet": "caution", "expires-soon": "caution"}
     notes: list[tuple[Level, str]] = [
-        (levels[word], texts[word].format(bars=", ".join(own))) for word, own in names.items() if own
+        (levels[word], texts[word].format(bars=languages.listed(own))) for word, own in names.items() if own
     ]
     return Reminder(" ".join(text for _, text in notes), worst(level for level, _ in notes)) if notes else Reminder()
 

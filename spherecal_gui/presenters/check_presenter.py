@@ -69,9 +69,9 @@ def _sentence(found: "Check | CheckSummary") -> str:
         text = translate("Check", "Only {camera} moved ({px} px). Tighten its mount.")
         parts += [text.format(camera=name, px=f"{px:.{0 if px >= 2 else 1}f}") for name, px in moved.items()]
     elif moved:
-        parts.append(translate("Check", "Moved: {cameras}.").format(cameras=", ".join(moved)))
+        parts.append(translate("Check", "Moved: {cameras}.").format(cameras=languages.listed(moved)))
     if noisy:
-        parts.append(translate("Check", "Less sharp than before: {cameras}.").format(cameras=", ".join(noisy)))
+        parts.append(translate("Check", "Less sharp than before: {cameras}.").format(cameras=languages.listed(noisy)))
     parts += [f"{one.words('title', languages.now())}." for one in found.findings if one.severity != "info"]
     return " ".join(dict.fromkeys(parts))
 
@@ -104,7 +104,7 @@ def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", 
     moved = set(found.to_repair)
     before = max((float(one.test.point_mm) for one in found.cameras if one.test.id in moved), default=0.0)
     now = max((float(one.test.point_mm) for one in after.cameras if one.test.id in moved), default=0.0)
-    names = ", ".join(sorted(moved))
+    names = languages.listed(sorted(moved))
     text = translate("Check", "{cameras} repaired: a point was off by {before:.3f} mm, now by {now:.3f} mm.")
     if in_use:
         text = translate("Check", "{cameras} repaired and in use: {before:.3f} mm before, {now:.3f} mm now.")
@@ -119,7 +119,7 @@ def check_notes(found: "Check | CheckSummary") -> list[str]:
         notes.append(text.format(mm=found.tolerance_mm))
     if found.untested:
         text = translate("Check", "Not checked, since they saw too little: {cameras}.")
-        notes.append(text.format(cameras=", ".join(found.untested)))
+        notes.append(text.format(cameras=languages.listed(found.untested)))
     for ball in found.balls:
         text = translate("Check", "The ball is measured {ppm:+.0f} ± {sd:.0f} ppm against the calibration.")
         notes.append(text.format(ppm=ball.scale_ppm, sd=ball.scale_sd_ppm))

@@ -10,6 +10,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.data.session import Bar
 from spherecal_cameras.protocol import CameraStatus
+from spherecal_gui import languages
 from spherecal_gui.coverage import Level
 from spherecal_gui.presenters.bench_presenter import targets_words
 from spherecal_gui.presenters.certificates import Reminder, reminder
@@ -236,9 +237,9 @@ def connect_summary(
     text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(rig))
     without = [line.name for line in rig if line.level == "bad"]
     if without and good:
-        named = ", ".join(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
-        lacking = translate("Connect", "without {cameras}").format(cameras=named)
-        text = f"{text}, {lacking}"
+        named = languages.listed(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
+        text = translate("Connect", "{good} of {all} cameras ready, without {cameras}")
+        text = text.format(good=good, all=len(rig), cameras=named)
     bad = any(line.level == "bad" for line in rig)
     return text, "bad" if bad else "good" if good == len(rig) else "caution"
 

@@ -87,7 +87,9 @@ def _builtin_lacks(builtin: BuiltinDriver) -> list[str]:
 def _wrong_driver(troubles: Sequence[DriverTrouble], builtin: BuiltinDriver) -> DriverNote:
     """Cameras answer, and no driver that is there lists one: it is another maker's."""
     names = [Path(one.file).name for one in troubles]
-    title = translate("Drivers", "The driver does not reach these cameras: {names}.").format(names=", ".join(names))
+    title = translate("Drivers", "The driver does not reach these cameras: {names}.").format(
+        names=languages.listed(names)
+    )
     own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
     in_use = ANY_MAKER.files[0] in names
     steps = (own, *_packages(troubles[0].makers), *([] if in_use else _builtin_lacks(builtin)))
@@ -109,7 +111,7 @@ def _not_loaded(one: DriverTrouble, builtin: BuiltinDriver) -> DriverNote:
 
 
 def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
-    names = ", ".join(Path(file).name for file in files)
+    names = languages.listed(Path(file).name for file in files)
     title = translate("Drivers", "The driver works, but sees no camera: {names}.").format(names=names)
     steps = [
         translate("Drivers", "Power and cables: is the light at each camera's plug on?"),
@@ -155,6 +157,6 @@ def makers_rows(system: str = sys.platform) -> list[tuple[str, str, str, str]]:
         if maker is ANY_MAKER and not folders:
             continue
         name = maker.name or translate("Drivers", "any maker (GigE, USB3 Vision)")
-        none = translate("Drivers", "as its installer says, in {name}").format(name=ENVIRONMENT)
+        none = translate("Drivers", "as its installer says")
         rows.append((name, maker.driver, "\n".join(maker.files), "\n".join(folders) or none))
     return rows

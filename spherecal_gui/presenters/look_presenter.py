@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui import languages
 from spherecal_gui.coverage import Level
 from spherecal_gui.texts import camera_details, camera_trouble, reason_text
 from spherecal_gui.workflow import Reason
@@ -101,7 +102,7 @@ def tile_state(
     if level == "good":
         level, word, summed = _focus(sight)
     if level == "good" and not len(sight.dots) and expected.by_some:
-        level, word = "none", translate("Look", "does not see it; not every camera has to")
+        level, word = "none", translate("Look", "not needed here")
     if level == "good" and not len(sight.dots):
         level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
     return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))
@@ -149,7 +150,7 @@ def _all_well(sight: "Sight") -> str:
 
 def bump_text(cameras: dict[str, float]) -> tuple[str, str]:
     """What is said when cameras were moved, by name in px: what happened, and what to do."""
-    names = ", ".join(f"{name} ({px:.0f} px)" for name, px in cameras.items())
+    names = languages.listed(f"{name} ({px:.0f} px)" for name, px in cameras.items())
     message = translate("Look", "Only these moved: {names}.").format(names=names)
     if len(cameras) == 1:
         ((name, px),) = cameras.items()
@@ -168,7 +169,7 @@ def warm_up_text(cameras: dict[str, float]) -> str:
     """What is said of cameras that still get warmer (or colder), by name in K/min; empty where none does."""
     if not cameras:
         return ""
-    rates = ", ".join(f"{name} {rate:+.1f}" for name, rate in cameras.items())
+    rates = languages.listed(f"{name} {rate:+.1f}" for name, rate in cameras.items())
     return translate(
         "Look", "Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it."
     ).format(rates=rates)
@@ -184,13 +185,13 @@ def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Le
     if bad and len(lost) == len(bad):
         return reason_text(Reason("cameras lost", lost)), "bad"
     if bad:
-        message = translate("Look", "Check {names}.").format(names=", ".join(bad))
+        message = translate("Look", "Check {names}.").format(names=languages.listed(bad))
         return alone.get(bad[0]) or message, "bad"
     if waiting and have_images:
         return translate("Look", "Looking for targets"), "none"
     if waiting:
-        return translate("Look", "Waiting for images of {names}.").format(names=", ".join(waiting)), "none"
+        return translate("Look", "Waiting for images of {names}.").format(names=languages.listed(waiting)), "none"
     if unsure:
-        message = translate("Look", "Could be better: {names}.").format(names=", ".join(unsure))
+        message = translate("Look", "Could be better: {names}.").format(names=languages.listed(unsure))
         return alone.get(unsure[0]) or message, "caution"
     return translate("Look", "All {count} cameras: sharp, dots found.").format(count=len(states)), "good"

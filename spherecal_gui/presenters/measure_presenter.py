@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui import languages
 from spherecal_gui.coverage import Level
 from spherecal_measuring.measuring_task import Ruler, parse_point
 
@@ -88,7 +89,7 @@ def trust_of(measured: "MeasuredSet", moved: Sequence[str]) -> Trust:
     """Whether cameras have moved, views contradict, or all is well."""
     if moved:
         text = translate("Measure", "Moved since the calibration: {cameras}. Check the rig before you measure on.")
-        return Trust(text.format(cameras=", ".join(moved)), "bad")
+        return Trust(text.format(cameras=languages.listed(moved)), "bad")
     if not measured.names:
         return Trust(translate("Measure", "No target is seen by two cameras."), "caution")
     wrong = [one for one in measured.contradictions if 2 * one.views >= one.of]

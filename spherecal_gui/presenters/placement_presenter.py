@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import IntArray
+from spherecal_gui import languages
 from spherecal_gui.coverage import CameraNeed, Level, needed_dots
 
 translate = QCoreApplication.translate
@@ -59,7 +60,7 @@ def ready_text(poor: Sequence[str]) -> str:
     if not poor:
         return translate("Placement", "Ready: press space")
     text = translate("Placement", "Ready: {names} sees little here, but enough elsewhere")
-    return text.format(names=", ".join(poor[:_NAMED]))
+    return text.format(names=languages.listed(poor[:_NAMED]))
 
 
 def is_stuck(scene: Scene, as_before: bool = False, away: bool = False) -> bool:
@@ -72,7 +73,7 @@ def short_text(short: Mapping[str, int]) -> str:
     """Which cameras see how many dots, and what to do; the worst first."""
     worst = sorted(short.items(), key=lambda one: one[1])[:_NAMED]
     message = translate("Placement", "Fewer than {needed} dots: {cameras}. Capture anyway, or move the ball")
-    return message.format(needed=needed_dots(), cameras=", ".join(f"{name} ({count})" for name, count in worst))
+    return message.format(needed=needed_dots(), cameras=languages.listed(f"{name} ({count})" for name, count in worst))
 
 
 class AutoTrigger:
@@ -119,7 +120,7 @@ class NeedLine:
     @property
     def text(self) -> str:
         """In plain words."""
-        return f"{self.message} {self.all_words if self.everyone else ', '.join(self.cameras)}"
+        return f"{self.message} {self.all_words if self.everyone else languages.listed(self.cameras)}"
 
 
 def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple[NeedLine | None, NeedLine | None]:

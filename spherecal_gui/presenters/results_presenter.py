@@ -116,10 +116,10 @@ _MOST_NAMED = 6
 def care_text(affected: "Sequence[Affected]") -> str:
     """What a calibration is to be used with care for."""
     cameras = [one.camera for one in affected if one.camera is not None]
-    parts = [", ".join(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
+    parts = [languages.listed(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
     parts += [translate("Results", "the scale")] if any(one.scale for one in affected) else []
     parts += [translate("Results", "a part of the volume")] if any(one.region_mm for one in affected) else []
-    return "; ".join(parts)
+    return languages.listed(parts)
 
 
 def bar_verdict(bars: "BarReport") -> VerdictText:
@@ -134,13 +134,15 @@ def bar_verdict(bars: "BarReport") -> VerdictText:
     unseen = [c.id for c in bars.cameras if c.state == "not seen"]
     if unseen and bars.measured:
         text = translate("Verify", "Not verified, since they saw no mark: {cameras}.")
-        sentence = f"{sentence} {text.format(cameras=', '.join(unseen))}"
+        sentence = f"{sentence} {text.format(cameras=languages.listed(unseen))}"
     if bars.contradicting:
         text = translate("Verify", "Not where the calibration has them: {cameras}.")
-        sentence = f"{text.format(cameras=', '.join(bars.contradicting))} {sentence}"
+        sentence = f"{text.format(cameras=languages.listed(bars.contradicting))} {sentence}"
     if bars.override is not None:
         text = translate("Verify", "Used all the same by {by}: {reason}")
         sentence = f"{sentence} {text.format(by=bars.override.by, reason=bars.override.reason)}"
+    elif bars.failed:
+        sentence = f"{sentence} {_why_failed(bars)}".strip()
     if acceptance is not None and acceptance.verdict == "fail":
         return VerdictText(translate("Verify", "FAIL"), "bad", sentence)
     if bars.failed:
@@ -152,6 +154,15 @@ def bar_verdict(bars: "BarReport") -> VerdictText:
     if bars.verdict == "consistent":
         return VerdictText(translate("Verify", "CONSISTENT"), "caution" if unseen else "good", sentence)
     return VerdictText(translate("Verify", "NO DATA"), "caution", sentence)
+
+
+def _why_failed(bars: "BarReport") -> str:
+    """What to do about lengths that are wrong; of a wrong scale, that it is wrong."""
+    for finding in bars.findings:
+        if finding.code in ("lengths-contradict", "limit-exceeded"):
+            message = finding.words("message", languages.now()) if finding.kind == "scale" else ""
+            return f"{message} {finding.words('hint', languages.now(), with_options=False)}".strip()
+    return ""
 
 
 def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[CameraRow]:
@@ -229,10 +240,10 @@ def compared_text(compared: "Compared | None") -> tuple[str, Level]:
         text = translate("Results", "lengths change by up to {mm:.3f} mm")
         parts.append(text.format(mm=abs(found.length_mm)))
     if moved:
-        parts.append(translate("Results", "{cameras} moved").format(cameras=", ".join(moved)))
+        parts.append(translate("Results", "{cameras} moved").format(cameras=languages.listed(moved)))
     else:
         parts.append(translate("Results", "no camera stands out"))
-    return f"{since} {', '.join(parts)}.", "caution" if moved else "none"
+    return f"{since} {languages.listed(parts)}.", "caution" if moved else "none"
 
 
 def residuals_of(result: "Result", camera: str, placement: str | None = None) -> CameraResiduals | None:
@@ -315,7 +326,7 @@ def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> F
         finding.words("message", languages.now()),
         finding.words("hint", languages.now(), with_options=not has_buttons),
         actions,
-        ", ".join(named[:_MOST_NAMED]) + (" …" if len(named) > _MOST_NAMED else ""),
+        languages.listed(named[:_MOST_NAMED]) + (" …" if len(named) > _MOST_NAMED else ""),
     )
 
 

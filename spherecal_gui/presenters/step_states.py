@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui import languages
 from spherecal_gui.presenters.placement_presenter import Scene, is_stuck, ready_text, short_text
 from spherecal_gui.standing import Button, Level, Said
 from spherecal_gui.texts import reason_text
@@ -161,7 +162,7 @@ def placement_says(f: PlacementFacts) -> Said:
 
 
 def _placement_button(f: PlacementFacts) -> Button:
-    lost = ", ".join(f.scene.lost)
+    lost = languages.listed(f.scene.lost)
     words = translate("State", "Capture  (space)")
     if lost:
         words = translate("State", "Capture without {cameras}").format(cameras=lost)
@@ -209,8 +210,8 @@ def _placement_also(f: PlacementFacts) -> frozenset[str]:
 
 def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
     scene = f.scene
-    lost, poor = ", ".join(scene.lost), list(scene.short)
-    few, seen = ", ".join(poor[:_NAMED]), any(scene.counts.values())
+    lost, poor = languages.listed(scene.lost), list(scene.short)
+    few, seen = languages.listed(poor[:_NAMED]), any(scene.counts.values())
     turn = translate("State", "Turn or move the ball: {names} sees too little").format(names=few)
     where = "" if f.to_go is None else move_text(f.to_go)
     return _first(
@@ -347,6 +348,7 @@ class VerifyFacts:
     measuring: bool = False
     current: bool = True  # what was measured is of the poses, the calibration and the limit of now
     taken: bool = False
+    outdated: bool = False  # the calibration itself is out of date
 
 
 def verify_says(f: VerifyFacts) -> Said:
@@ -361,6 +363,8 @@ def verify_says(f: VerifyFacts) -> Said:
         level = f.outcome[1]
         if f.bar.work:
             return Said(level, f.outcome[0], Button(words, "measure", False, _busy()))
+        if f.outdated:  # to measure with it would be in vain
+            return Said(level, f.outcome[0], Button(translate("State", "See what has changed"), "results"))
         again = translate("State", "It is measured; retake a pose to measure again.")
         button = Button(words, "measure", False, again, done=True) if f.current else Button(words, "measure")
         return Said(level, f.outcome[0], button)

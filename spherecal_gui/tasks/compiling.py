@@ -8,6 +8,9 @@ from PySide6.QtCore import QObject, QProcess, Signal, Slot
 
 from spherecal.base.kernels import state
 from spherecal.base.working_folder import own_program
+from spherecal_gui.tasks.task import leave_behind
+
+_PATIENCE_MS = 2000
 
 
 class Compiling(QObject):
@@ -33,13 +36,16 @@ class Compiling(QObject):
         return True
 
     def stop(self) -> None:
-        """End it; what is compiled so far is kept."""
+        """End it; what is compiled so far is kept. Its processes yield to all others, and may take their time to go."""
         if self._process.state() == QProcess.ProcessState.NotRunning:
             return
         self._process.terminate()
-        if not self._process.waitForFinished(2000):
-            self._process.kill()
-            self._process.waitForFinished(2000)
+        if self._process.waitForFinished(_PATIENCE_MS):
+            return
+        self._process.kill()  # its parts see that it is gone, and end
+        if not self._process.waitForFinished(_PATIENCE_MS):
+            self._process.setParent(None)  # else Qt waits for it
+            leave_behind(lambda process=self._process: process.state() != QProcess.ProcessState.NotRunning)
 
     @Slot()
     def _read(self) -> None:

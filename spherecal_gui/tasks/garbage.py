@@ -5,6 +5,7 @@ owns is destroyed there, and the program may crash.
 """
 
 import gc
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,6 +38,7 @@ class Collector(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
+        self._modules = 0
         self._timer = QTimer(self)
         self._timer.setInterval(_EVERY_MS)
         self._timer.timeout.connect(self.collect_due)
@@ -52,9 +54,16 @@ class Collector(QObject):
         gc.enable()
 
     def collect_due(self) -> None:
-        """Collect the oldest generation whose time has come."""
+        """Collect the oldest generation whose time has come.
+
+        Where libraries were loaded since, most of what is there is theirs and stays: it is never gone through again.
+        """
         generation = due(gc.get_count(), gc.get_threshold(), _working[0] > 0)
-        if generation is not None:
+        if generation == 2 and len(sys.modules) > self._modules:
+            self._modules = len(sys.modules)
+            gc.collect(1)
+            gc.freeze()
+        elif generation is not None:
             gc.collect(generation)
 
 

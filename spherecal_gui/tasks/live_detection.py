@@ -29,6 +29,7 @@ from spherecal_gui.tasks.jobs import detector_of
 from spherecal_gui.tasks.warm_up import WarmUp
 
 _PAUSE_S = 0.02
+_PATIENCE_S = 2.0  # a detection takes 0.7 s at most, kernels of the first one up to a minute
 # Detections of all cameras together while their dots are followed, for targets that come into sight and for the focus:
 # with twelve cameras a quarter of a core, as much as following takes.
 _DETECTIONS_HZ = 12.0
@@ -121,18 +122,19 @@ class LiveView:
     def start(self, rate_hz: float = 5.0) -> None:
         """Begin: images at this rate, detection as fast as it goes."""
         self._source.start_live(rate_hz)
-        if not self._threads:
-            self._end.clear()
-            for name, work in (("detection", self._detect), ("following", self._follow)):
+        self._end.clear()
+        running = {thread.name for thread in self._threads}
+        for name, work in (("detection", self._detect), ("following", self._follow)):
+            if name not in running:
                 self._threads.append(threading.Thread(target=self._run, args=(work,), name=name, daemon=True))
                 self._threads[-1].start()
 
     def stop(self) -> None:
-        """End detection and live images."""
+        """End detection and live images; a thread whose kernels are still compiled ends, or goes on, when they are."""
         self._end.set()
         for thread in self._threads:
-            thread.join()
-        self._threads = []
+            thread.join(_PATIENCE_S)
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
         self._source.stop_live()
 
     def frame(self, serial: str) -> Frame | None:

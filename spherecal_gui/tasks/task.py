@@ -14,7 +14,17 @@ from spherecal_gui.tasks import garbage
 T = TypeVar("T")
 Work = Callable[[Context], T]
 
-_ABANDONED: list[QThread] = []  # kept alive until the program ends
+_LEFT: list[Callable[[], object]] = []  # whether work runs on that was left behind; keeps a thread's object
+
+
+def leave_behind(runs: Callable[[], object]) -> None:
+    """Nobody waits for this work any more: it compiles kernels. `runs`: whether it still does."""
+    _LEFT.append(runs)
+
+
+def something_left() -> bool:
+    """Whether work that nobody waited for runs on."""
+    return threading.active_count() > 1 or any(runs() for runs in _LEFT)
 
 
 class BackgroundTask(QThread):
@@ -163,7 +173,7 @@ class Runner(QObject):
         for one in (task.succeeded, task.failed, task.cancelled):
             one.disconnect()
         task.setParent(None)
-        _ABANDONED.append(task)
+        leave_behind(task.isRunning)
 
     @Slot(object)
     def _succeeded(self, result: object) -> None:

@@ -313,7 +313,7 @@ class ErrorChart(Chart):
         permitted = shown.permitted if shown.permitted is not None else np.zeros(1)
         most = float(max(*(np.abs(one).max(initial=0) for one in (allowed, errors, permitted)))) or 1.0
         self.span((-0.6, max(len(errors) - 0.4, 0.6)), (-1.15 * most, 1.15 * most))
-        self.names("", self.tr("length error, mm"))
+        self.names("", "mm")
 
     def _label(self) -> None:
         """As many names as there is room for: all, else one for each pose of the bar, else some of these."""

@@ -57,7 +57,8 @@ class FindingsList(QScrollArea):
         more = QVBoxLayout(folded)
         more.setContentsMargins(0, 0, 0, 0)
         more.setSpacing(2)
-        title = label(f"{one.title}: {one.where}" if one.where else one.title, "big" if one.level != "none" else "")
+        named = self.tr("{title}: {where}").format(title=one.title, where=one.where) if one.where else one.title
+        title = label(named, "big" if one.level != "none" else "")
         set_level(title, one.level)
         first = QHBoxLayout()
         first.addWidget(title, 1)

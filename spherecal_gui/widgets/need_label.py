@@ -40,6 +40,6 @@ class NeedLabel(QLabel):
             return
         colour = theme.now().of(shown) if shown != "none" else theme.now().text
         links = [("", need.all_words)] if need.everyone else [(name, name) for name in need.cameras]
-        message = ", ".join(f'<a style="color: {colour}" href="{escape(a)}">{escape(b)}</a>' for a, b in links)
+        message = languages.listed(f'<a style="color: {colour}" href="{escape(a)}">{escape(b)}</a>' for a, b in links)
         self.setText(f"{escape(languages.unbroken(languages.by_locale(need.message)))} {message}")
         self.setAccessibleName(need.text)

@@ -112,9 +112,10 @@ class ResidualView(QWidget):
         painter.drawRect(field)
         painter.setPen(QColor(c.soft))
         painter.setFont(theme.font(10))
-        text = self.tr(
-            "{name}: errors drawn {gain:.0f} times larger, most below {usual:.3f} px; {out} dots left out"
-        ).format(name=shown.camera, gain=gain / scale, usual=usual, out=int((~shown.used).sum()))
+        text = self.tr("Drawn {gain:.0f} times larger; most below {usual:.3f} px")
+        text, out = text.format(gain=gain / scale, usual=usual), int((~shown.used).sum())
+        if out:
+            text += self.tr("; {out} left out").format(out=out)
         at = QRectF(0, field.bottom(), self.width(), foot)
         text = painter.fontMetrics().elidedText(languages.by_locale(text), Qt.TextElideMode.ElideRight, self.width())
         painter.drawText(at, Qt.AlignmentFlag.AlignCenter, text)

@@ -311,10 +311,15 @@ class CameraTile(QWidget):
         painter.drawImage(at, image)
         painter.setOpacity(1.0)
         painter.setFont(theme.font(theme.CAPTION, bold=True))
-        words = "\n".join(part for part in (self._state.since, self._state.word) if part)
+        since, word = self._state.since, self._state.word  # a small tile has no room for both
         flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
-        room = at.adjusted(8, 4, -8, -4)
-        box = painter.fontMetrics().boundingRect(room.toRect(), flags, words).toRectF().adjusted(-8, -4, 8, 4)
+        room = QRectF(12, at.top() + 4, self.width() - 24, at.height() - 8)
+        words, box = "", QRectF()
+        for words in filter(None, (f"{since}\n{word}".strip(), word, since)):
+            box = painter.fontMetrics().boundingRect(room.toRect(), flags, words).toRectF()
+            if box.height() <= room.height():
+                break
+        box.adjust(-8, -4, 8, 4)
         painter.fillRect(box, QColor(theme.now().surface))
         painter.setPen(QColor(theme.now().text))
         painter.drawText(box, flags, words)

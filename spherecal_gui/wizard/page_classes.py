@@ -1,9 +1,16 @@
 """The page of each kind of step; imported when it is first needed, so that the window opens at once."""
 
+import threading
 from collections.abc import Callable
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
+
+
+def load_pages() -> None:
+    """Import the later steps' pages in a thread of its own: the window would stand still for it, at each a little."""
+    kinds = ("placement", "calibrate", "results", "verify", "save")
+    threading.Thread(target=lambda: [page_class(kind) for kind in kinds], name="pages", daemon=True).start()
 
 
 def page_class(kind: str) -> Callable[[Controller], Page]:

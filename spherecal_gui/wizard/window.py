@@ -9,7 +9,7 @@ from PySide6.QtGui import QCloseEvent, QFocusEvent, QGuiApplication, QKeyEvent, 
 from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import bump_text
@@ -25,13 +25,19 @@ from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dial
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys, Onward
 from spherecal_gui.wizard.limits_viewer import show_limits, take_over_limits
-from spherecal_gui.wizard.page_classes import page_class
+from spherecal_gui.wizard.page_classes import load_pages, page_class
 from spherecal_gui.workflow import Status, Step
 
 _TICK_MS = 100
 _LOOK_EVERY = 10  # ticks between two looks for the project's folder
 _PATIENCE_MS = 5000
-_SAID_BY_PAGES = ("taken without", "taken moving", "not valid", "recalibrate")  # reasons that a headline has
+_SAID_BY_PAGES = (
+    "inconsistent",
+    "taken without",
+    "taken moving",
+    "not valid",
+    "recalibrate",
+)  # reasons that a headline has
 
 
 class WizardWindow(WindowFrame):
@@ -76,6 +82,7 @@ class WizardWindow(WindowFrame):
         self.controller.runner.lasted.connect(self._remember_pace)
         if self._own:
             self.controller.cameras.driver_asked.connect(self._ask_driver)
+            self.controller.cameras.connected.connect(load_pages)
             self.controller.cameras.somebody_answers = True
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
@@ -269,6 +276,7 @@ class WizardWindow(WindowFrame):
         if state is None or self.page is None or self._shown_step is None or state.current != self._shown_step.id:
             return
         self.page.alarmed = self.banner.alarms
+        self._show_source()
         standing = self.page.standing()
         self.rail.show_state(state, standing)
         self._sound_ready(standing)
@@ -283,6 +291,15 @@ class WizardWindow(WindowFrame):
         self._ready = ready
 
     def _show_status(self) -> None:
+        self._show_source()
+        self._lost = self.controller.cameras.lost()
+        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
+        self.validity.show_state(word, level, details)
+        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
+        self.start.validity.show_state(word, level, details)
+
+    def _show_source(self) -> None:
+        """Where the images come from, and from how many cameras."""
         project, connection = self.controller.project, self.controller.cameras.connection
         self.source.setVisible(project is not None)
         if project is not None:
@@ -291,20 +308,16 @@ class WizardWindow(WindowFrame):
             if connection is not None:
                 found = self.tr("{count} cameras").format(count=len(connection.names))
             if lost:
-                found = self.tr("without {cameras}").format(cameras=", ".join(lost))
+                found = self.tr("without {cameras}").format(cameras=languages.listed(lost))
             live = project.source.startswith("genicam")
             state = self.controller.state
             kind = state.now.step.kind if state is not None else None
-            level = camera_level(bool(lost), connection is not None, kind, live)
+            says = self.page.said().level if self.page is not None and kind == "connect" else "none"
+            level = camera_level(bool(lost), connection is not None, kind, live, says)
             if connection is None and self.controller.runner.running == "connect":
                 found, level = self.tr("connecting"), "none"
-            self._lost = lost
             details = connection.source.label if connection is not None else ""
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
-        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
-        self.validity.show_state(word, level, details)
-        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
-        self.start.validity.show_state(word, level, details)
 
     def _say(self, kind: str, text: str, hint: str) -> None:
         if kind == "good" or (kind == "bad" and self._page_tells(text)):  # a message would only push the page about
@@ -506,6 +519,17 @@ class WizardWindow(WindowFrame):
         self._say("info", self.tr("Work is running; wait for it or cancel it."), "")
         return False
 
+    def _work_ended(self) -> bool:
+        """Stop what runs; whether it has ended. Nobody waits for kernels that are still compiled."""
+        if self.controller.runner.close(_PATIENCE_MS):
+            return True
+        from spherecal.base.kernels import state  # needs NumPy, which the work has loaded
+
+        if state() != "to compile":
+            return False
+        self.controller.runner.abandon(0)
+        return True
+
     def closeEvent(self, event: QCloseEvent) -> None:
         """Everything is on disk: stop what runs, let go of the cameras."""
         if self._closed:
@@ -520,7 +544,7 @@ class WizardWindow(WindowFrame):
             return
         self.settings.geometry = self.saveGeometry()
         self.settings.sync()
-        if not self.controller.runner.close(_PATIENCE_MS) or not self.start.close_work():
+        if not self._work_ended() or not self.start.close_work():
             self._timer.start()
             self.controller.changed.connect(self.refresh)
             self.controller.runner.lasted.connect(self._remember_pace)

@@ -86,6 +86,24 @@ def test_nothing_heavy_is_loaded_before_the_window_stands(home):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_a_project_is_begun_before_anything_heavy_is_loaded(home):
+    """The first click: the window stood still for a second of imports. Those of the cameras are the worker's."""
+    code = (
+        "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
+        "from spherecal_gui import app\n"
+        "a = QApplication(['x']); w = app.make_window(Path(sys.argv[1])); w.show(); a.processEvents()\n"
+        "w.controller.cameras.connect_all = lambda: None\n"
+        "w.new_project('simulated:demo'); a.processEvents()\n"
+        "heavy = {'pyvista', 'vtkmodules', 'numba', 'pyqtgraph', 'scipy', 'matplotlib', 'cv2'} & set(sys.modules)\n"
+        "there = w.controller.project is not None and w.page is not None\n"
+        "w.close(); print(there, sorted(heavy)); sys.exit(bool(heavy) or not there)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(home)], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_no_screen_is_said_plainly():
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")}
     if not sys.platform.startswith("linux"):

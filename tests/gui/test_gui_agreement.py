@@ -80,6 +80,8 @@ def test_the_chip_is_red_only_where_the_page_needs_cameras():
     assert camera_level(lost=True, connected=True, kind="results", live=True) == "caution"
     assert camera_level(lost=False, connected=True, kind="placement", live=False) == "caution"
     assert camera_level(lost=False, connected=True, kind="placement", live=True) == "good"
+    assert camera_level(lost=False, connected=True, kind="connect", live=True, page="bad") == "bad"
+    assert camera_level(lost=False, connected=True, kind="connect", live=False, page="good") == "caution"
 
 
 def flawed(**flaws: tuple[str, ...]) -> Project:

@@ -189,7 +189,7 @@ def test_from_plugged_in_cameras_to_a_verified_rig_by_mouse(driver: Driver) -> N
     assert driver.project()["verified"]["verdict"] == "consistent"
     driver.picture(driver.home / "verify.png")
     driver.go_on("save")
-    driver.click("save-profile")
+    driver.click("action")
     driver.wait((driver.home / "projects" / "rig-profile" / "rig.json").is_file, "the profile is saved")
     driver.wait(lambda: driver.enabled("action"), "writing has ended")
     driver.click("action")

@@ -3,6 +3,7 @@
 import ast
 import itertools
 import os
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +13,12 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
+from spherecal_gui import languages
 from spherecal_gui.presenters import step_states as st
 from spherecal_gui.presenters.placement_presenter import Scene
 from spherecal_gui.standing import Said
 from spherecal_gui.tasks.ghost import ToGo
+from spherecal_gui.texts import moved_text
 from tests.conftest import ROOT
 from tests.gui_states import all_facts
 
@@ -40,6 +43,18 @@ def test_every_state_has_one_instruction_and_a_button_that_says_why_not(says):
         assert button.enabled or button.done or button.why, (facts, button)
         assert button.does or not button.enabled, facts
     assert len(found) > 5
+
+
+def test_names_in_a_row_are_parted_as_the_language_does_it(qapp):
+    languages.use("zh_CN")
+    try:
+        for says, every in all_facts().items():
+            for said in map(says, every):
+                words = (said.text, said.stay, *((said.button.text, said.button.why) if said.button else ()))
+                assert not any(re.search(r",(?!\d)", word) for word in words), words
+        assert "C01、C02" in moved_text(("C01", "C02"))
+    finally:
+        languages.use("en")
 
 
 def placements() -> list[tuple[Any, Said]]:

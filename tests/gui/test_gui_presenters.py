@@ -16,11 +16,13 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
 from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal_gui import coverage as cov
+from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.bars_presenter import (
     budget_cells,
     errors_of,
@@ -271,6 +273,14 @@ def test_an_ill_link_names_the_remedy():
     assert line.level == "bad", "no image arrives whole"
 
 
+def test_a_camera_whose_images_all_arrive_damaged_is_lost(qapp):
+    cameras = Controller().cameras
+    cameras.connection = connection(
+        {"S1": status(delivered=90, incomplete=10), "S2": status(delivered=0, incomplete=9)}
+    )
+    assert cameras.lost() == ("C-S2",)
+
+
 # --- calibrate -------------------------------------------------------------------------------------------------------
 
 
@@ -450,6 +460,27 @@ def test_the_verdict_is_one_word(verdict, word, level):
     told = bar_verdict(bars(verdict))
     assert (told.word, told.level) == (word, level)
     assert "largest 0.020 mm" in told.sentence
+
+
+def test_a_verdict_that_is_bad_says_what_to_do():
+    found = bars("inconsistent")
+    values = {
+        "exceeding": 1,
+        "n": 3,
+        "worst_mm": 5.0,
+        "times": 9.0,
+        "k": 2.0,
+        "chi": 0.0,
+        "chi_limit": 0.0,
+        "percent": 1.0,
+    }
+    found.findings = (Finding("lengths-contradict", "error", values, ("A-01",), kind="scale"),)
+    told = bar_verdict(found).sentence
+    assert "+1.00 %: the scale is wrong. Do not use the rig." in told
+    found.findings = (Finding("lengths-contradict", "error", values, ("A-01",), kind="each"),)
+    assert bar_verdict(found).sentence.endswith(
+        "Check the bar's certificate, its temperature and its marks; then calibrate again."
+    )
 
 
 # --- guided bars -----------------------------------------------------------------------------------------------------

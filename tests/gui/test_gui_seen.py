@@ -22,6 +22,7 @@ from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.import_dialog import ImportDialog
+from spherecal_gui.pages.verify_page import VerifyPage
 from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.connect_presenter import connect_summary
 from spherecal_gui.presenters.drivers_presenter import DriverNote
@@ -33,7 +34,7 @@ from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
 from spherecal_gui.texts import reason_text, status_word
 from spherecal_gui.widgets.thumbnail import Thumbnail
 from spherecal_gui.wizard.window import WizardWindow
-from spherecal_gui.workflow import Running, Status, resolve
+from spherecal_gui.workflow import Reason, Running, Status, Step, StepState, resolve
 from tests.gui_walking import begun, pump, settle, take, words_shown
 
 pytestmark = pytest.mark.usefixtures("images_at_rest", "no_advice")
@@ -342,3 +343,14 @@ def test_what_a_technician_reads_has_no_words_of_experts(window):
 def test_a_step_says_that_the_folder_is_gone_whatever_it_is():
     states = resolve(Project(Path("p"), "simulated:demo"), Running(gone=True)).steps
     assert {one.status for one in states} == {Status.FAILED}
+
+
+def test_where_the_bar_goes_is_said_before_what_was_measured_once(window, monkeypatch):
+    """A pose is taken anew: "Changed since: L1-1" stood where the bar's way belongs."""
+    page = VerifyPage(window.controller)
+    monkeypatch.setattr(VerifyPage, "shows_outcome", False)
+    stale = StepState(Step("verify", "verify"), Status.STALE, Reason("changed", ("L1-1",), "verify"))
+    assert page._step_part(stale).level == "none"
+    monkeypatch.setattr(VerifyPage, "shows_outcome", True)
+    assert page._step_part(stale).level == "caution"
+    page.close_page()

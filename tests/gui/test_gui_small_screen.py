@@ -37,6 +37,25 @@ def afar(qapp):
     theme.apply(qapp, dark=False, far=False)
 
 
+def test_rows_are_not_indented_once_there_is_no_room_for_pictures(qtbot, qapp):
+    """The look is changed under a page that has shown pictures."""
+    page = ConnectPage(Controller())
+    qtbot.addWidget(page)
+    page._show_lines([CameraLine("C01", "acA2440-20gm", "40010001", "ready", "good", "2448 x 2048")])
+    page.resize(1600, 700)
+    page.show()
+    QCoreApplication.processEvents()
+    row = page._rows["40010001"]
+    assert row.name.x() > row.picture.width()
+    try:
+        theme.apply(qapp, dark=False, far=True)
+        page.resize(*ROOM)
+        QCoreApplication.processEvents()
+        assert row.name.x() < row.picture.width()
+    finally:
+        theme.apply(qapp, dark=False, far=False)
+
+
 @pytest.mark.parametrize("count", [6, 16])
 @pytest.mark.parametrize("word", ["ready", "missing: plug it in, then search again"])
 def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):

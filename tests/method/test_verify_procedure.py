@@ -187,6 +187,22 @@ def test_errors_that_agree_one_by_one_may_contradict_together(two_bars: tuple[Se
     assert "every" not in phrase(done.decision.rule)
 
 
+@pytest.mark.parametrize("scale", [1.01, 0.998])
+def test_a_wrong_scale_is_said(two_bars: tuple[Session, Truth], scale: float) -> None:
+    """One length that is wrong by as much is not the scale."""
+    session, truth = two_bars
+    done = verify(session, true_rig(truth, scale=scale))
+    (finding,) = (f for f in done.findings if f.code == "lengths-contradict")
+    assert finding.kind == "scale" and finding.values["percent"] == pytest.approx(100 * (scale - 1), abs=0.02)
+    assert "the scale is wrong" in finding.words("message", "en")
+    lengths = tuple(
+        replace(x, length_mm=x.length_mm * (scale if i == 1 else 1)) for i, x in enumerate(session.bars[0].lengths)
+    )
+    wrong = replace(session, bars=(replace(session.bars[0], lengths=lengths), *session.bars[1:]))
+    (finding,) = (f for f in verify(wrong, true_rig(truth)).findings if f.code == "lengths-contradict")
+    assert finding.kind == "each"
+
+
 def moved_ends(verification: Verification) -> set[str]:
     return {place for f in verification.findings if f.code == "camera-moved" for place in f.where}
 

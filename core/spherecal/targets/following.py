@@ -73,6 +73,7 @@ class Follower:
         if whole.sum() < _LEAST_TARGETS * len(whole):
             self._at = self._before = self._start
             return None
+        usual[~whole] = np.median(usual[whole], axis=0)  # by what is in its place it would wander off, frame by frame
         at[~kept] = (self._start + usual[self._row, 0])[~kept]  # to be looked for beside the target's others
         self._before, self._at = self._at, at
         if np.median(np.linalg.norm(at - self._start, axis=1)) > _MOVED:  # a ball that turns soon looks unlike

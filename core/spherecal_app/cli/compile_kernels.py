@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
@@ -199,9 +200,18 @@ def _tell_of_functions(pipe: Connection) -> None:
     event.register("numba:compile", Told())
 
 
+def _end_with_parent() -> None:
+    """End this process when its parent has gone without ending it: killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
 def _run_part(trial: str, table: str, name: str, folder: Path, pipe: Connection) -> None:
     """One part, in a process and a folder of its own: sends None after every step, or what went wrong."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends us
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     own = folder / name
     try:
         own.mkdir()

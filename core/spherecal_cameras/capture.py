@@ -29,10 +29,10 @@ from spherecal.base.messages.values import Phrase
 from spherecal.files.capture_file import CAMERAS as CAPTURED_CAMERAS
 from spherecal.files.capture_file import CAPTURE_FILE, FORMAT, VERSION
 from spherecal.files.json_file import JsonValue, read_json
-from spherecal.files.png_file import png_bytes
 from spherecal.files.read_session import FORMAT as SESSION_FORMAT
 from spherecal.files.read_session import VERSION as SESSION_VERSION
 from spherecal.files.target_set_file import target_set_bytes
+from spherecal.targets.png_file import png_bytes
 from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, Frame, FrameSet

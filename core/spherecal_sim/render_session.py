@@ -17,7 +17,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import cache_folder
 from spherecal.data.session import BarPose, Placement, Session
 from spherecal.files.atomic import SESSION, write_folder_whole
-from spherecal.files.png_file import png_bytes
+from spherecal.targets.png_file import png_bytes
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots
 from spherecal_sim.optics import Image

@@ -139,13 +139,13 @@ def test_the_overlay_goes_on_while_a_slow_detection_runs(monkeypatch):
 
 
 def test_a_target_that_a_hand_hid_for_long_is_followed_again():
-    follower, random = Follower(IMAGE, 8, FOUND), np.random.default_rng(1)
+    follower, random, hidden = Follower(IMAGE, 8, FOUND), np.random.default_rng(1), None
     for seed in range(60):
         image = moved((0, 0), seed=seed)[0]
         image[:, : image.shape[1] * 3 // 8] = random.integers(0, 255, (len(image), image.shape[1] * 3 // 8))
         assert (hidden := follower.follow(image, 8)) is not None
     followed = follower.follow(moved((0, 0))[0], 8)
-    assert followed is not None and len(hidden) < 0.9 * len(FOUND) < len(followed)
+    assert followed is not None and hidden is not None and len(hidden) < 0.9 * len(FOUND) < len(followed)
 
 
 def test_dots_at_rest_are_followed_without_motion():

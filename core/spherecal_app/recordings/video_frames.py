@@ -18,8 +18,8 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.png_file import png_bytes
 from spherecal.targets.images import LARGEST_MEGAPIXELS
+from spherecal.targets.png_file import png_bytes
 
 STAGE = "looking at videos"
 _WIDTH_PX = 480  # at which frames are judged: a blur of 2 px of a full HD frame still shows

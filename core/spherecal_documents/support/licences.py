@@ -14,7 +14,7 @@ from typing import Any
 from spherecal import __version__
 from spherecal.base.resources import resource_path
 
-_EXTRAS = ("gui", "cameras")
+EXTRAS = ("gui", "cameras")
 _TEXT_FILES = re.compile(r"(licen[cs]e|copying|notice|copyright)[^/]*$", re.IGNORECASE)
 _LONGEST_NAME = 60  # some packages put the whole text into the field that is meant for the name
 _SPDX = re.compile(r"[A-Za-z0-9.+-]+( (AND|OR|WITH) [A-Za-z0-9.+-]+)*")
@@ -52,10 +52,10 @@ class LicensedPart:
     texts: tuple[tuple[str, str], ...] = ()
 
 
-def parts() -> tuple[LicensedPart, ...]:
-    """Python, all packages that are installed here and that `spherecal[gui,cameras]` needs, font and icons; by name."""
-    found = [_part(one) for name, one in _closure().items() if name != "spherecal"]
-    found += shipped()
+def parts(extras: Iterable[str] = EXTRAS) -> tuple[LicensedPart, ...]:
+    """Python, all packages that are installed here and that `spherecal[extras]` needs, font and icons; by name."""
+    found = [_part(one) for name, one in _closure(extras).items() if name != "spherecal"]
+    found += shipped() if "gui" in extras else ()
     return (_python(), *sorted(found, key=lambda part: part.name.lower()))
 
 
@@ -69,9 +69,9 @@ def shipped() -> tuple[LicensedPart, ...]:
     )
 
 
-def licence_text() -> str:
+def licence_text(extras: Iterable[str] = EXTRAS) -> str:
     """The parts as one text: a list, the note on Qt where it is there, then each part's own texts."""
-    known = parts()
+    known = parts(extras)
     lines = [f"SphereCal {__version__} is under the Apache License 2.0. It contains or uses:", ""]
     lines += [f"  {part.name} {part.version}: {part.licence}" for part in known]
     if any(part.name.lower().startswith("pyside6") for part in known):
@@ -84,15 +84,16 @@ def licence_text() -> str:
     return "\n".join(lines) + "\n"
 
 
-def bill_of_materials() -> bytes:
+def bill_of_materials(extras: Iterable[str] = EXTRAS) -> bytes:
     """The parts as CycloneDX 1.5 JSON; the same parts give the same bytes (no time stamp, number from the contents)."""
-    known, installed = parts(), _closure()
+    extras = tuple(extras)
+    known, installed = parts(extras), _closure(extras)
     components = [_component(part) for part in known]
     references = {_key(part.name): component["bom-ref"] for part, component in zip(known, components, strict=True)}
     references["spherecal"] = f"pkg:pypi/spherecal@{__version__}"
     dependencies = []
     for name, one in installed.items():
-        needed = _needs(one, _EXTRAS if name == "spherecal" else ()) & references.keys()
+        needed = _needs(one, extras if name == "spherecal" else ()) & references.keys()
         dependencies.append({"ref": references[name], "dependsOn": sorted(references[n] for n in needed)})
     document: dict[str, Any] = {
         "bomFormat": "CycloneDX",
@@ -124,16 +125,17 @@ def _component(part: LicensedPart) -> dict[str, Any]:
         licence: Mapping[str, Any] = {"license": {"id": part.licence}}
     else:
         licence = {"expression": part.licence} if known else {"license": {"name": part.licence}}
-    return {
+    component = {
         "type": "library", "name": part.name, "version": part.version, "bom-ref": reference, "purl": reference,
         "licenses": [licence],
     }  # fmt: skip
+    return component
 
 
-def _closure() -> dict[str, Distribution]:
-    """All installed distributions that `spherecal[gui,cameras]` needs, itself first, by normalised name."""
+def _closure(extras: Iterable[str]) -> dict[str, Distribution]:
+    """All installed distributions that `spherecal[extras]` needs, itself first, by normalised name."""
     found: dict[str, Distribution] = {}
-    waiting: list[tuple[str, tuple[str, ...]]] = [("spherecal", _EXTRAS)]
+    waiting: list[tuple[str, tuple[str, ...]]] = [("spherecal", tuple(extras))]
     while waiting:
         name, wanted = waiting.pop(0)
         if name in found:

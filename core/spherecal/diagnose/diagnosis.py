@@ -39,7 +39,8 @@ def diagnose(e: Evidence) -> list[Finding]:
     e.context.report(STAGE, 0.0)
     release_freed()
     found = [*_faults(e), *dependent_parts(e)]
-    strained = [] if any(f.code in _BEFORE for f in found) else flattened_ball(e)
+    growth = max((f.values["lengths"] for f in found if f.code == "parts-disagree"), default=1.0)
+    strained = [] if any(f.code in _BEFORE for f in found) else flattened_ball(e, growth)
     if any(f.severity == "warning" for f in strained):  # that is what the shape shows
         found = [f for f in found if f.code not in ("ball-shape-changed", "rigid-form-misfit")]
     found += strained

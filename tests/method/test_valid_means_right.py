@@ -552,8 +552,8 @@ def test_a_ball_that_its_weight_flattens_is_strained_in_space(rig: str, flattene
 
     case = flattened(make_world(rig, 2001), flattened_mm, np.random.default_rng(5))
     done = calibrated_and_judged(case.session, case.reference)
-    found = [(f.code, f.kind) for f in done.findings if f.severity == "warning"]
-    assert found == ([("ball-shape-changed", "in-space")] if flattened_mm else [])
+    assert [f.kind for f in done.findings if f.code == "ball-shape-changed"] == ["in-space"] * bool(flattened_mm)
+    assert done.verdict == "valid", "the uncertainty holds it"
     assert not done.wrong and done.covered >= 0.95
 
 

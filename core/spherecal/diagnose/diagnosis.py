@@ -15,7 +15,7 @@ from spherecal.diagnose.camera_findings import (
 )
 from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE, Evidence
-from spherecal.diagnose.flattening import flattened_ball
+from spherecal.diagnose.flattening import EXPLAINS, flattened_ball
 from spherecal.diagnose.geometry import weak_links, weak_places
 from spherecal.diagnose.image_findings import WrongImage, wrong_images
 from spherecal.diagnose.influence import dependent_parts
@@ -41,7 +41,7 @@ def diagnose(e: Evidence) -> list[Finding]:
     found = [*_faults(e), *dependent_parts(e)]
     growth = max((f.values["lengths"] for f in found if f.code == "parts-disagree"), default=1.0)
     strained = [] if any(f.code in _BEFORE for f in found) else flattened_ball(e, growth)
-    if any(f.severity == "warning" for f in strained):  # that is what the shape shows
+    if any(f.values["percent"] > 100 * EXPLAINS for f in strained):  # that is what the shape shows
         found = [f for f in found if f.code not in ("ball-shape-changed", "rigid-form-misfit")]
     found += strained
     e.context.report(STAGE, 1.0)

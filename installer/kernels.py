@@ -210,10 +210,9 @@ def _writable(one: Any, layout: str | None = None) -> Any:
 
     if isinstance(one, types.Array):
         return types.Array(one.dtype, one.ndim, layout or one.layout)
-    if isinstance(one, types.NamedTuple):
-        return types.NamedTuple([_writable(part, layout) for part in one.types], one.instance_class)
     if isinstance(one, types.BaseTuple):
-        return types.BaseTuple.from_types([_writable(part, layout) for part in one.types])
+        parts = [_writable(part, layout) for part in one.types]
+        return types.BaseTuple.from_types(parts, getattr(one, "instance_class", None))
     if isinstance(one, types.Integer | types.Float):  # as Python's own numbers arrive
         return types.int64 if isinstance(one, types.Integer) else types.float64
     return one

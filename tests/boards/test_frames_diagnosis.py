@@ -24,6 +24,7 @@ from benchmarks.studies.mischief_motions import moved
 from benchmarks.studies.mischief_optics import stretched_board
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
+from spherecal.data.session import UNMEASURED_PRINT
 from spherecal.files.read_session import read_session
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.camera_lag import AGREE_PX, least_error
@@ -149,9 +150,11 @@ def test_fixed_lenses_are_tested_for_every_method(method: str) -> None:
 def test_lenses_beyond_their_model_widen_the_uncertainty(method: str) -> None:
     case, done = spoilt(skew, method, 1)
     plain = calibrate(replace(case.session, observations=world(method).record(np.random.default_rng(2))), case.settings)
-    # of rotations, which the board's unmeasured size is no part of
-    wide, usual = (np.median([c.sigma.rotation_deg for c in rig.cameras if c.sigma]) for rig in (done.rig, plain.rig))
-    assert wide > 2 * usual
+    assert done.rig.length_map is not None and plain.rig.length_map is not None
+    wide, usual = done.rig.length_map, plain.rig.length_map
+    size_mm = 2 * 500.0 * UNMEASURED_PRINT * (method == "board")  # which no lens has a part in
+    assert wide.typical_mm is not None and usual.typical_mm is not None
+    assert wide.typical_mm**2 - size_mm**2 > 4 * (usual.typical_mm**2 - size_mm**2) > 0
     assert not judged(done, case.reference).lengths_wrong
 
 

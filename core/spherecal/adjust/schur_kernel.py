@@ -52,7 +52,7 @@ def weigh(weighted, coupling, at, inverse, size):
 
 @njit(**INNER)
 def _flush(matrix, weighted, coupling, n_rows, size, run, n_run, blocks):
-    """Subtract W V^-1 W' of all points of a run, which meet the same blocks, from the reduced matrix."""
+    """Subtract W V^-1 W' of all points of a run, over the blocks that any of them meets, from the reduced matrix."""
     if n_rows == 0:
         return
     if n_rows == 3:

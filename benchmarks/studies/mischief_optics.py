@@ -24,6 +24,7 @@ from benchmarks.studies.mischief_frames import LATE
 from benchmarks.studies.mischief_world import Pose, World
 from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Observations
+from spherecal.data.session import Scale
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_sim.lens_errors import TrueLens
 from spherecal_sim.simulated_ball import Ball
@@ -261,7 +262,7 @@ def loose_target(world: World, size: float, rng: np.random.Generator) -> Case:
     """The scale bar's second mark lies so many mm off in two of its six poses."""
     case = make_case(world, rng, ("bar-poses", "bar-length", "scale"))
     seen, bar, poses = world.bar_of("scale", 6, 1.0, case.session.observations, rng, shifted=(size, (1, 4)))
-    scale = replace(case.session.scale, kind="bar", bar="B", from_point=None, to_point=None, distance_mm=None)
+    scale = Scale("bar", bar="B")
     return replace(case, session=replace(case.session, observations=seen, bars=(bar,), bar_poses=poses, scale=scale))
 
 

@@ -38,13 +38,15 @@ class Field:
 class Design:
     """The effects that a network may have: fields of lenses, then turns of images, as columns.
 
-    `camera_of_image` and `placement_of_image` (i,), sorted.
+    An image here is all that a camera sees at `together` consecutive placements: 1 but in large recordings.
+    `camera_of_image` and `span_of_image`, which placements these are (i,), sorted.
     """
 
     fields: tuple[Field, ...]
     camera_of_image: IntArray
-    placement_of_image: IntArray
+    span_of_image: IntArray
     n_cameras: int
+    together: int = 1
 
     @cached_property
     def n_fields(self) -> int:
@@ -77,8 +79,9 @@ class Design:
 
     def images(self, camera: IntArray, placement: IntArray) -> IntArray:
         """The image (n,) of observations by camera and placement (n,)."""
-        count = int(self.placement_of_image.max()) + 1
-        return np.searchsorted(self.camera_of_image * count + self.placement_of_image, camera * count + placement)
+        count = int(self.span_of_image.max()) + 1
+        span = placement // self.together
+        return np.searchsorted(self.camera_of_image * count + self.span_of_image, camera * count + span)
 
     def columns(self, image: int) -> IntArray:
         """The columns that an image's observations have."""

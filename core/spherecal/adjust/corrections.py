@@ -15,7 +15,7 @@ from scipy import sparse
 
 from spherecal.adjust.ball_model import Deformable, Free
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.camera_effects import FIELD, MOTION, Corrections, Design, Field
+from spherecal.adjust.camera_effects import FIELD, MOTION, TURN, Corrections, Design, Field
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
@@ -53,6 +53,8 @@ FIRST_PX = 0.05
 LEAST_OBSERVATIONS = 60
 # All fields together have at most so many coefficients, 30 functions a coordinate: large rigs have stiffer fields.
 MOST_COEFFICIENTS, MOST_FUNCTIONS = 2000, 80
+# All turns together have at most so many columns (800 images): from there on consecutive placements share a turn.
+MOST_TURNS = 2400
 # Eigenfunctions that hold less of a field's variance are left out; where its amplitude is more than so many standard
 # deviations of an image coordinate, what they hold is more than noise (rig A, 0.3 px: chi2 1.04 without them).
 LEAST_SHARE, FINE_SHARE, LARGE = 1e-4, 1e-5, 10.0
@@ -84,7 +86,10 @@ def design_of(network: Network, adjusted: Adjustment, least_share: float = LEAST
         first += basis.count
     n_placements = int(network.placement.max()) + 1
     images = np.unique(network.camera * n_placements + network.placement)
-    return Design(tuple(fields), *np.divmod(images, n_placements), problem.n_cameras)
+    together = -(-TURN * len(images) // MOST_TURNS)
+    camera, placement = np.divmod(images, n_placements)
+    turns = np.unique(np.stack([camera, placement // together]), axis=1)
+    return Design(tuple(fields), turns[0], turns[1], problem.n_cameras, together)
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,7 @@ def effects_of(
         of_columns[columns] += part.of_columns
         shifts.append(part.shifts)
     follow = system.inverse @ by_columns
-    matrix = own - by_columns.T @ follow
+    matrix = own - _symmetric_product(by_columns, follow)
     gradient -= follow.T @ of_columns
     before = np.zeros(m) if start is None else start
     squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))
@@ -127,6 +132,17 @@ def effects_of(
     redundancy = adjusted.redundancy + taken
     quadratic = Effects(matrix, gradient - matrix @ before, squares, redundancy, design.part, design.kind)
     return EffectSystem(quadratic, by_columns, _stacked(shifts, (3 * problem.n_points, m)))
+
+
+def _symmetric_product(left: FloatArray, right: FloatArray) -> FloatArray:
+    """left' right (m,m) where that is symmetric: one triangle of blocks is computed."""
+    m = left.shape[1]
+    out = np.empty((m, m))
+    for first in range(0, m, _MOST_POINTS):
+        block, upto = slice(first, first + _MOST_POINTS), min(first + _MOST_POINTS, m)
+        out[:upto, block] = left[:, :upto].T @ right[:, block]
+        out[block, :first] = out[:first, block].T
+    return out
 
 
 @dataclass(frozen=True)
@@ -156,11 +172,12 @@ def _parts(
     network: Network, adjusted: Adjustment, design: Design, system: Inverted | CovarianceFactors
 ) -> Iterator[_Part]:
     """The points that the same images show, some at a time: each meets few of the columns."""
-    problem = adjusted.problem
-    image = design.images(problem.camera, network.placement[adjusted.rows])
-    measured = network.measured[adjusted.rows]
+    problem, measured = adjusted.problem, network.measured[adjusted.rows]
+    of_camera_first = network.camera * (int(network.placement.max()) + 1) + network.placement
+    image = np.unique(of_camera_first, return_inverse=True)[1][adjusted.rows]
+    turned = design.images(problem.camera, network.placement[adjusted.rows])
     for points in _of_the_same_images(problem, image):
-        yield _part(problem, design, system, measured, image, points)
+        yield _part(problem, design, system, measured, (image, turned), points)
 
 
 def _of_the_same_images(problem: Problem, image: IntArray) -> Iterator[IntArray]:
@@ -183,19 +200,20 @@ def _part(
     design: Design,
     system: Inverted | CovarianceFactors,
     uv: FloatArray,
-    image: IntArray,
+    images: tuple[IntArray, IntArray],
     points: IntArray,
 ) -> _Part:
+    """`images` (n,) of the observations, and those of the design."""
     width, start = system.linear.width, problem.point_start
     count = start[points + 1] - start[points]
     local = np.repeat(np.arange(len(points)), count)  # point of each row
     rows = np.arange(len(local)) + np.repeat(start[points] - np.cumsum(count) + count, count)
-    linear, camera, image, uv = system.linear.at(rows), problem.camera[rows], image[rows], uv[rows]
-    weight = problem.weight[rows]
+    linear, camera, uv, weight = system.linear.at(rows), problem.camera[rows], uv[rows], problem.weight[rows]
+    image, turned = (each[rows] for each in images)
     order = np.argsort(image, kind="stable")
     bounds = np.flatnonzero(np.diff(image[order], prepend=-1, append=-2))
     groups = [order[begin:end] for begin, end in pairwise(bounds.tolist())]
-    met = [design.columns(int(image[k[0]])) for k in groups]
+    met = [design.columns(int(turned[k[0]])) for k in groups]
     moved = [np.arange(c * width, (c + 1) * width) for c in (int(camera[k[0]]) for k in groups)]
     if problem.n_placements:
         placement = problem.placement[rows]
@@ -227,9 +245,9 @@ def _part(
     inverse = system.point_inverse[points]
     known = inverse[:, 0, 0] > 0  # observed, and not kept
     root = np.linalg.cholesky(np.where(known[:, None, None], inverse, np.eye(3))) * known[:, None, None]
-    turned = root.transpose(0, 2, 1)
-    white, white_x = (turned @ by_effects).reshape(-1, s), (turned @ by_others).reshape(-1, t)
-    white_g = (turned @ of_points[:, :, None]).ravel()
+    across = root.transpose(0, 2, 1)
+    white, white_x = (across @ by_effects).reshape(-1, s), (across @ by_others).reshape(-1, t)
+    white_g = (across @ of_points[:, :, None]).ravel()
     own -= white.T @ white
     by_columns -= white_x.T @ white
     gradient -= white.T @ white_g

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import START_INTRINSICS, RobustStep, robust_adjustment, triangulated
+from spherecal.adjust.bundle import START_INTRINSICS, RobustStep, best_observations, robust_adjustment, triangulated
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -116,24 +116,13 @@ def adjust_placed(network: Network, state: State, placed: BoolArray, candidates:
 
     `placed`, `candidates`: cameras that have a pose (c,), and observations to use (n,).
     """
-    some = _best_observations(network, candidates & placed[network.camera])
+    some = best_observations(network, candidates & placed[network.camera], ENOUGH_OBSERVATIONS)
     step = RobustStep(START_INTRINSICS, RING_ITERATIONS, "growing the network")
     state = robust_adjustment(network, triangulated(network, state, some), some, placed, step, context)
     # from here on only features matter by which cameras to come are placed
     waiting = np.zeros(network.n_features, dtype=bool)
     waiting[network.feature[candidates & ~placed[network.camera]]] = True
     return triangulated(network, state, candidates & placed[network.camera] & waiting[network.feature])
-
-
-def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
-    """About `ENOUGH_OBSERVATIONS` of each camera, of the features that most cameras see."""
-    views = network.views(candidates)
-    chosen = np.zeros(network.n_features, dtype=bool)
-    for camera in np.unique(network.camera[candidates]):
-        features = network.feature[candidates & (network.camera == camera)]
-        features = features[views[features] >= 2]
-        chosen[features[np.argsort(-views[features], kind="stable")[:ENOUGH_OBSERVATIONS]]] = True
-    return candidates & chosen[network.feature]
 
 
 def resect_rest(

@@ -93,10 +93,11 @@ def image_motions(
     if corrections is None or MOTION not in corrections.evidence or not corrections.turns.any():
         return ()
     design, turns = corrections.design, np.rad2deg(corrections.turns)
-    each = zip(design.placement_of_image.tolist(), design.camera_of_image.tolist(), turns, strict=True)
+    each = zip(design.span_of_image.tolist(), design.camera_of_image.tolist(), turns, strict=True)
     return tuple(
-        ImageMotion(placements[t], session.cameras[c].id, turn, np.zeros(3))
-        for t, c, turn in sorted(each, key=lambda one: one[:2])
+        ImageMotion(name, session.cameras[c].id, turn, np.zeros(3))
+        for span, c, turn in sorted(each, key=lambda one: one[:2])
+        for name in placements[span * design.together : (span + 1) * design.together]
     )
 
 

@@ -430,7 +430,7 @@ def _camera(
         rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
         observations=int(own.sum()),
         sigma=_camera_sigma(c, adjusted, solution),
-        field=lens_field(corrections, solution.covariance, c, spec.image_size, adjusted.variance),
+        field=lens_field(corrections, solution.covariance, c, spec.image_size, adjusted, observations.uv),
     )
 
 

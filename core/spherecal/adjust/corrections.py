@@ -96,7 +96,13 @@ class EffectSystem:
 
     quadratic: Effects
     by_columns: FloatArray
-    shifts: sparse.csr_array
+    _shifts: list[tuple[FloatArray, IntArray, IntArray]]
+    _shape: tuple[int, int]
+
+    @property
+    def shifts(self) -> sparse.csr_array:
+        """The shifts of the points, put together only where they are asked for: a third of the work."""
+        return _stacked(self._shifts, self._shape)
 
 
 def effects_of(
@@ -129,7 +135,7 @@ def effects_of(
     taken = 0 if network.corrections is None else round(network.corrections.freedom)
     redundancy = adjusted.redundancy + taken
     quadratic = Effects(matrix, gradient - matrix @ before, squares, redundancy, design.part, design.kind)
-    return EffectSystem(quadratic, by_columns, _stacked(shifts, (3 * problem.n_points, m)))
+    return EffectSystem(quadratic, by_columns, shifts, (3 * problem.n_points, m))
 
 
 @dataclass(frozen=True)

@@ -314,14 +314,9 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
     keep = own >= 0
     looking_from = posed(cameras)
     count = 2 * len(lengths.ends_mm)
-    found = triangulate(
-        lengths.end[keep],
-        own[keep],
-        lens_corrected(cameras, own[keep], lengths.uv[keep], np.ones((int(keep.sum()), 2)))[0],
-        np.ones(int(keep.sum())),
-        count,
-        looking_from,
-    ).points
+    noise = max(rig.length_map.sigma_px if rig.length_map is not None else 0.0, 1e-4)
+    uv, sigma = lens_corrected(cameras, own[keep], lengths.uv[keep], np.ones((int(keep.sum()), 2)), noise)
+    found = triangulate(lengths.end[keep], own[keep], uv, 1 / sigma**2, count, looking_from).points  # as `verify` does
     error = np.linalg.norm(found[1::2] - found[::2], axis=1) - lengths.true_mm
     seen = np.isfinite(error)
     error, ends = error[seen], found.reshape(-1, 2, 3)[seen]
@@ -330,8 +325,7 @@ def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:
     sizes = np.array([c.image_size for c in cameras], dtype=float)
     each = looking_from.intrinsics, looking_from.rotation, looking_from.translation
     looking = Cameras(*each, sizes, rig.covariance.matrix, rig.covariance.intrinsics, tuple(c.field for c in cameras))
-    noise = rig.length_map.sigma_px if rig.length_map is not None else 0.0
-    expanded = COVERAGE_FACTOR * predict_lengths(looking, ends, max(noise, 1e-4)).standard_mm()
+    expanded = COVERAGE_FACTOR * predict_lengths(looking, ends, noise).standard_mm()
     stated = np.isfinite(expanded)  # seen by too few by the rig's own account: nothing is claimed of it
     return error[stated], np.abs(error[stated]) / np.maximum(expanded[stated], _LEAST_MM)
 

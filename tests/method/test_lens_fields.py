@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.studies.simulated import Bars, make_bars, simulate
 from spherecal.adjust.camera_effects import MOTION, TURN, Corrections, Design, _step_share
-from spherecal.adjust.lens_field import field_basis
-from spherecal.adjust.variance_components import Effects, estimated
+from spherecal.adjust.lens_field import field_basis, left_unknown
+from spherecal.adjust.variance_components import Effects, effect_cofactors, estimated
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, CameraSigma
@@ -23,6 +23,7 @@ from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.result.camera_effects import image_motions, shared_with_fields
 from spherecal_documents.export.write_export import export_rig
+from spherecal_sim.lens_errors import TrueLens, random_field
 from spherecal_sim.truth import SimulationOptions, Truth
 
 SIZE = np.array([2064.0, 1544.0])
@@ -68,6 +69,36 @@ def test_amplitudes_are_found_by_restricted_likelihood_and_vanish_without_effect
         else:
             assert np.abs(found.coefficients).max() < 0.05
         assert found.sigma0_squared == pytest.approx(1.0, rel=0.15)
+
+
+def test_beyond_the_last_points_a_field_is_as_uncertain_as_it_errs() -> None:
+    """A lens was 2 px off 160 px beyond its last point, where its field had a standard uncertainty of 0.15 px."""
+    noise, by_basis, by_both = 0.05, [], []
+    basis = field_basis(SIZE, LENS, estimated_mask("brown"), 80, 1e-4)
+    whole = np.array([[-1.0, -1.0], [1.0, 1.0]])
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        coefficients = random_field((int(SIZE[0]), int(SIZE[1])), LENS, whole, 0.15, 0.4, rng)
+        lens = TrueLens((int(SIZE[0]), int(SIZE[1])), LENS, coefficients, whole)
+        seen = rng.uniform([0, 0], [0.7, 1] * SIZE, (600, 2))
+        beyond = rng.uniform([0.75, 0.1] * SIZE, [0.85, 0.9] * SIZE, (200, 2))
+        design = basis.at(seen).reshape(-1, basis.count) / noise
+        residual = lens.field_at(lens.normalised(seen)).ravel() / noise + rng.normal(size=len(design))
+        one = np.zeros(basis.count, dtype=int)
+        effects = Effects(
+            design.T @ design, -design.T @ residual, float(residual @ residual), len(design), one, np.zeros(1, int)
+        )
+        found = estimated(effects, np.ones(1))
+        values = basis.at(beyond)
+        own = effect_cofactors(effects, found.variances)
+        square = np.einsum("nij,nij->n", values @ own, values) / 2
+        amplitude = float(np.sqrt(found.variances[0]))
+        further = (amplitude * left_unknown(beyond, SIZE, seen, noise / amplitude)) ** 2
+        errors = values @ found.coefficients - lens.field_at(lens.normalised(beyond))
+        for into, variance in ((by_basis, square), (by_both, np.maximum(square, further))):
+            into.append((errors**2 / variance[:, None] / found.sigma0_squared).mean())
+    assert np.sqrt(np.mean(by_basis)) > 2.0  # 3.2, and 0.4 with both: the amplitude is that of the smoother process
+    assert 0.3 < np.sqrt(np.mean(by_both)) < 1.2
 
 
 def test_lenses_off_their_model_get_fields_and_the_rigid_form_and_bars_are_right(

@@ -18,6 +18,7 @@ from spherecal.geometry.rotation import cross_matrix
 # by less than a tenth, and 0.5 needs half the coefficients.
 LENGTH = 0.5
 _NODES = 40  # of the quadrature along an axis
+_CELL = 0.1  # of the length: points so near each other count as one, with less noise
 _GRID = 14  # points along each axis at which the lens model's own derivatives are compared
 
 
@@ -105,6 +106,30 @@ def _lens_and_turns(uv: FloatArray, intrinsics: FloatArray, free: BoolArray) -> 
     rays = np.column_stack([xy, np.ones(len(xy))])
     _, by_point, by_lens = project_with_derivatives(rays, intrinsics)
     return np.concatenate([by_lens[:, :, free], -by_point @ cross_matrix(rays)], axis=2)
+
+
+def left_unknown(nodes: FloatArray, size: FloatArray, seen: FloatArray, noise: float) -> FloatArray:
+    """Standard deviation (n,) at pixels nodes (n,2) of a field of amplitude 1 that is known at pixels seen (k,2).
+
+    By Matern's covariance (5/2) with the field's length: a squared-exponential process has all derivatives, and claims
+    to go on beyond the last point as it was before it. A tenth of the image beyond the last points errors were 1.6
+    times their standard uncertainties (rms of five recordings), 2.3 at a fifth.
+
+    `size` (2,) px; `noise`: of a point, in units of the amplitude.
+    """
+    length = LENGTH * size.max() / 2
+    cell = _CELL * length
+    cells, which, count = np.unique(np.floor(seen / cell).astype(int), axis=0, return_inverse=True, return_counts=True)
+    middles = np.stack([np.bincount(which.ravel(), along) for along in seen.T], axis=1) / count[:, None]
+
+    def covariance(a: FloatArray, b: FloatArray) -> FloatArray:
+        away = np.sqrt(5.0) * np.linalg.norm(a[:, None] - b, axis=2) / length
+        return (1 + away + away**2 / 3) * np.exp(-away)
+
+    known = covariance(middles, middles)
+    known[np.diag_indices(len(cells))] += noise**2 / count
+    across = np.linalg.solve(np.linalg.cholesky(known), covariance(middles, nodes))
+    return np.sqrt(np.maximum(1.0 - (across**2).sum(axis=0), 0.0))
 
 
 def beyond_lens(values: FloatArray, uv: FloatArray, intrinsics: FloatArray, free: BoolArray) -> FloatArray:

@@ -129,7 +129,7 @@ def finished_solution(
 
 def with_effects_unknown(fit: BallFit) -> BallFit:
     """The fit with the covariance in which fields of lenses and motions of images are unknown too: of the one taken."""
-    if fit.cofactors is None or fit.network.corrections is None or fit.cofactors.of_effects is not None:
+    if fit.cofactors is None or fit.cofactors.of_effects is not None:
         return fit
     return replace(fit, cofactors=with_corrections(fit.cofactors, fit.network, fit.adjusted))
 

@@ -51,6 +51,7 @@ from spherecal.result.camera_effects import (
     effects_findings,
     image_motions,
     lens_field,
+    not_of_fields,
     shared_with_fields,
     turn_sd,
 )
@@ -98,7 +99,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     findings = ruled(run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence))
     release_freed()
     names = [camera.id for camera in cameras]
-    factor, of_poses = widening(findings, names, choice.form)
+    share = not_of_fields(corrections, solution.covariance, len(placed))[placed & lasting]
+    factor, of_poses = (np.sqrt(1 + (f**2 - 1) * share) for f in widening(findings, names, choice.form))
     findings = ruled(within_growth(findings, float(factor.max(initial=1.0))))
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
@@ -430,7 +432,7 @@ def _camera(
         rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
         observations=int(own.sum()),
         sigma=_camera_sigma(c, adjusted, solution),
-        field=lens_field(corrections, solution.covariance, c, spec.image_size, adjusted.variance),
+        field=lens_field(corrections, solution.covariance, c, spec.image_size, adjusted, observations.uv),
     )
 
 

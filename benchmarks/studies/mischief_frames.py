@@ -206,4 +206,4 @@ def loose_mark(world: World, size: float, rng: np.random.Generator) -> Case:
         off[-1, 0] = size if placement >= t else 0.0
         return replace(world.ball, dots_mm=world.ball.dots_mm + off)
 
-    return make_case(replace(world, shape_of=shape_of), rng, ("bar-length", "bar-changed", "scale"))
+    return make_case(replace(world, shape_of=shape_of), rng, ("bar-poses", "bar-length", "scale"))

@@ -25,6 +25,7 @@ from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar,
 from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
 from spherecal_boards.bar_model import Lengths
 from spherecal_boards.bar_start import LEAST_COMMON, BarStart, lags_of, start_from_pairs
+from spherecal_boards.bar_steps import bar_step
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing
 from spherecal_boards.camera_lag import in_step, lag_findings, unmirrored
@@ -115,7 +116,10 @@ def _result(
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
-        scale = RigScale("bar", float(np.hypot(noise, _certificate(adjusted, recording))))
+        step = bar_step(network, recording, adjusted)
+        changed = 0.0 if step is None else step.relative / 2  # which of its two lengths is right is not known
+        findings = findings if step is None else [*findings, step.finding(recording.bar.id)]
+        scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     cut = _in_stretches(session, recording)
     assert cut.observations is not None

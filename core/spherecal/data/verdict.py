@@ -106,7 +106,7 @@ RULES: dict[str, Rule] = {
     "bar-poses-disagree": _care(
         "scale",
         "Odd poses are left out; not valid where the rest is no majority that agrees. A mark that shifted by "
-        "0.2 to 3 mm in some of six poses: lengths up to 8.6 U off.",
+        "0.2 to 3 mm in some of six poses: lengths up to 8.6 U off; by 0.5 mm from a frame of a waved bar on: 4.5 U.",
     ),
     "bar-temperature": Rule("not-valid", "70 or 120 typed in Fahrenheit: lengths 8 to 17 U off."),
     "ball-profile-scale": Rule("not-valid", "As scale-conflict."),

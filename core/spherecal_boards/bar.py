@@ -19,6 +19,7 @@ from spherecal.data.observations import Features, find_features
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Placement, Session
 from spherecal.detect.session_images import observed
+from spherecal.diagnose.image_settings import image_settings
 from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
@@ -53,7 +54,7 @@ def calibrate_bar(
     recording = bar_recording(session, bar)
     known = np.array([camera.prior for camera in session.cameras])
     free = estimated_intrinsics(session, settings.intrinsics == "free")
-    about = list(implausible(_in_stretches(session, recording)))
+    about = [*implausible(_in_stretches(session, recording)), *image_settings(session)]
     recording, late = _in_step(session, recording, known, settings.seed)
     o = recording.observations
     names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]

@@ -32,9 +32,9 @@ WORSE = 3.0
 # The images of a repaired camera then agree as those of others do. One that was late by 0.3 mm at each placement passed
 # for moved; without that image its others scattered 5.3 times as much as noise, and it was 3.8 times its U off.
 MOST_SCATTER = 3.0
-# A repaired camera's lens has a field like the others' (by rms px): what a pose does not explain goes into it. Of a focus
-# changed by 0.1 % that passed for a move it was 14 times the others', 0.1 px, and lengths were 3.2 U off; of a region of
-# interest shifted by 64 px 0.77 px, and 10.6 U.
+# A repaired camera's lens has a field like the others' (by rms px): what a pose does not explain goes into it. Of a
+# focus changed by 0.1 % that passed for a move it was 14 times the others', 0.1 px, and lengths were 3.2 U off; of a
+# region of interest shifted by 64 px 0.77 px, and 10.6 U.
 MOST_FIELD, LEAST_FIELD_PX = 4.0, 0.02
 # Findings whose repairs are certain; those without a scale cannot distinguish a knock from another image.
 _CERTAIN = ("image-repeated", "mirrored", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",

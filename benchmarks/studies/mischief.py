@@ -19,7 +19,9 @@ from benchmarks.studies.mischief_case import (
     make_case,
     seen_placement,
     sees_ball,
+    showing,
     spoilt,
+    with_lens,
 )
 from benchmarks.studies.mischief_frames import (
     bent_board,
@@ -67,9 +69,9 @@ from benchmarks.studies.mischief_optics import (
     wrong_temperature,
 )
 from benchmarks.studies.mischief_world import Pose, World
+from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Observations
 from spherecal.targets.family import make_target_set
-from spherecal_sim.lens_errors import TrueLens
 from spherecal_sim.recording_faults import shape_changes
 from spherecal_sim.simulated_ball import Ball, make_ball
 
@@ -85,10 +87,6 @@ def stale(world: World, size: float, rng: np.random.Generator) -> Case:
     c, t = any_camera(world, rng), later_placement(world, rng)
     times = [k for k in range(t, min(t + int(size), len(world.turns)))]
 
-    def ball_of(camera: int, placement: int) -> Pose:
-        k = t - 1 if camera == c and placement in times else placement
-        return world.turns[k], world.places_mm[k]
-
     def change(o: Observations) -> Observations:  # the very same points, not another exposure
         uv = o.uv.copy()
         before = o.uv[(o.camera == c) & (o.placement == t - 1)]
@@ -96,19 +94,16 @@ def stale(world: World, size: float, rng: np.random.Generator) -> Case:
             uv[(o.camera == c) & (o.placement == k)] = before
         return replace(o, uv=uv)
 
-    return spoilt(replace(world, ball_of=ball_of), rng, IMAGE, (world.ids[c],), change)
+    old = showing(world, c, lambda placement: t - 1 if placement in times else placement)
+    return spoilt(old, rng, IMAGE, (world.ids[c],), change)
 
 
 def shifted_frames(world: World, size: float, rng: np.random.Generator) -> Case:
     """A camera lost a frame: from a placement on each of its images is the next placement's."""
     c, t = any_camera(world, rng), later_placement(world, rng)
-    last = len(world.turns) - 1
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        k = min(placement + 1, last) if camera == c and placement >= min(t, last - 1) else placement
-        return world.turns[k], world.places_mm[k]
-
-    return make_case(replace(world, ball_of=ball_of), rng, IMAGE, (world.ids[c],))
+    first = min(t, len(world.turns) - 2)
+    lost = showing(world, c, lambda placement: placement + int(placement >= first))
+    return make_case(lost, rng, IMAGE, (world.ids[c],))
 
 
 def typed_distance(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -280,32 +275,22 @@ def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's region of interest is shifted by so many px before a placement, and stays so."""
     c, t = seen_placement(world, rng)
 
-    def lens_of(camera: int, placement: int) -> TrueLens:
-        lens = world.lenses[camera]
-        if camera != c or placement < t:
-            return lens
-        intrinsics = lens.intrinsics.copy()
-        intrinsics[2:4] += size * np.array([1.0, -0.5])
-        return replace(lens, intrinsics=intrinsics)
+    def change(intrinsics: FloatArray, placement: int) -> None:
+        intrinsics[2:4] += size * np.array([1.0, -0.5]) * (placement >= t)
 
     blame = (*MOVED, "focus", "lens", "roi", "image")
-    return excusing(make_case(replace(world, lens_of=lens_of), rng, blame, (world.ids[c],)), world.ids[c])
+    return excusing(make_case(with_lens(world, c, change), rng, blame, (world.ids[c],)), world.ids[c])
 
 
 def refocused(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera is focused again before a placement: its focal length changes by a share."""
     c, t = seen_placement(world, rng)
 
-    def lens_of(camera: int, placement: int) -> TrueLens:
-        lens = world.lenses[camera]
-        if camera != c or placement < t:
-            return lens
-        intrinsics = lens.intrinsics.copy()
-        intrinsics[:2] *= 1 + size
-        return replace(lens, intrinsics=intrinsics)
+    def change(intrinsics: FloatArray, placement: int) -> None:
+        intrinsics[:2] *= 1 + size * (placement >= t)
 
     blame = (*MOVED, "focus", "lens", "focal")
-    return excusing(make_case(replace(world, lens_of=lens_of), rng, blame, (world.ids[c],)), world.ids[c])
+    return excusing(make_case(with_lens(world, c, change), rng, blame, (world.ids[c],)), world.ids[c])
 
 
 def two_stickers(world: World, size: float, rng: np.random.Generator) -> Case:

@@ -13,6 +13,7 @@ from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_sim.lens_errors import TrueLens
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,31 @@ def aligned_from(case: Case, placement: int) -> Case:
 def excusing(case: Case, camera: str) -> Case:
     """The case without a judgement of one camera's pose, which may take up what was done to its lens."""
     return replace(case, reference=replace(case.reference, excused=frozenset({camera})))
+
+
+def with_lens(world: World, camera: int, change: Callable[[FloatArray, int], None]) -> World:
+    """The world in which one camera's intrinsics (16,) are changed in place, at each placement (index)."""
+
+    def lens_of(c: int, placement: int) -> TrueLens:
+        lens = world.lenses[c]
+        if c != camera:
+            return lens
+        intrinsics = lens.intrinsics.copy()
+        change(intrinsics, placement)
+        return replace(lens, intrinsics=intrinsics)
+
+    return replace(world, lens_of=lens_of)
+
+
+def showing(world: World, camera: int, frame: Callable[[int], int]) -> World:
+    """The world in which one camera's image of a placement shows the ball at another, `frame(placement)`."""
+    last = len(world.turns) - 1
+
+    def ball_of(c: int, placement: int) -> Pose:
+        k = min(max(frame(placement), 0), last) if c == camera else placement
+        return world.turns[k], world.places_mm[k]
+
+    return replace(world, ball_of=ball_of)
 
 
 def any_camera(world: World, rng: np.random.Generator) -> int:

@@ -5,7 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.studies.mischief_case import IMAGE, Case, any_camera, direction, later_placement, make_case, spoilt
+from benchmarks.studies.mischief_case import (
+    IMAGE,
+    Case,
+    any_camera,
+    direction,
+    later_placement,
+    make_case,
+    showing,
+    spoilt,
+)
 from benchmarks.studies.mischief_world import Pose, World, make_world
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, BoardPoint, Mark, Placement, Scale, Session
@@ -95,24 +104,15 @@ def _facing(direction: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def out_of_step(world: World, size: float, rng: np.random.Generator) -> Case:
     """A camera started late: throughout, its images are those of so many frames before."""
-    c, last = any_camera(world, rng), len(world.turns) - 1
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        k = placement - int(size) if camera == c else placement
-        return world.turns[min(max(k, 0), last)], world.places_mm[min(max(k, 0), last)]
-
-    return make_case(replace(world, ball_of=ball_of), rng, LATE, (world.ids[c],))
+    c = any_camera(world, rng)
+    return make_case(showing(world, c, lambda placement: placement - int(size)), rng, LATE, (world.ids[c],))
 
 
 def frame_lost(world: World, size: float, rng: np.random.Generator) -> Case:
     """A camera lost so many frames in the middle: what follows is stored too early."""
-    c, t, last = any_camera(world, rng), later_placement(world, rng), len(world.turns) - 1
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        k = min(placement + int(size), last) if camera == c and placement >= t else placement
-        return world.turns[k], world.places_mm[k]
-
-    return make_case(replace(world, ball_of=ball_of), rng, (*LATE, "moved"), (world.ids[c],))
+    c, t = any_camera(world, rng), later_placement(world, rng)
+    lost = showing(world, c, lambda placement: placement + int(size) * (placement >= t))
+    return make_case(lost, rng, (*LATE, "moved"), (world.ids[c],))
 
 
 def twins(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -206,4 +206,4 @@ def loose_mark(world: World, size: float, rng: np.random.Generator) -> Case:
         off[-1, 0] = size if placement >= t else 0.0
         return replace(world.ball, dots_mm=world.ball.dots_mm + off)
 
-    return make_case(replace(world, shape_of=shape_of), rng, ("bar-length", "bar-changed", "scale"))
+    return make_case(replace(world, shape_of=shape_of), rng, ("bar-poses", "bar-length", "scale"))

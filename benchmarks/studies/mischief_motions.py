@@ -131,7 +131,7 @@ def trigger_groups(world: World, size: float, rng: np.random.Generator) -> Case:
     def ball_of(camera: int, placement: int) -> Pose:
         return world.turns[placement], world.places_mm[placement] + (shift[placement] if camera in second else 0.0)
 
-    return make_case(replace(world, ball_of=ball_of), rng, ("ball-moved", "trigger", "exposure", "moving"))
+    return make_case(replace(world, ball_of=ball_of), rng, ("ball-moved", "camera-drifts", "moving"))
 
 
 def late_camera(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -157,4 +157,4 @@ def rolling_ball(world: World, size: float, rng: np.random.Generator) -> Case:
         way = radius * np.cross(turn, [0.0, 0.0, 1.0])  # on a table below it
         return exp_rotation(turn) @ world.turns[placement], world.places_mm[placement] + way
 
-    return make_case(replace(world, ball_of=ball_of), rng, ("ball-moved", "trigger", "exposure", "moving"))
+    return make_case(replace(world, ball_of=ball_of), rng, ("ball-moved", "camera-drifts", "moving"))

@@ -18,7 +18,9 @@ from benchmarks.studies.mischief_case import (
     later_placement,
     make_case,
     seen_placement,
+    showing,
     spoilt,
+    with_lens,
 )
 from benchmarks.studies.mischief_frames import LATE
 from benchmarks.studies.mischief_world import Pose, World
@@ -26,7 +28,6 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import Scale
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_sim.lens_errors import TrueLens
 from spherecal_sim.simulated_ball import Ball
 
 # What touches one camera alone: its name, and none of the ball's motion.
@@ -58,16 +59,10 @@ def focus_creeps(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's focal length grows by a share from the first placement to the last."""
     c, last = any_camera(world, rng), len(world.turns) - 1
 
-    def lens_of(camera: int, placement: int) -> TrueLens:
-        lens = world.lenses[camera]
-        if camera != c:
-            return lens
-        intrinsics = lens.intrinsics.copy()
+    def change(intrinsics: FloatArray, placement: int) -> None:
         intrinsics[:2] *= 1 + size * placement / last
-        return replace(lens, intrinsics=intrinsics)
 
-    case = make_case(replace(world, lens_of=lens_of), rng, ALONE, (world.ids[c],))
-    return excusing(case, world.ids[c])
+    return excusing(make_case(with_lens(world, c, change), rng, ALONE, (world.ids[c],)), world.ids[c])
 
 
 def slow_move(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -190,19 +185,15 @@ def reflections(world: World, size: float, rng: np.random.Generator) -> Case:
 def lenses_exchanged(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera gets another lens of its kind before a placement: all intrinsics differ by so many parts of them."""
     c, t = seen_placement(world, rng)
-    change = size * rng.uniform(-1, 1, 4)
+    by = size * rng.uniform(-1, 1, 4)
 
-    def lens_of(camera: int, placement: int) -> TrueLens:
-        lens = world.lenses[camera]
-        if camera != c or placement < t:
-            return lens
-        intrinsics = lens.intrinsics.copy()
-        intrinsics[:2] *= 1 + change[0]
-        intrinsics[2:4] += change[1:3] * intrinsics[0]
-        intrinsics[4] += 10 * change[3]
-        return replace(lens, intrinsics=intrinsics)
+    def change(intrinsics: FloatArray, placement: int) -> None:
+        if placement >= t:
+            intrinsics[:2] *= 1 + by[0]
+            intrinsics[2:4] += by[1:3] * intrinsics[0]
+            intrinsics[4] += 10 * by[3]
 
-    return excusing(make_case(replace(world, lens_of=lens_of), rng, ALONE, (world.ids[c],)), world.ids[c])
+    return excusing(make_case(with_lens(world, c, change), rng, ALONE, (world.ids[c],)), world.ids[c])
 
 
 def fixed_k3(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -292,24 +283,16 @@ def other_board(world: World, size: float, rng: np.random.Generator) -> Case:
 def other_rate(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera runs slower than the others by a share: its images come to be of ever earlier frames."""
     c = any_camera(world, rng)
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        k = int(placement * (1 - size)) if camera == c else placement
-        return world.turns[k], world.places_mm[k]
-
-    return make_case(replace(world, ball_of=ball_of), rng, (*LATE, *ALONE), (world.ids[c],))
+    slower = showing(world, c, lambda placement: int(placement * (1 - size)))
+    return make_case(slower, rng, (*LATE, *ALONE), (world.ids[c],))
 
 
 def repeated_frames(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera delivers a share of its frames twice, in place of the next."""
     c = any_camera(world, rng)
     repeated = rng.random(len(world.turns)) < size
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        k = placement - 1 if camera == c and placement and repeated[placement] else placement
-        return world.turns[k], world.places_mm[k]
-
-    return make_case(replace(world, ball_of=ball_of), rng, (*LATE, *ALONE), (world.ids[c],))
+    again = showing(world, c, lambda placement: placement - int(repeated[placement]))
+    return make_case(again, rng, (*LATE, *ALONE), (world.ids[c],))
 
 
 def turned_figure(world: World, size: float, rng: np.random.Generator) -> Case:

@@ -19,12 +19,14 @@ from spherecal.data.observations import Features, find_features
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Placement, Session
 from spherecal.detect.session_images import observed
+from spherecal.diagnose.image_settings import image_settings
 from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
 from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
 from spherecal_boards.bar_model import Lengths
 from spherecal_boards.bar_start import LEAST_COMMON, BarStart, lags_of, start_from_pairs
+from spherecal_boards.bar_steps import bar_step
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing
 from spherecal_boards.camera_lag import in_step, lag_findings, unmirrored
@@ -52,7 +54,7 @@ def calibrate_bar(
     recording = bar_recording(session, bar)
     known = np.array([camera.prior for camera in session.cameras])
     free = estimated_intrinsics(session, settings.intrinsics == "free")
-    about = list(implausible(_in_stretches(session, recording)))
+    about = [*implausible(_in_stretches(session, recording)), *image_settings(session)]
     recording, late = _in_step(session, recording, known, settings.seed)
     o = recording.observations
     names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
@@ -115,7 +117,10 @@ def _result(
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
-        scale = RigScale("bar", float(np.hypot(noise, _certificate(adjusted, recording))))
+        step = bar_step(network, recording, adjusted)
+        changed = 0.0 if step is None else step.relative / 2  # which of its two lengths is right is not known
+        findings = findings if step is None else [*findings, step.finding(recording.bar.id)]
+        scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     cut = _in_stretches(session, recording)
     assert cut.observations is not None

@@ -14,6 +14,7 @@ from benchmarks.studies.mischief_frames import (
     FrameWorld,
     bent_board,
     frame_lost,
+    loose_mark,
     make_frame_world,
     mixed_moments,
     moving_board,
@@ -197,3 +198,14 @@ def test_a_board_that_nobody_measured_asks_for_care(size: float) -> None:
     result = judged(done, case.reference)
     assert result.verdict == "use-with-care" and "print-unmeasured" in codes(done)
     assert not result.lengths_wrong and abs(result.lengths_mm).max() > 0.1
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.1, "use-with-care"), (0.5, "not-valid"), (3.0, "not-valid")])
+def test_a_mark_that_comes_loose_while_the_bar_is_waved_is_named(size: float, verdict: str) -> None:
+    """Loose by 0.5 mm the rig was VALID and lengths 4.5 U off."""
+    case, done = spoilt(loose_mark, "bar", size)
+    findings = [f for f in done.rig.quality.findings if f.code == "bar-poses-disagree"]
+    assert done.rig.quality.verdict == verdict and [f.kind for f in findings] == ["from-a-frame"]
+    assert abs(findings[0].values["worst_mm"]) == pytest.approx(size, rel=0.15)
+    if verdict != "not-valid":
+        assert not judged(done, case.reference).lengths_wrong

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
+from PIL import Image
 
 import spherecal.calibrate as method
 from spherecal.base.errors import InputError
@@ -541,6 +542,51 @@ def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
     assert ("C02", "P3") in {f.where for f in found} and {f.code for f in found} == {"capture-times"}
     captured(session, tmp_path, {("C05", "P2"): 7.0}, set())
     assert ("C05", "P2") in {f.where for f in implausible(session)}
+
+
+@pytest.mark.parametrize("kind", ["serial", "size", "offset"])
+def test_images_of_another_region_or_camera_are_named_by_their_files(tmp_path: Path, kind: str) -> None:
+    """A region of interest that was shifted in mid-recording passed for a move of the camera."""
+    session, _ = recording()
+    placements = []
+    for t, placement in enumerate(session.placements):
+        images = {}
+        for camera in session.cameras[:3]:
+            changed = camera.id == "C02" and t >= 2
+            tags = Image.Exif()
+            tags[0x011A] = tags[0x011B] = 1.0
+            tags[0x011E], tags[0x011F] = (64.0 if changed and kind == "offset" else 0.0), 0.0
+            tags.get_ifd(0x8769)[0xA431] = "other" if changed and kind == "serial" else camera.id
+            images[camera.id] = tmp_path / f"{placement.id}-{camera.id}.png"
+            width = 18 if changed and kind == "size" else 20
+            Image.new("L", (width, 10), 10 * t + len(images)).save(images[camera.id], exif=tags)
+        placements.append(replace(placement, images=images))
+    assert not [f for f in implausible(session) if f.code == "image-settings"]
+    (found,) = (f for f in implausible(replace(session, placements=tuple(placements))) if f.code == "image-settings")
+    assert found.where == ("C02", "P3") and f"image-{kind}" == found.values["what"].key
+    assert effect(found) == "not-valid"
+
+
+def test_a_ball_that_rolls_is_no_drift_of_all_cameras() -> None:
+    """Rolled by 0.05 degree between exposures, all cameras seemed to turn: one was 4.0 U off, and the rig VALID."""
+    from benchmarks.studies.judged import judged
+    from benchmarks.studies.mischief_motions import rolling_ball
+    from benchmarks.studies.mischief_world import make_world
+
+    case = rolling_ball(make_world("rigA", 2002), 0.05, np.random.default_rng([2002, 0, 19, 50000]))
+    done = calibrate(case.session)
+    assert done.rig.quality.verdict == "use-with-care" and case.blamed(done.rig.quality.findings)
+    assert not judged(done, case.reference).wrong
+
+
+def test_a_focus_that_changed_is_not_repaired_as_a_move() -> None:
+    """Focused again by 0.1 %, an image was left out as moved, the lens took up the rest: lengths 3.2 U off, VALID."""
+    from benchmarks.studies.mischief import refocused
+    from benchmarks.studies.mischief_world import make_world
+
+    case = refocused(make_world("rigA", 2002), 0.001, np.random.default_rng([2002, 0, 25, 1000]))
+    done = calibrate(case.session)
+    assert done.rig.quality.verdict == "not-valid" and case.blamed(done.rig.quality.findings)
 
 
 @pytest.mark.parametrize(("rig", "flattened_mm"), [("rigA", 0.3), ("rigB", 0.3), ("rigB", 0.0)])

@@ -37,7 +37,7 @@ def seen_through(made: tuple[Session, Truth, Rig], intrinsics: np.ndarray) -> Se
 @pytest.mark.parametrize(
     ("what", "code"),
     [("focus 0.3 %", "focus"), ("focus 1 %", "focus"), ("region 16", "region"), ("region 200", "region"),
-     ("k1", "lens"), ("binned", "binned"), ("exchanged", "exchanged")],
+     ("k1", "lens"), ("binned 2", "binned"), ("binned 4", "binned"), ("exchanged", "exchanged")],
 )  # fmt: skip
 def test_what_no_pose_explains_is_named(made: tuple[Session, Truth, Rig], what: str, code: str) -> None:
     _, truth, rig = made
@@ -51,8 +51,9 @@ def test_what_no_pose_explains_is_named(made: tuple[Session, Truth, Rig], what: 
     now = seen_through(made, lens)
     o = now.observations
     assert o is not None
-    if what == "binned":
-        now = replace(now, observations=replace(o, uv=np.where((o.camera == C)[:, None], (o.uv + 0.5) / 2 - 0.5, o.uv)))
+    if what.startswith("binned"):
+        smaller = (o.uv + 0.5) / int(what.split()[1]) - 0.5
+        now = replace(now, observations=replace(o, uv=np.where((o.camera == C)[:, None], smaller, o.uv)))
     if what == "exchanged":
         camera = np.where(o.camera == C, C + 2, np.where(o.camera == C + 2, C, o.camera))
         swapped = replace(o, camera=camera)
@@ -85,6 +86,21 @@ def test_a_knock_is_repaired(made: tuple[Session, Truth, Rig], shift_mm: float, 
     mended = repose(now, rig, (rig.cameras[C].id,)).rig
     assert mended.quality.valid
     assert check(now, mended).verdict == "ok"
+
+
+def test_what_a_move_and_a_focus_explain_alike_asks_for_care(made: tuple[Session, Truth, Rig]) -> None:
+    """A focus off by 0.03 % was repaired as a move and called VALID, lengths 1.8 U off."""
+    _, truth, rig = made
+    lens = truth.cameras[C].intrinsics.copy()
+    lens[:2] *= 1.0003
+    name = rig.cameras[C].id
+    mended = repose(seen_through(made, lens), rig, (name,)).rig
+    assert [f.kind for f in mended.quality.findings if f.code == "pose-unconfirmed"] == ["or-focus"]
+    assert mended.quality.verdict == "use-with-care"
+    (now,) = (c.sigma for c in mended.cameras if c.id == name)
+    (before,) = (c.sigma for c in rig.cameras if c.id == name)
+    assert now is not None and before is not None
+    assert np.linalg.norm(now.centre_mm) > 2 * np.linalg.norm(before.centre_mm)
 
 
 def test_cameras_that_stay_keep_their_uncertainty(made: tuple[Session, Truth, Rig]) -> None:

@@ -17,6 +17,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
+from spherecal.diagnose.image_settings import image_settings
 from spherecal.files.capture_file import CapturedSet, read_captured_sets
 from spherecal.targets.images import read_image
 from spherecal.targets.why_nothing import reads_mirrored
@@ -54,6 +55,7 @@ def implausible(session: Session) -> tuple[Finding, ...]:
         *_same_files(session, repeated),
         *_mirrored_images(session),
         *_capture_times(session),
+        *image_settings(session),
     )
 
 

@@ -96,7 +96,10 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
     ball_size = size_change(evidence)
-    findings = ruled(run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence))
+    uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
+    motions = image_motions(session, observations.placements, corrections)
+    found = run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence)
+    findings = ruled([*found, *effects_findings(cameras, motions, uv)])
     release_freed()
     names = [camera.id for camera in cameras]
     share = not_of_fields(corrections, solution.covariance, len(placed))[placed & lasting]
@@ -106,7 +109,6 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
     further += [flattening_doubt(findings), bar_doubt(findings)]
     scale = _doubted(solution.scale, float(np.linalg.norm(further)))
-    uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     cameras = shared_with_fields(cameras, uv)
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
@@ -121,10 +123,9 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )
     lengths = _length_map(cameras, covariance, adjusted, solution, observations)
-    motions = image_motions(session, observations.placements, corrections)
     said = [*_said_of(lengths), *_missed(lengths, session.wanted_uncertainty_mm)]
     findings = _ball_within_lengths(findings, lengths, 2 * float(np.linalg.norm(further)))
-    findings = ruled([*findings, *said, *effects_findings(cameras, motions, uv)])
+    findings = ruled([*findings, *said])
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(

@@ -32,6 +32,10 @@ WORSE = 3.0
 # The images of a repaired camera then agree as those of others do. One that was late by 0.3 mm at each placement passed
 # for moved; without that image its others scattered 5.3 times as much as noise, and it was 3.8 times its U off.
 MOST_SCATTER = 3.0
+# A repaired camera's lens has a field like the others' (by rms px): what a pose does not explain goes into it. Of a
+# focus changed by 0.1 % that passed for a move it was 14 times the others', 0.1 px, and lengths were 3.2 U off; of a
+# region of interest shifted by 64 px 0.77 px, and 10.6 U.
+MOST_FIELD, LEAST_FIELD_PX = 4.0, 0.02
 # Findings whose repairs are certain; those without a scale cannot distinguish a knock from another image.
 _CERTAIN = ("image-repeated", "mirrored", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
             "cameras-moved", "placements-contradict", "image-contradicts", "capture-times")  # fmt: skip
@@ -264,7 +268,19 @@ def is_credible(tried: Calibration, way: Repairs) -> bool:
             return False
         if fits[now.id] > WORSE * np.median(list(fits.values())):
             return False
-    return not _still_scatters(tried, {value.partition("@")[0] for value in (*way.split, *way.leave_out)})
+    mended = {value.partition("@")[0] for value in (*way.split, *way.leave_out)}
+    return not _still_scatters(tried, mended) and not _is_in_the_lens(tried, mended)
+
+
+def _is_in_the_lens(tried: Calibration, cameras: set[str]) -> bool:
+    """Whether the fields of some cameras' lenses are much larger than those of the others."""
+    size = {}
+    for camera in tried.rig.cameras:
+        own = tried.used & (tried.observations.camera == tried.observations.cameras.index(camera.id))
+        seen = tried.observations.uv[own]
+        size[camera.id] = 0.0 if camera.field is None else float(np.sqrt((camera.field.at(seen) ** 2).mean()))
+    usual = float(np.median([rms for name, rms in size.items() if name not in cameras] or [0.0]))
+    return any(size.get(name, 0.0) > max(MOST_FIELD * usual, LEAST_FIELD_PX) for name in cameras)
 
 
 def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:

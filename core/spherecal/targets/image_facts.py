@@ -1,4 +1,4 @@
-"""What an image file holds besides its pixels: its size and, where EXIF has them, camera, focal length, pixel pitch."""
+"""What an image file holds besides its pixels: its size and, where stated, region, camera, focal length, pitch."""
 
 import io
 import warnings
@@ -19,6 +19,8 @@ _MOST_BYTES = 1 << 30
 _MODEL, _EXIF_IFD = 0x0110, 0x8769
 _FOCAL_MM, _FOCAL_35, _SERIAL = 0x920A, 0xA405, 0xA431
 _PLANE_X, _PLANE_UNIT, _RECORDED_WIDTH = 0xA20E, 0xA210, 0xA002
+# TIFF 6.0: where the image is on the page, in units of its resolution
+_POSITION, _RESOLUTION = (0x011E, 0x011F), (0x011A, 0x011B)
 _MM_PER_PLANE_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 # The "35 mm equivalent" compares diagonals: that of 36 x 24 mm (CIPA DCG-001).
 _DIAGONAL_35_MM = float(np.hypot(36, 24))
@@ -30,7 +32,8 @@ _FOCAL_RANGE_MM, _PITCH_RANGE_UM = (0.5, 5000.0), (0.3, 100.0)
 class ImageFacts:
     """Size (width, height) px of an image, and the facts in its EXIF; None for what is missing.
 
-    `focal_px` is the focal length in pixels by its 35 mm equivalent, where the pixel pitch is not known.
+    `focal_px` is the focal length in pixels by its 35 mm equivalent, where the pixel pitch is not known. `offset`
+    (left, top) px of the image in a larger one, as TIFF states it.
     """
 
     size: tuple[int, int]
@@ -39,6 +42,7 @@ class ImageFacts:
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None
     focal_px: float | None = None
+    offset: tuple[int, int] | None = None
 
 
 def image_facts(path: Path) -> ImageFacts:
@@ -68,7 +72,17 @@ def _with_exif(size: tuple[int, int], tags: dict[int, Any]) -> ImageFacts:
     focal_px = None
     if equivalent is not None and (focal is None or pitch is None):
         focal_px = equivalent * float(np.hypot(*size)) / _DIAGONAL_35_MM
-    return ImageFacts(size, _text(tags.get(_MODEL)), _text(tags.get(_SERIAL)), focal, pitch, focal_px)
+    offset = _offset(tags)
+    return ImageFacts(size, _text(tags.get(_MODEL)), _text(tags.get(_SERIAL)), focal, pitch, focal_px, offset)
+
+
+def _offset(tags: dict[int, Any]) -> tuple[int, int] | None:
+    """Where the image lies in the whole frame; None where the file does not say so."""
+    if not all(tag in tags for tag in _POSITION):
+        return None
+    pairs = zip(_POSITION, _RESOLUTION, strict=True)
+    left, top = ((_number(tags[at]) or 0.0) * (_number(tags.get(per)) or 1.0) for at, per in pairs)
+    return round(left), round(top)
 
 
 def _pitch_um(size: tuple[int, int], tags: dict[int, Any]) -> float | None:

@@ -1,6 +1,8 @@
 """The table of every figure of the paper beside ours, from the pages in a folder."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from spherecal.files.atomic import write_file_whole
 from spherecal_sim.rigs import rig_design
@@ -12,8 +14,7 @@ _PLACES = {
     "layouts": "Fig. 8", "path": "Figs. 9, 10", "noise": "Table II", "cameras": "Fig. 13",
     "compare": "Figs. 16, 17, 19, Table III", "rigB": "Fig. 16, second system", "bar": "1-D method alone",
 }  # fmt: skip
-_HEAD = ("| quantity | pipeline | paper | ours | runs | test | agrees | remarks |", "|---|---|---|---|---|---|---|---|")
-_AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell", None: "-"}
+_AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell", None: ""}
 
 
 def write_paper(folder: Path) -> None:
@@ -40,47 +41,51 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
         "# The paper's figures and ours",
         "",
         "Written by `spherecal study`. Paper: L. Tao et al., IEEE Trans. Instrum. Meas. 70 (2021) 5016715, on real "
-        "rigs; ours: the same experiments on simulated observations of the same rigs.",
+        "rigs; ours: the same experiments on simulated rigs, means over independent runs with their standard errors.",
         "",
-        "Ours are means over independent runs with their standard errors. The tests, the same for all rows (the limit "
-        "of 80 % was chosen after the first 30 runs of one):",
+        "A row agrees by one of four tests (the limit of 80 % was chosen after the first 30 runs of one row):",
         "",
         *(f"- {words}." for words in TESTS.values()),
         f"- Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that holds the paper's figure and more.",
         "",
         "## The rigs",
         "",
-        *_HEAD,
-        *(_row(what, "-", said, ours, "-", "-", None, why) for what, said, ours, why in _rigs()),
+        *_table(["rig", "paper", "ours"], _rigs()),
     ]
     for name, place in _PLACES.items():
         if name not in kept:
             lines += ["", f"## {place} (run `spherecal study {name}`)"]
             continue
         page, o = kept[name], kept[name].options
+        by = {key: list(dict.fromkeys(str(c.get(key) or "-") for c in page.compared)) for key in ("pipeline", "runs")}
+        listed = [key for key, values in by.items() if len(values) > 1]  # what all rows share is said above the table
+        shared = [f"pipeline {by['pipeline'][0]}"] if len(by["pipeline"]) == 1 else []
+        notes = list(dict.fromkeys(c["why"] for c in page.compared if c["why"]))
         lines += [
             "",
             f"## [{page.title}]({page.pdf.name})",
             "",
-            f"`spherecal study {name} --runs {o['runs']}`, from seed {o['seed']}, image noise {o['sigma_px']:g} px a "
-            f"coordinate; {_done(page)}.",
+            f"`spherecal study {name} --runs {o['runs']}`, "
+            + ", ".join([f"seed {o['seed']}", f"image noise {o['sigma_px']:g} px", *shared, _done(page)])
+            + ".",
             "",
-            *_HEAD,
-            *(
-                _row(
-                    c["what"],
-                    c.get("pipeline") or "-",
-                    c["paper"],
-                    c["ours"],
-                    str(c["runs"]),
-                    c["test"] or "-",
-                    _AGREES[c["agrees"]],
-                    c["why"],
-                )
-                for c in page.compared
+            *_table(
+                ["quantity", *listed, "paper", "ours", "agrees"],
+                [
+                    (c["what"], *(str(c.get(key) or "-") for key in listed), c["paper"], c["ours"], _agrees(c, notes))
+                    for c in page.compared
+                ],
             ),
         ]
+        if notes:
+            lines += ["", *(f"{number}. {note}" for number, note in enumerate(notes, 1))]
     return "\n".join(lines) + "\n"
+
+
+def _agrees(c: dict[str, Any], notes: list[str]) -> str:
+    """Whether a row agrees, by which test, and the number of its note below the table."""
+    words = f"{_AGREES[c['agrees']]} ({c['test']})" if c["agrees"] else ""
+    return f"{words} [{notes.index(c['why']) + 1}]".strip() if c["why"] else words or "-"
 
 
 def _done(page: KeptPage) -> str:
@@ -91,34 +96,30 @@ def _done(page: KeptPage) -> str:
     return f"not complete, {least} runs in some lines (the same command goes on where it was stopped)"
 
 
-def _rigs() -> list[tuple[str, str, str, str]]:
+def _rigs() -> list[tuple[str, str, str]]:
     """The two systems as the paper describes and as we simulate them."""
     rows = []
-    for name, preset, said, why in (
+    for name, preset, said in (
         (
             "rig A",
             "rigA",
-            "10 AVT G-319B, 2064 x 1544 at 3.45 um, two rows on top of 1500 x 1000 x 1200 mm",
-            "the paper gives no focal length; 8 mm is simulated.",
+            "10 AVT G-319B, 2064 x 1544 at 3.45 um, focal length not given, two rows on top of 1500 x 1000 x 1200 mm",
         ),
         (
             "rig B",
             "rigB",
-            "12 MV-CA050-20GM, 12 mm lenses, two parallel planes, 1290 x 1150 x 990 mm",
-            "the paper gives no sensor size; 2448 x 2048 at 3.45 um is simulated.",
+            "12 MV-CA050-20GM, sensor not given, 12 mm lenses, two parallel planes, 1290 x 1150 x 990 mm",
         ),
     ):
         design = rig_design(preset)
         kind = design.kind
         size = " x ".join(map(str, kind.image_size))
-        ours = (
-            f"{len(design.places_mm)} {kind.model}, {size} at {kind.pixel_pitch_um:g} um, {kind.focal_length_mm:g} mm "
-            "lenses, in the same frame"
-        )
-        rows.append((name, said, ours, why))
+        ours = f"{size} at {kind.pixel_pitch_um:g} um, {kind.focal_length_mm:g} mm lenses, in the same frame"
+        rows.append((name, said, f"{len(design.places_mm)} {kind.model}, {ours}"))
     return rows
 
 
-def _row(*cells: str | None) -> str:
-    texts = [cell if cell is not None else _AGREES[None] for cell in cells]
-    return "| " + " | ".join(text.replace("|", "\\|") for text in texts) + " |"
+def _table(head: list[str], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    lines = (tuple(text.replace("|", "\\|") for text in row) for row in (tuple(head), *rows))
+    first, *others = ("| " + " | ".join(row) + " |" for row in lines)
+    return [first, "|---" * len(head) + "|", *others]

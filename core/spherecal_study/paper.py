@@ -1,5 +1,6 @@
 """The table of every figure of the paper beside ours, from the pages in a folder."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -41,12 +42,14 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
         "# The paper's figures and ours",
         "",
         "Written by `spherecal study`. Paper: L. Tao et al., IEEE Trans. Instrum. Meas. 70 (2021) 5016715, on real "
-        "rigs; ours: the same experiments on simulated rigs, means over independent runs with their standard errors.",
+        "rigs; ours: the same experiments on simulated rigs. 0.0465(47) is a mean over the runs of 0.0465 with a "
+        "standard error of 0.0047.",
         "",
-        "A row agrees by one of four tests (the limit of 80 % was chosen after the first 30 runs of one row):",
+        "A row agrees by one of these tests (80 % was chosen after the first 30 runs of one row):",
         "",
         *(f"- {words}." for words in TESTS.values()),
-        f"- Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that holds the paper's figure and more.",
+        "- An interval on the other side differs. "
+        f"Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that lies on both sides.",
         "",
         "## The rigs",
         "",
@@ -72,7 +75,7 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
             *_table(
                 ["quantity", *listed, "paper", "ours", "agrees"],
                 [
-                    (c["what"], *(str(c.get(key) or "-") for key in listed), c["paper"], c["ours"], _agrees(c, notes))
+                    (c["what"], *(str(c.get(key) or "-") for key in listed), c["paper"], *_found(c, notes))
                     for c in page.compared
                 ],
             ),
@@ -82,10 +85,14 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _agrees(c: dict[str, Any], notes: list[str]) -> str:
-    """Whether a row agrees, by which test, and the number of its note below the table."""
+def _found(c: dict[str, Any], notes: list[str]) -> tuple[str, str]:
+    """Our figures, and whether they agree, by which test, with the number of the row's note below the table.
+
+    Means and standard errors are written as in GUM 7.2.2, `0.0465(47)` for `0.0465 +- 0.0047`.
+    """
+    ours = re.sub(r" \+- ([\d.]+)", lambda error: f"({int(error[1].replace('.', ''))})", c["ours"])
     words = f"{_AGREES[c['agrees']]} ({c['test']})" if c["agrees"] else ""
-    return f"{words} [{notes.index(c['why']) + 1}]".strip() if c["why"] else words or "-"
+    return ours, f"{words} [{notes.index(c['why']) + 1}]".strip() if c["why"] else words or "-"
 
 
 def _done(page: KeptPage) -> str:

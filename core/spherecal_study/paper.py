@@ -51,33 +51,28 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
         "- An interval on the other side differs. "
         f"Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that lies on both sides.",
         "",
-        "## The rigs",
+        "The rigs:",
         "",
-        *_table(["rig", "paper", "ours"], _rigs()),
+        *_rigs(),
     ]
     for name, place in _PLACES.items():
         if name not in kept:
             lines += ["", f"## {place} (run `spherecal study {name}`)"]
             continue
         page, o = kept[name], kept[name].options
-        by = {key: list(dict.fromkeys(str(c.get(key) or "-") for c in page.compared)) for key in ("pipeline", "runs")}
-        listed = [key for key, values in by.items() if len(values) > 1]  # what all rows share is said above the table
-        shared = [f"pipeline {by['pipeline'][0]}"] if len(by["pipeline"]) == 1 else []
+        has_runs = len({c["runs"] for c in page.compared}) > 1  # what all rows share is said above the table
+        pipelines = ", ".join(dict.fromkeys(c["pipeline"] for c in page.compared if c.get("pipeline")))
         notes = list(dict.fromkeys(c["why"] for c in page.compared if c["why"]))
         lines += [
             "",
             f"## [{page.title}]({page.pdf.name})",
             "",
-            f"`spherecal study {name} --runs {o['runs']}`, "
-            + ", ".join([f"seed {o['seed']}", f"image noise {o['sigma_px']:g} px", *shared, _done(page)])
-            + ".",
+            f"`spherecal study {name} --runs {o['runs']}`, seed {o['seed']}, image noise {o['sigma_px']:g} px, "
+            f"pipeline {pipelines}: {_done(page)}.",
             "",
             *_table(
-                ["quantity", *listed, "paper", "ours", "agrees"],
-                [
-                    (c["what"], *(str(c.get(key) or "-") for key in listed), c["paper"], *_found(c, notes))
-                    for c in page.compared
-                ],
+                ["quantity", *["runs"] * has_runs, "paper", "ours", "agrees"],
+                [(c["what"], *[str(c["runs"])] * has_runs, c["paper"], *_found(c, notes)) for c in page.compared],
             ),
         ]
         if notes:
@@ -103,27 +98,17 @@ def _done(page: KeptPage) -> str:
     return f"not complete, {least} runs in some lines (the same command goes on where it was stopped)"
 
 
-def _rigs() -> list[tuple[str, str, str]]:
-    """The two systems as the paper describes and as we simulate them."""
-    rows = []
-    for name, preset, said in (
-        (
-            "rig A",
-            "rigA",
-            "10 AVT G-319B, 2064 x 1544 at 3.45 um, focal length not given, two rows on top of 1500 x 1000 x 1200 mm",
-        ),
-        (
-            "rig B",
-            "rigB",
-            "12 MV-CA050-20GM, sensor not given, 12 mm lenses, two parallel planes, 1290 x 1150 x 990 mm",
-        ),
-    ):
-        design = rig_design(preset)
-        kind = design.kind
-        size = " x ".join(map(str, kind.image_size))
-        ours = f"{size} at {kind.pixel_pitch_um:g} um, {kind.focal_length_mm:g} mm lenses, in the same frame"
-        rows.append((name, said, f"{len(design.places_mm)} {kind.model}, {ours}"))
-    return rows
+def _rigs() -> list[str]:
+    """The two systems as the paper describes, and what it does not say as we simulate it."""
+    return [
+        f"- {name}: {len(design.places_mm)} {design.kind.model} {frame}. Not given: {missing}; simulated: "
+        + f"{' x '.join(map(str, design.kind.image_size))} at {design.kind.pixel_pitch_um:g} um, "
+        + f"{design.kind.focal_length_mm:g} mm lenses."
+        for name, design, frame, missing in (
+            ("Rig A", rig_design("rigA"), "in two rows on top of 1500 x 1000 x 1200 mm", "focal length"),
+            ("Rig B", rig_design("rigB"), "in two parallel planes, 1290 x 1150 x 990 mm", "sensor size"),
+        )
+    ]
 
 
 def _table(head: list[str], rows: Sequence[tuple[str, ...]]) -> list[str]:

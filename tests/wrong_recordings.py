@@ -1,4 +1,4 @@
-"""Recordings that are wrong in one way: each case of the table in docs/quality.md, at the level of observations."""
+"""Recordings that are wrong in one way, at the level of observations."""
 
 from collections.abc import Callable
 from dataclasses import replace

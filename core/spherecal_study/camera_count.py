@@ -108,8 +108,7 @@ def _against_paper(
             "0.0593 px at best, 0.0875 at worst",
             f"{most.words(4)} px at most, {where}",
             below(most, 0.0875),
-            "follows the image noise asked for; it says little about the number of cameras. The "
-            "paper prints 0.875 at worst; 0.0875 is probably meant.",
+            "follows the image noise. The paper prints 0.875 at worst; 0.0875 is probably meant.",
             "limit",
             most.n,
         )
@@ -129,7 +128,7 @@ def _against_paper(
             )
         )
         scatter, at = worst(sd[name])
-        why = "few views of four placements hold the lenses poorly." if name == "free" else ""
+        why = "few views at four placements determine the lenses poorly." if name == "free" else ""
         rows.append(
             PaperComparison(
                 f"A3A4, standard deviation, {name}",

@@ -174,11 +174,12 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
             found = cases(_RIG, "identity", options.known, way, percent)
             within.append(
                 PaperComparison(
-                    f"{name}, {percent} %, identity in millimetres: stopped by itself within {_USUAL_STEPS} steps",
+                    f"{name}, {percent} %, identity: converged within {_USUAL_STEPS} steps",
                     "does not converge" if (way, percent) == ("none", _ENDS[-1]) else "converges",
-                    f"{sum(_is_soon(c) for c in found)} of {len(found)} runs",
+                    f"{sum(_is_soon(c) for c in found)} of {len(found)} runs; within 200 steps "
+                    f"{sum(c['converged'] for c in found)}",
                     None,
-                    f"{sum(c['converged'] for c in found)} reach the optimum within 200 steps.",
+                    "",
                     "",
                     len(found),
                 )
@@ -193,7 +194,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
         if with_spo[1]:
             what = f"{rig}, {'known' if known else 'nominal'} intrinsics, {percent} %, diagonal, runs that converge"
             ours = f"{with_spo[0]} of {with_spo[1]} with SPO, {without[0]} of {without[1]} without"
-            wide.append(PaperComparison(what, "not in the paper", ours, None, "", "", with_spo[1]))
+            wide.append(PaperComparison(what, "-", ours, None, "", "", with_spo[1]))
     return paper_table(
         document,
         [
@@ -211,10 +212,10 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 "does not converge",
                 f"converges in {none} of {n_none} runs",
                 never(none, n_none),
-                "tried one after the other: "
+                "without SPO converge: "
                 + ", ".join(f"{what} {count} of {of}" for what, (count, of) in tried.items() if of)
-                + f" runs converge without SPO; {by_steps} of {len(lost)} lost cases by the limit of 200 steps. "
-                "SPO removes only the radial third of a displacement.",
+                + f" runs; {by_steps} of {len(lost)} cases are lost by the limit of 200 steps. SPO removes only the "
+                "radial third of a displacement.",
                 "share",
                 n_none,
             ),
@@ -229,7 +230,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
             ),
             PaperComparison(
                 "steps, SPO against none-SPO",
-                "not in our record",
+                "-",
                 f"{_words(steps['spo'])} with, {_words(steps['none'])} without",
                 None,
                 "",

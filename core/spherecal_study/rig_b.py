@@ -147,7 +147,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
             ),
             PaperComparison(
                 "rig B: seconds of computing",
-                "not given",
+                "-",
                 f"{sum(local_and_global_s(b)):.1f} s on one core",
                 None,
                 "",

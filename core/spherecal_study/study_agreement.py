@@ -114,9 +114,9 @@ def _side(n: int, right: bool, wrong: bool) -> Verdict:
 
 
 TESTS = {
-    "limit": "limit: the 95 % interval of our mean lies on the paper's side of its limit; differs: on the other",
-    "value": f"value: the 95 % interval of our mean lies within a factor {RATIO:g} of the paper's; differs: outside",
+    "limit": "limit: the 95 % interval of our mean lies on the paper's side of its limit",
+    "value": f"value: the 95 % interval of our mean lies within a factor {RATIO:g} of the paper's",
     "share": f"share: the 95 % interval (Clopper-Pearson) lies above {100 * ALWAYS:.0f} % (never: below "
-    f"{100 * (1 - ALWAYS):.0f} %); differs: on the other side",
-    "order": "order: every difference, run by run, has a 95 % interval above 0; differs: one has it below",
+    f"{100 * (1 - ALWAYS):.0f} %)",
+    "order": "order: every difference, run by run, has a 95 % interval above 0",
 }

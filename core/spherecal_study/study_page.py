@@ -135,7 +135,9 @@ def paper_table(document: Document, rows: Sequence[PaperComparison], pipeline: s
     cells = [(row.what, row.paper, row.ours, words[row.agrees], str(row.runs)) for row in rows]
     document.table(("quantity", "paper", "ours", "agrees", "runs"), cells, 4)
     for test in dict.fromkeys(row.test for row in rows if row.test):
-        document.caption(f"Test: {TESTS[test]}; fewer than {LEAST_RUNS} runs cannot tell.")
+        document.caption(
+            f"Test: {TESTS[test]}; on the other side it differs; fewer than {LEAST_RUNS} runs cannot tell."
+        )
     for row in rows:
         if row.why:
             document.caption(f"{row.what}: {row.why}")

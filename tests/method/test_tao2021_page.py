@@ -78,19 +78,19 @@ def test_other_numbers() -> None:
 
 def test_what_opt_and_spo_are_worth_is_what_the_study_found() -> None:
     """The page's table of converged runs against the study's rows in paper.md."""
-    rows = [
-        line.removeprefix("| ").split(" | ")
-        for line in (ROOT / "docs/studies/paper.md").read_text(encoding="utf-8").splitlines()
-    ]
-    found = {}
-    for row in rows:
-        if len(row) > 4 and row[0].startswith("runs that end in the optimum, "):
-            counts, runs = row[3].rsplit(", each of ", 1)
-            assert int(runs) == int(row[4]) == 30
-            found[row[0].split(", ", 1)[1]] = dict(one.rsplit(" ", 1) for one in counts.split("; "))
+    text = (ROOT / "docs/studies/paper.md").read_text(encoding="utf-8")
+    found, notes = {}, set()
+    for row in (line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| runs of ")):
+        runs, words = re.fullmatch(r"runs of (\d+) that end in the optimum, (.+)", row[0]).groups()  # type: ignore
+        assert runs == "30"
+        found[words] = row[2].split(", ")
+        notes.add(row[3])
+    note = re.search(rf"^{notes.pop()[1:-1]}\. from the starts (.+?)\. How", text, re.MULTILINE)
+    assert note is not None and not notes and len(found) == 4
+    starts = note[1].split("; ")
     table = PAGE.split("## What OPT and SPO are worth")[1]
     heads, _, *lines = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("|")]
     assert heads[0] == "start" and set(heads[1:]) == found.keys()
     assert {line[0]: line[1:] for line in lines} == {
-        start: [found[head][start] for head in heads[1:]] for start in found[heads[1]]
+        start: list(counts) for start, *counts in zip(starts, *(found[head] for head in heads[1:]), strict=True)
     }

@@ -1,6 +1,6 @@
 """Fields of lenses and motions of images: what the cameras do beyond the lens model and one pose each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,7 +36,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Design:
-    """The effects that a network may have: fields of lenses, then turns of images, as columns.
+    """The effects that a network may have: fields of lenses, then turns of images, if any, as columns.
 
     An image here is all that a camera sees at `together` consecutive placements: 1 but in large recordings.
     `camera_of_image` and `span_of_image`, which placements these are (i,), sorted.
@@ -59,6 +59,11 @@ class Design:
         return self.n_fields + TURN * len(self.camera_of_image)
 
     @property
+    def of_fields(self) -> "Design":
+        """The same without turns."""
+        return replace(self, camera_of_image=self.camera_of_image[:0], span_of_image=self.span_of_image[:0])
+
+    @property
     def part(self) -> IntArray:
         """The part of each column: fields, then cameras that turn."""
         fields = [np.full(field.basis.count, number) for number, field in enumerate(self.fields)]
@@ -78,20 +83,25 @@ class Design:
         return self._fields_by_camera[camera]
 
     def images(self, camera: IntArray, placement: IntArray) -> IntArray:
-        """The image (n,) of observations by camera and placement (n,)."""
+        """The image (n,) of observations by camera and placement (n,); the camera where there are no turns."""
+        if not len(self.camera_of_image):
+            return camera
         count = int(self.span_of_image.max()) + 1
         span = placement // self.together
         return np.searchsorted(self.camera_of_image * count + self.span_of_image, camera * count + span)
 
     def columns(self, image: int) -> IntArray:
         """The columns that an image's observations have."""
+        if not len(self.camera_of_image):
+            return np.concatenate([np.zeros(0, dtype=np.int64), *(f.columns for f in self.fields_of(image))])
         turn = self.n_fields + TURN * image + np.arange(TURN)
         return np.concatenate([*(f.columns for f in self.fields_of(int(self.camera_of_image[image]))), turn])
 
     def derivatives(self, camera: int, uv: FloatArray, weight: FloatArray, by_camera: FloatArray) -> FloatArray:
         """Weighted derivatives (k,2,r) of residuals at measured pixels uv (k,2) of one image by its columns."""
         fields = [field.basis.at(uv) * weight[:, :, None] for field in self.fields_of(camera)]
-        return np.concatenate([*fields, by_camera[:, :, :TURN]], axis=2)
+        turns = TURN if len(self.camera_of_image) else 0
+        return np.concatenate([*fields, by_camera[:, :, :turns]], axis=2)
 
 
 @dataclass(frozen=True)

@@ -373,7 +373,9 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
     if found is None and (not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted)):
         return given
     with one_blas_thread(), suppress(np.linalg.LinAlgError):
-        design = design_of(network, adjusted) if found is None else found.design
+        design = design_of(network, adjusted).of_fields if found is None else found.design
+        if not design.count:
+            return given
         system = effects_of(network, adjusted, design, given.factors, None if found is None else found.applied)
         variances = np.zeros(len(design.kind)) if found is None else found.variances
         if not (variances[design.kind == FIELD] > 0).any():

@@ -47,6 +47,7 @@ LEAST_NOISE_PX = 1e-3
 # The real cameras of dome15 drift by 2 px, and real lenses deviate by 0.3 px. What is more in a camera, rms, is a wrong
 # pose, or another lens model or a lens of its own (1.5 % of focal length: 2 px) that it wants.
 MOST_PX, MOST_FIELD_PX = 4.0, 1.0
+LEAST_VARIANCE = 1e-12
 # A lens' field begins with this amplitude, px; a turn with that which moves its images by this.
 FIRST_PX = 0.05
 # Lenses seen by fewer observations have no field of their own.
@@ -393,16 +394,15 @@ def _not_excluded(design: Design, effects: Effects, variances: FloatArray, adjus
     Long lenses whose balls covered 23 % of the images (seed 1093) had fields of 0.03 px, which lowered -2 log of the
     likelihood by 23: a camera was 3.9 times its U off. On rigs A and B without fields it is 0.006 and 0.003 px.
     """
-    fields = (design.kind == FIELD).astype(float)
-    noise = _noise_px(adjusted)
-    largest, least = variances, solved(effects, variances).deviance
-    for px in NOT_EXCLUDED_PX:
-        tried = variances + fields * (px / noise) ** 2
-        deviance = solved(effects, tried).deviance
-        if deviance > least + NOT_EXCLUDED:
+    squared = (design.kind == FIELD) / max(adjusted.variance, LEAST_VARIANCE)
+    px, before, least = 0.0, 0.0, np.inf
+    for next_px in (0.0, *NOT_EXCLUDED_PX):
+        now = solved(effects, variances + squared * next_px**2).deviance
+        if now > least + NOT_EXCLUDED:  # between the two, so that alike recordings have alike uncertainties
+            px += (next_px - px) * (least + NOT_EXCLUDED - before) / (now - before)
             break
-        largest, least = tried, min(least, deviance)
-    return largest
+        px, before, least = next_px, now, min(least, now)
+    return variances + squared * px**2
 
 
 def _estimated(
@@ -420,7 +420,8 @@ def _estimated(
         if before is None:
             effects = effects_of(network, adjusted, design, system, None).quadratic
             found = chosen(design, effects, _first_variances(design, adjusted))
-            if found is not None and (found.variances[design.kind == FIELD] > LARGE**2).any():
+            fine = (LARGE / np.median(adjusted.problem.weight)) ** 2
+            if found is not None and (found.variances[design.kind == FIELD] > fine).any():
                 design = design_of(network, adjusted, FINE_SHARE)
                 effects = effects_of(network, adjusted, design, system, None).quadratic
                 found = chosen(design, effects, _first_variances(design, adjusted))
@@ -517,11 +518,7 @@ def _half(network: Network, adjusted: Adjustment, places: Places | None, design:
     return effects_of(network, own, design, system, None).quadratic
 
 
-def _noise_px(adjusted: Adjustment) -> float:
-    return max(float(np.sqrt(adjusted.variance)), 1e-6) / float(np.median(adjusted.problem.weight))
-
-
 def _first_variances(design: Design, adjusted: Adjustment) -> FloatArray:
-    noise = _noise_px(adjusted)
     turns = FIRST_PX / adjusted.state.intrinsics[:, 0]
-    return np.concatenate([np.full(len(design.fields), FIRST_PX / noise), turns / noise]) ** 2
+    first = np.concatenate([np.full(len(design.fields), FIRST_PX), turns])
+    return first**2 / max(adjusted.variance, LEAST_VARIANCE)

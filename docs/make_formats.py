@@ -1,4 +1,4 @@
-"""Writes docs/schemas/*.schema.json and the table of docs/formats.md: `python docs/make_formats.py`.
+"""Writes docs/schemas/*.schema.json and the list of docs/formats.md: `python docs/make_formats.py`.
 
 The schemas are those of the formats (spherecal/files/codec.py) and of docs/file_formats; tests/method/test_schemas.py
 compares them with readers and writers.
@@ -40,12 +40,15 @@ def _json(schema: Schema) -> str:
 
 
 def _overview() -> str:
-    lines = ["| file and schema | contents |", "|---|---|"]
-    for form in FORMATS:
-        more = f" [More]({form.more})." if form.more else ""
-        written = "" if form.is_read else " Only written."
-        lines.append(f"| [`{form.file}`](schemas/{form.short}.schema.json) | {form.about}{written}{more} |")
-    return "\n".join(lines) + "\n"
+    lines = []
+    for heading, is_read in (("Read and written:", True), ("Only written:", False)):
+        lines += [heading, ""]
+        for form in FORMATS:
+            if form.is_read == is_read:
+                more = f" [More]({form.more})." if form.more else ""
+                lines.append(f"- [`{form.file}`](schemas/{form.short}.schema.json): {form.about}{more}")
+        lines.append("")
+    return "\n" + "\n".join(lines)
 
 
 def main() -> int:

@@ -40,15 +40,12 @@ def _json(schema: Schema) -> str:
 
 
 def _overview() -> str:
-    lines = []
-    for heading, is_read in (("Read and written:", True), ("Only written:", False)):
-        lines += [heading, ""]
-        for form in FORMATS:
-            if form.is_read == is_read:
-                more = f" [More]({form.more})." if form.more else ""
-                lines.append(f"- [`{form.file}`](schemas/{form.short}.schema.json): {form.about}{more}")
-        lines.append("")
-    return "\n" + "\n".join(lines)
+    """Formats that a page tells of, a line each; of the others the schemas say enough."""
+    linked = {form.short: f"[`{form.file}`](schemas/{form.short}.schema.json)" for form in FORMATS}
+    lines = [f"- {linked[form.short]}: {form.about} [More]({form.more})." for form in FORMATS if form.more]
+    rest = ", ".join(linked[form.short] for form in FORMATS if not form.more)
+    written = ", ".join(f"`{form.file}`" for form in FORMATS if not form.is_read)
+    return "\n" + "\n".join([*lines, f"- Others: {rest}.", "", f"Only written: {written}.", ""])
 
 
 def main() -> int:

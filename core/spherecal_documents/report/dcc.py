@@ -108,6 +108,7 @@ ISSUER = FileFormat(
         optional("end", day("Last day.")),
     ),
     ("No text is empty.",),
+    more="verification.md#reports",
 )
 
 

@@ -266,7 +266,8 @@ def calibrate_points(
         `target`, `u`, `v`, and optionally `placement` and `point`; or arrays by camera, (n, 2) or (frames, n, 2) px,
         whose row i is the same point in all cameras, NaN where it is not seen.
     cameras
-        Start values by camera: K, (K, dist) in OpenCV's terms, or a CameraSpec; or one K or (K, dist) for all.
+        Start values by camera: K, (K, dist) in OpenCV's terms, or a CameraSpec; one K or (K, dist) serves all cameras
+        of a table or of arrays by camera.
     image_size
         (width, height) px, one for all or one for each by camera; None where all cameras are a CameraSpec.
     fisheye

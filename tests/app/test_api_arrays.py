@@ -429,7 +429,7 @@ def test_one_matrix_serves_all_cameras() -> None:
         ({}, {"C1": K}, {}, "no image points.*Give "),
         ({"C1": UV}, 1000.0, {}, r"cameras must be \{camera: K\}.*but is 1000.0"),
         ({"C1": UV}, "lens.json", {}, r"cameras must be \{camera: K\}"),
-        ({"P1": {"C1": UV}}, K, {}, "One matrix for all cameras needs observations that name the cameras.*name: K for"),
+        ({"P1": {"C1": UV}}, K, {}, "One matrix for all cameras: .* which of their names.*name: K for"),
         ({"C1": UV}, {"C1": K}, {"scale": 500.0}, "scale must be a Scale.*sphere_diameter_mm.*, but is 500.0"),
         ({"C1": UV}, {"C1": K}, {"target_set": "targets.json"}, "target_set must be a TargetSet.*load_targets"),
         ({"C1": UV}, {"C1": K}, {"bars": [400.0]}, "Each item of bars must be a Bar, but is 400.0"),
@@ -532,6 +532,18 @@ def test_results_show_themselves_in_a_notebook(simulated, calibrated) -> None:
         page = shown._repr_html_()
         assert word in page and "<table>" in page and page.count("<tr>") == page.count("</tr>") > 1, page[:300]
         assert len(page) < 20_000
+
+
+def test_results_show_themselves_at_the_prompt(simulated, calibrated, tmp_path: Path) -> None:
+    """A verification filled pages with its arrays."""
+    rig = calibrated.rig
+    for shown, word in (
+        (spherecal.verify_rig(simulated[0], rig), "<Verification: consistent, 48 lengths, largest error 0.0"),
+        (spherecal.check_rig(simulated[0], rig), "<Check: ok; "),
+        (spherecal.export_rig(rig, "opencv", tmp_path / "out"), "<Exported: OpenCV YAML, 6 cameras in mm, largest "),
+        (rig.quality.findings[0], f"<Finding {rig.quality.findings[0].code} ("),
+    ):
+        assert repr(shown).startswith(word) and len(repr(shown)) < 500, repr(shown)
 
 
 def test_help_is_short_and_names_what_it_takes() -> None:

@@ -1,4 +1,4 @@
-"""Writes docs/schemas/*.schema.json and the table of docs/formats.md: `python docs/make_formats.py`.
+"""Writes docs/schemas/*.schema.json and the list of docs/formats.md: `python docs/make_formats.py`.
 
 The schemas are those of the formats (spherecal/files/codec.py) and of docs/file_formats; tests/method/test_schemas.py
 compares them with readers and writers.
@@ -40,12 +40,12 @@ def _json(schema: Schema) -> str:
 
 
 def _overview() -> str:
-    lines = ["| file and schema | contents |", "|---|---|"]
-    for form in FORMATS:
-        more = f" [More]({form.more})." if form.more else ""
-        written = "" if form.is_read else " Only written."
-        lines.append(f"| [`{form.file}`](schemas/{form.short}.schema.json) | {form.about}{written}{more} |")
-    return "\n".join(lines) + "\n"
+    """Formats that a page tells of, a line each; of the others the schemas say enough."""
+    linked = {form.short: f"[`{form.file}`](schemas/{form.short}.schema.json)" for form in FORMATS}
+    lines = [f"- {linked[form.short]}: {form.about} [More]({form.more})." for form in FORMATS if form.more]
+    rest = ", ".join(linked[form.short] for form in FORMATS if not form.more)
+    written = ", ".join(f"`{form.file}`" for form in FORMATS if not form.is_read)
+    return "\n" + "\n".join([*lines, f"- Others: {rest}.", "", f"Only written: {written}.", ""])
 
 
 def main() -> int:

@@ -5,6 +5,7 @@ Nothing here computes by itself: a function is what the command of the same name
 
 from __future__ import annotations  # help() then shows ArrayLike by its name
 
+import inspect
 import os
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -24,7 +25,7 @@ from spherecal.base.resources import is_installed
 from spherecal.calibrate import calibrate
 from spherecal.cross_validate import LeftOut, cross_validate
 from spherecal.data.findings import Finding
-from spherecal.data.from_arrays import Lens, above_zero, of_kind
+from spherecal.data.from_arrays import Lens, above_zero
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration, Quality, Rig, RigScale
 from spherecal.data.rig_camera import ImageSize, RigCamera
@@ -51,6 +52,7 @@ from spherecal.verify.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal.verify.verification import Verification
 from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
+from spherecal_app.argument_kinds import checked
 from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
 from spherecal_cameras.protocol import CameraSource
@@ -104,8 +106,6 @@ __all__ = [
 ]  # fmt: skip
 
 AnyPath = str | os.PathLike[str]
-_PATHS = (str, os.PathLike)
-_RIG = "a Rig, or the path of a rig.json or result folder"
 
 
 # --- sessions, calibration, verification -----------------------------------------------------------------------------
@@ -266,7 +266,8 @@ def calibrate_points(
         `target`, `u`, `v`, and optionally `placement` and `point`; or arrays by camera, (n, 2) or (frames, n, 2) px,
         whose row i is the same point in all cameras, NaN where it is not seen.
     cameras
-        Start values by camera: K, (K, dist) in OpenCV's terms, or a CameraSpec; or one K or (K, dist) for all.
+        Start values by camera: K, (K, dist) in OpenCV's terms, or a CameraSpec; one K or (K, dist) serves all cameras
+        of a table or of arrays by camera.
     image_size
         (width, height) px, one for all or one for each by camera; None where all cameras are a CameraSpec.
     fisheye
@@ -291,8 +292,6 @@ def calibrate_points(
     Cancelled
         Where the context says so.
     """
-    if settings is not None:
-        of_kind("settings", settings, CalibrationSettings, "CalibrationSettings")
     session = Session.from_arrays(
         observations,
         cameras,
@@ -316,7 +315,7 @@ def _tell_of_compiling() -> None:
         return
     mark_compiled(f"told{wanted()}")
     said = "The first calibration compiles its kernels, for minutes. `spherecal compile-kernels` does it on all cores."
-    warnings.warn(said, stacklevel=3)
+    warnings.warn(said, stacklevel=4)  # 1 here, 2 what calibrates, 3 what checks its arguments, 4 the caller
 
 
 def verify_rig(
@@ -639,7 +638,7 @@ def load_rig(path: AnyPath) -> Rig:
     InputError
         Where the file is not as docs/formats.md says.
     """
-    path = Path(of_kind("path", path, _PATHS, "a path: a rig.json or a result folder"))
+    path = Path(path)
     return read_rig(path / "rig.json" if path.is_dir() else path)
 
 
@@ -1047,18 +1046,16 @@ def simulate_session(
 
 def _source(rig: Rig | AnyPath) -> Source:
     """A rig with the box of its points, where that is known."""
-    return Source(rig, None) if isinstance(rig, Rig) else read_source(Path(of_kind("rig", rig, _PATHS, _RIG)))
+    return Source(rig, None) if isinstance(rig, Rig) else read_source(Path(rig))
 
 
 def rig_of(rig: Rig | AnyPath) -> Rig:
     """A rig as it is, or from its file."""
-    return rig if isinstance(rig, Rig) else load_rig(of_kind("rig", rig, _PATHS, _RIG))
+    return rig if isinstance(rig, Rig) else load_rig(rig)
 
 
 def _session(session: Session | AnyPath) -> Session:
-    if isinstance(session, Session):
-        return session
-    return load_session(of_kind("session", session, _PATHS, "a Session, or the path of its folder"))
+    return session if isinstance(session, Session) else load_session(session)
 
 
 def _path(path: AnyPath | None) -> Path | None:
@@ -1214,7 +1211,7 @@ def export_rig(
         low, high = volume_mm
         box = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     else:
-        box = None if isinstance(rig, Rig) else corners_beside(Path(of_kind("rig", rig, _PATHS, _RIG)))
+        box = None if isinstance(rig, Rig) else corners_beside(Path(rig))
     override = None if isinstance(rig, Rig) else refuse_failed_rig(Path(rig))
     return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box, override)
 
@@ -1239,3 +1236,8 @@ def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: S
         Where the file cannot be used: a camera without a pose or an image size, another count of `ids`.
     """
     return _import_rig(Path(path), format_name, unit, ids).rig
+
+
+for _name in __all__:
+    if inspect.isfunction(_function := globals()[_name]) and _function.__module__ == __name__:
+        globals()[_name] = checked(_function)

@@ -64,8 +64,11 @@ class MeasuredPoints(ReadOnly):
         InputError
             For a point that was not found.
         """
-        flat = [int(np.ravel_multi_index(np.atleast_1d(i), self.views.shape)) for i in points]
-        if self._errors is None or not all(self.views.ravel()[flat]):
+        try:
+            flat = [int(np.ravel_multi_index(np.atleast_1d(i), self.views.shape)) for i in points]
+        except (TypeError, ValueError):  # no index, or one too large
+            flat = []
+        if self._errors is None or not flat or not all(self.views.ravel()[flat]):
             raise InputError(Phrase("error-point-not-found", {"points": [str(i) for i in points]}))
         g = _by_cameras(self._errors, np.array(flat)).reshape(3 * len(flat), -1)
         joint = g @ self._errors.cameras @ g.T
@@ -130,6 +133,7 @@ def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = Non
         For an array of another shape, and for a frame of another rig.
     """
     of_kind("rig", rig, Rig, "a Rig (load_rig reads one)")
+    of_kind("frame", frame, (UserFrame, type(None)), "a UserFrame (load_frame reads one) or None")
     rig = rig if frame is None else in_frame(rig, frame)
     points = last_axis(points_mm, 3, "points_mm")
     return {camera.id: camera.project(points) for camera in rig.cameras}
@@ -168,6 +172,7 @@ def triangulate_points(
         `sigma_px` that is not above 0.
     """
     of_kind("rig", rig, Rig, "a Rig (load_rig reads one)")
+    of_kind("frame", frame, (UserFrame, type(None)), "a UserFrame (load_frame reads one) or None")
     rig = rig if frame is None else in_frame(rig, frame)
     sigma_px = above_zero("sigma_px", sigma_px)
     with_ids = points_by_ids(image_points) if isinstance(image_points, Mapping) else None

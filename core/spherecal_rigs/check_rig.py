@@ -66,6 +66,9 @@ class Check(ByValue):
     lengths: tuple[MeasuredLength, ...]
     findings: tuple[Finding, ...]
 
+    def __repr__(self) -> str:
+        return f"<Check: {self.verdict}; {self.sentence}>"
+
     @property
     def sentence(self) -> str:
         """The verdict's reasons in one sentence, in English, as files have it."""
@@ -165,6 +168,8 @@ def _measure_bars(
     """All bars' lengths, also of the one that gave the scale: here it only shows whether the scale has changed."""
     if not session.bar_poses:
         return (), ()
+    if rig.scale.source == "none":  # they were half a metre off, and the answer was to recalibrate
+        return (), (Finding("no-scale", "info", kind="rig"),)
     asked = replace(session, bars=tuple(replace(bar, role="check") for bar in session.bars))
     done = verify(asked, rig, context, VerifySettings(limit))
     spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ",

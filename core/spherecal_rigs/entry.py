@@ -170,7 +170,7 @@ _SOFTWARE = group(
 ENTRY = FileFormat(
     "spherecal/profile-entry",
     ENTRY_FILE,
-    "A calibration in a profile: what was known when it was saved, and the files beside it.",
+    "A calibration in a profile, and the files beside it.",
     record(
         "",
         Entry,

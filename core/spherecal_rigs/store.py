@@ -190,7 +190,7 @@ _EVENTS = items(
 PROFILE = FileFormat(
     "spherecal/profile",
     PROFILE_FILE,
-    "A rig's profile: its name, limits, and which calibration was in use from when on.",
+    "A rig's profile: name, limits, and which calibration was in use when.",
     record(
         "",
         _profile,

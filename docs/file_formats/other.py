@@ -66,7 +66,7 @@ SERIES = written(
 MEASUREMENTS = written(
     "measurements",
     "stream of measure --stream",
-    "The first line of the stream of measured sets; every other line is one set, as `#/$defs/set` has it.",
+    "First line of the stream of measured sets; the others are sets (`#/$defs/set`).",
     {"cameras?": items("Ids of the cameras.", identifier(""))},
     is_read=False,
     more="measuring.md",

@@ -142,7 +142,7 @@ REPORT = written(
 EXPORT = written(
     "export",
     "export.json",
-    "The contents of an exported folder; it marks the folder as one that may be replaced.",
+    "The contents of an exported folder, which may be replaced.",
     {
         "export_format": text("The format."),
         "length_unit": text("Unit of lengths."),

@@ -121,7 +121,7 @@ TRUTH = written(
 WRITTEN = written(
     "written",
     "written.json",
-    "Files of a folder that this program wrote beside those of its kind; such a folder may be replaced as a whole.",
+    "Other files of a folder that this program wrote and may replace.",
     {"files": items("Their names.", text(""))},
     is_read=False,
 )

@@ -429,8 +429,8 @@ def test_one_matrix_serves_all_cameras() -> None:
         ({}, {"C1": K}, {}, "no image points.*Give "),
         ({"C1": UV}, 1000.0, {}, r"cameras must be \{camera: K\}.*but is 1000.0"),
         ({"C1": UV}, "lens.json", {}, r"cameras must be \{camera: K\}"),
-        ({"P1": {"C1": UV}}, K, {}, "One matrix for all cameras needs observations that name the cameras.*name: K for"),
-        ({"C1": UV}, {"C1": K}, {"scale": 500.0}, "scale must be a Scale.*sphere_diameter_mm, but is 500.0"),
+        ({"P1": {"C1": UV}}, K, {}, "One matrix for all cameras: .* which of their names.*name: K for"),
+        ({"C1": UV}, {"C1": K}, {"scale": 500.0}, "scale must be a Scale.*sphere_diameter_mm.*, but is 500.0"),
         ({"C1": UV}, {"C1": K}, {"target_set": "targets.json"}, "target_set must be a TargetSet.*load_targets"),
         ({"C1": UV}, {"C1": K}, {"bars": [400.0]}, "Each item of bars must be a Bar, but is 400.0"),
         ({"C1": UV}, {"C1": K}, {"sphere_diameter_mm": {}}, r"sphere_diameter_mm must be a number .* is \{\}"),
@@ -451,6 +451,53 @@ def test_what_cannot_be_taken_says_what_can(
 def test_a_sigma_that_is_no_number_is_named(calibrated, sigma: Any) -> None:
     with pytest.raises(spherecal.InputError, match=r"sigma_px must be (a number )?above 0, but is "):
         spherecal.triangulate_points(calibrated.rig, {"C01": UV, "C02": UV}, sigma_px=sigma)
+
+
+loose: Any = spherecal  # called as no type checker would let pass
+# Arrays, whose shapes are checked where they are used, and a protocol.
+OPEN = {"calibrate_points": {"observations", "cameras"}, "detect_targets": {"image"}, "live_sets": {"source"}}
+
+
+def test_every_argument_of_another_kind_is_refused_with_what_is_accepted() -> None:
+    """`'dict' object has no attribute 'repairs'` before, and the like of 15 others."""
+    named = 0
+    for name in spherecal.__all__:
+        function = getattr(spherecal, name)
+        if not inspect.isfunction(function) or function.__module__ != "spherecal_app.api":
+            continue
+        for argument in inspect.signature(function).parameters:
+            if argument not in OPEN.get(name, ()):
+                with pytest.raises(spherecal.InputError, match=rf"^{argument} must be .+, but is <object"):
+                    function(**{argument: object()})
+                named += 1
+    assert named > 120
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda s, rig: loose.calibrate_session(s, settings={"lens": "brown"}), "settings must be Calibr.*method="),
+        (lambda s, rig: loose.calibrate_session(s, context=print), r"a Context \(such as Context\(on_progress"),
+        (lambda s, rig: loose.calibrate_session(s, "fast"), "no method fast|has the method fast.*Methods: auto"),
+        (lambda s, rig: loose.verify_rig(s, rig, limit=0.03), "limit must be a LengthLimit.*0.03.L/20000"),
+        (lambda s, rig: loose.measure(s, rig, task="3,5"), "task must be a Task or None, but is '3,5'"),
+        (lambda s, rig: loose.plan_bar_poses(rig, "B1"), "Each item of bars must be a RegisteredBar.*load_bars"),
+        (lambda s, rig: loose.recalibrate_cameras(s, rig, None), "cameras must be a list of strings"),
+        (lambda s, rig: loose.save_calibration(rig, "x"), "calibration must be a Calibration .*calibrate_session"),
+        (lambda s, rig: loose.write_target_sheet("x", "s.pdf"), "targets must be a TargetSet .load_targets"),
+        (lambda s, rig: loose.detect_targets(np.zeros((9, 9), np.uint8), [1]), "or the path of a targets.json"),
+        (lambda s, rig: loose.simulate_session("demo", 1, {"targets": 40}), r"SimulationOptions\(targets="),
+        (lambda s, rig: loose.define_frame("x", offset_mm=5), "offset_mm must be 3 numbers"),
+        (lambda s, rig: loose.new_session("o", ".", sphere_diameter_mm="500"), "must be a number or None"),
+        (lambda s, rig: loose.project_points(rig, [0, 0, 1], frame="x"), "frame must be a UserFrame"),
+        (lambda s, rig: loose.Rig.from_opencv([K], (1000, 800)), r"\{camera: \(K, dist, rvec, tvec\)\}"),
+        (lambda s, rig: loose.triangulate_points(rig, {"C01": UV, "C02": UV}).length_mm(0, 99), "not found"),
+    ],
+)
+def test_a_wrong_argument_is_named_with_what_is_accepted(simulated, calibrated, call: Any, said: str) -> None:
+    with pytest.raises(spherecal.InputError) as refused:
+        call(simulated[0], calibrated.rig)
+    assert re.search(said, f"{refused.value}", re.DOTALL), f"{refused.value}"
 
 
 @pytest.mark.parametrize("wrong", [7, None, {"cameras": []}, [1, 2]])
@@ -485,6 +532,18 @@ def test_results_show_themselves_in_a_notebook(simulated, calibrated) -> None:
         page = shown._repr_html_()
         assert word in page and "<table>" in page and page.count("<tr>") == page.count("</tr>") > 1, page[:300]
         assert len(page) < 20_000
+
+
+def test_results_show_themselves_at_the_prompt(simulated, calibrated, tmp_path: Path) -> None:
+    """A verification filled pages with its arrays."""
+    rig = calibrated.rig
+    for shown, word in (
+        (spherecal.verify_rig(simulated[0], rig), "<Verification: consistent, 48 lengths, largest error 0.0"),
+        (spherecal.check_rig(simulated[0], rig), "<Check: ok; "),
+        (spherecal.export_rig(rig, "opencv", tmp_path / "out"), "<Exported: OpenCV YAML, 6 cameras in mm, largest "),
+        (rig.quality.findings[0], f"<Finding {rig.quality.findings[0].code} ("),
+    ):
+        assert repr(shown).startswith(word) and len(repr(shown)) < 500, repr(shown)
 
 
 def test_help_is_short_and_names_what_it_takes() -> None:

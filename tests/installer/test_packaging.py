@@ -66,6 +66,8 @@ def test_the_sdist_builds_a_wheel_with_the_same_files(built: Path, tmp_path: Pat
     with tarfile.open(next(built.glob("*.tar.gz"))) as sdist:
         sdist.extractall(tmp_path, filter="data")
     source = next(tmp_path.iterdir())
+    read_by_tests = ("SECURITY.md", "CODE_OF_CONDUCT.md", ".ci/run", ".github/workflows/release.yml")
+    assert [name for name in read_by_tests if not (source / name).is_file()] == []
     command = [Path(sys.executable).parent / "hatchling", "build", "-t", "wheel", "-d", tmp_path / "again"]
     subprocess.run(command, cwd=source, check=True, capture_output=True)
     again = zipfile.ZipFile(next((tmp_path / "again").glob("*.whl")))

@@ -11,7 +11,7 @@ import pytest
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.rig import Rig
+from spherecal.data.rig import Rig, RigScale
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Placement, Session
 from spherecal.files.rig_file import read_rig
@@ -185,6 +185,14 @@ def test_a_bar_that_two_cameras_see_is_measured_though_no_camera_is_tested(rig: 
     assert "nothing is known about them" in found.sentence
     with pytest.raises(InputError, match="too little is seen"):
         check(replace(by_two, bar_poses=(), placements=(Placement("A-1", {}),)), rig)
+
+
+def test_a_rig_without_scale_is_not_judged_by_bars(rig: Rig) -> None:
+    """Its lengths are arbitrary: they were called half a metre wrong, and the rig was to be recalibrated."""
+    arbitrary = replace(rig, scale=RigScale("none", None))
+    found = check(recorded(), arbitrary)
+    assert (found.verdict, found.lengths) == ("ok", ())
+    assert [f.code for f in found.findings] == ["no-scale"]
 
 
 def _ids(session: Session) -> list[str]:

@@ -57,6 +57,9 @@ class Finding:
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", plain(self.values))
 
+    def __repr__(self) -> str:
+        return f"<Finding {self.code} ({self.severity}): {self.message}>"
+
     @property
     def message(self) -> str:
         """What was found, in English, as files have it."""

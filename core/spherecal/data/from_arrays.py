@@ -61,7 +61,7 @@ def lenses_by_camera(cameras: Any, observations: Any) -> Mapping[str, Lens]:
     names = _named_cameras(observations)
     if not names:
         raise InputError(
-            "One matrix for all cameras needs observations that name the cameras.",
+            "One matrix for all cameras: the observations do not say which of their names are those of cameras.",
             "Give cameras={name: K for name in (...)}, with the names of all cameras.",
         )
     return dict.fromkeys(names, cameras)

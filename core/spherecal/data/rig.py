@@ -14,6 +14,7 @@ from spherecal.base.errors import InputError, needing
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
 from spherecal.data.findings import Finding, counted
+from spherecal.data.from_arrays import of_kind
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera, camera_of_opencv, table_row
 from spherecal.geometry.volume_map import LengthMap
@@ -162,7 +163,7 @@ class Rig(ByValue):
         InputError
             Names the camera that cannot be used.
         """
-        if not cameras:
+        if not of_kind("cameras", cameras, Mapping, "{camera: (K, dist, rvec, tvec)}"):
             raise InputError(Phrase("error-rig-empty"))
         if unit not in ("mm", "m"):
             raise InputError(Phrase("error-rig-unit", {"unit": repr(unit)}))

@@ -143,6 +143,7 @@ BALL = FileFormat(
     ),
     ("No dot occurs twice.", "The dots are not all on one line.", "A covariance is positive definite."),
     lines="dots",
+    more="profiles.md#ball-profiles",
 )
 
 

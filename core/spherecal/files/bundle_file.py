@@ -45,7 +45,7 @@ _FILES = {
 BUNDLE = FileFormat(
     "spherecal/bundle",
     BUNDLE_FILE,
-    "Describes the original of a session whose images were left out for a support bundle.",
+    "The original of a session in a support bundle, whose images were left out.",
     record(
         "",
         _Original,

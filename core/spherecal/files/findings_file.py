@@ -54,7 +54,7 @@ _FINDING = record(
 FINDINGS = FileFormat(
     "spherecal/findings",
     FINDINGS_FILE,
-    "The values of the findings in the rig.json and verification.json beside it, for other languages; may be missing.",
+    "Values of the findings in rig.json and verification.json, for other languages; may be missing.",
     only("findings", items("A finding's words are made of its code, kind and values.", _FINDING)),
 )
 

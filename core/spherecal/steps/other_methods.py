@@ -1,6 +1,7 @@
 """Methods other than the ball's, such as boards and bars: found by their entry points when one is asked for."""
 
 from collections.abc import Callable
+from typing import get_args
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
@@ -27,5 +28,5 @@ def other_method(name: str) -> OtherMethod | None:
     if name in OF_THE_BALL:
         return None
     if (method := load(METHODS, name)) is None:
-        raise InputError(Phrase("error-no-method", {"name": name}))
+        raise InputError(Phrase("error-no-method", {"name": name, "names": list(get_args(Method))}))
     return method

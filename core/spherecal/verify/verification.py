@@ -148,6 +148,12 @@ class Verification(ByValue):
         acceptance = None if self.procedure is None else self.procedure.acceptance
         return is_failed(self.decision.verdict, None if acceptance is None else acceptance.verdict, self.findings)
 
+    def __repr__(self) -> str:
+        said = "".join(f"; {f.severity}: {f.message}" for f in self.findings if f.severity != "info")
+        most = self.overall.max_abs_error_mm
+        errors = "" if most is None or self.decision.verdict == "no data" else f", largest error {most:.4g} mm"
+        return f"<Verification: {self.decision.verdict}, {len(self.measured)} lengths{errors}{said}>"
+
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict, and each length over its poses."""
         columns = {

@@ -483,7 +483,7 @@ OVERRIDE = record(
 VERIFICATION = FileFormat(
     "spherecal/verification",
     "verification.json",
-    "The verification of a rig with check bars; the single lengths are in bars.csv beside it.",
+    "The verification of a rig with check bars; single lengths are in bars.csv.",
     record(
         "",
         _bar_report,

@@ -83,6 +83,11 @@ class Exported:
     losses: Mapping[str, Loss]
     fields_lost: Mapping[str, FieldLoss] = dataclass_field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        lost = f", lenses refitted: {', '.join(self.losses)}" if self.losses else ""
+        difference = f"largest difference {self.largest_difference_px:.2g} px"
+        return f"<Exported: {self.format.title}, {len(self.ids)} cameras in {self.unit}, {difference}{lost}>"
+
 
 def export_rig(
     rig: Rig,

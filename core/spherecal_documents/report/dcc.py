@@ -93,7 +93,7 @@ def _stated_contact(about: str) -> Kind[Contact]:
 ISSUER = FileFormat(
     "spherecal/issuer",
     "issuer.json",
-    "What `spherecal report --issuer` needs for a calibration certificate: laboratory, customer, person, dates.",
+    "Laboratory, customer, person and dates of a certificate, for `spherecal report --issuer`.",
     record(
         "",
         Issuer,
@@ -108,6 +108,7 @@ ISSUER = FileFormat(
         optional("end", day("Last day.")),
     ),
     ("No text is empty.",),
+    more="verification.md#reports",
 )
 
 

@@ -17,7 +17,7 @@ def add_export(add: Add) -> None:
         metavar="FORMAT",
         dest="to",
         help="opencv, ros, kalibr, colmap, metashape, anipose (also for Pose2Sim), caliscope, mc-calib, multical, "
-        "mrcal, csv; scenes to look at: gltf, ply, blender",
+        "mrcal, csv, maps; scenes to look at: gltf, ply, blender",
     )
     output(export, "PATH", "the file or folder to write")
     choice(export, "--unit", _UNITS, "unit of lengths, where the format leaves it open")
@@ -30,7 +30,7 @@ def add_import(add: Add) -> None:
     """`spherecal import`."""
     bring = add("import", "Make a rig.json from a rig with poses that another program calibrated.")
     path(bring, "file", "FILE", "the other program's file, or folder of files")
-    text = "opencv, ros, kalibr, colmap, metashape, anipose, caliscope, mc-calib, multical, mrcal, csv, matlab"
+    text = "opencv, ros, kalibr, colmap, metashape, anipose, caliscope, mc-calib, multical, mrcal, csv, maps, matlab"
     word(bring, "--format", "FORMAT", text, required=True)
     output(bring, "rig.json", "the file to write, - for standard output")
     choice(bring, "--unit", _UNITS, "unit of the file's lengths, where the format leaves it open")

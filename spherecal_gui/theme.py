@@ -219,7 +219,7 @@ def style_sheet(c: Colours) -> str:
         background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; border-radius: 8px;
         padding: 7px {side}px; min-height: {pt(20):.0f}px;
     }}
-    QFileDialog QToolButton {{ padding: 2px; min-height: 0; }}
+    QFileDialog QToolButton, QFileDialog QToolButton:focus {{ padding: 2px; min-height: 0; }}
     QPushButton:hover, QToolButton:hover {{ border-color: {c.accent}; }}
     QPushButton:focus, QToolButton:focus {{ border: 2px solid {c.accent}; padding: 6px {side - 1}px; }}
     QPushButton:pressed {{ background: {c.border}; }}

@@ -97,7 +97,7 @@ class Photographer:
         BackgroundTask._note = waiting
         try:
             yield
-            self.wait(reached.is_set)
+            self.wait(lambda: reached.is_set() or self.window.controller.runner.running is None)
             self.live(0.5)
         finally:
             BackgroundTask._note = note
@@ -313,13 +313,14 @@ def computing(p: Photographer) -> None:
     p.live(1.0)
     p.take("results-stopped")
     controller.go("calibrate")
-    session = controller.project.folder / "session.json"
-    session.rename(session.with_suffix(".away"))
+    image = controller.project.folder / "placements" / "P2" / "C03.png"
+    right = image.read_bytes()
+    image.write_bytes(b"no picture")
     controller.computation.calibrate()
     p.wait()
     p.take("calibrate-failed")
-    session.with_suffix(".away").rename(session)
-    with p.held(lambda progress: progress.iteration is not None and window.page.course.fraction > 0.5):
+    image.write_bytes(right)
+    with p.held(lambda progress: progress.stage == "rigid ball"):
         controller.computation.calibrate()
     p.take("calibrate-running")
     p.release()
@@ -521,10 +522,8 @@ def make_screenshots(
 
 def make_matrix(folder: Path) -> int:
     """All pictures, a process for each language; then the sheets and the list of faults."""
-    codes = []
-    for some in (LANGUAGES[:2], LANGUAGES[2:]):
-        children = [subprocess.Popen([sys.executable, __file__, str(folder), language]) for language in some]
-        codes += [child.wait() for child in children]
+    walks = [subprocess.Popen([sys.executable, __file__, str(folder), language]) for language in LANGUAGES]
+    codes = [walk.wait() for walk in walks]
     make_sheets(folder)
     for path in sorted(folder.glob("faults-*.txt")):
         print(path.read_text(encoding="utf-8"), end="")

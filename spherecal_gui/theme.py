@@ -252,6 +252,7 @@ def style_sheet(c: Colours) -> str:
     QTableCornerButton::section {{ background: {c.raised}; border: none; }}
     QProgressBar {{ background: {c.raised}; border: 1px solid {c.border}; border-radius: 6px; text-align: center;
         min-height: {pt(22):.0f}px; color: {c.text}; }}
+    QProgressBar#hold-still {{ min-height: 0; border-radius: 4px; }}
     QProgressBar::chunk {{ background: {c.accent}; border-radius: 5px; }}
     QPlainTextEdit, QTextBrowser, QLineEdit, QComboBox {{ background: {c.surface}; color: {c.text};
         border: 1px solid {c.border}; border-radius: 6px; padding: 5px; }}

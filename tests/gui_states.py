@@ -116,6 +116,7 @@ def _facts(_: str) -> dict[Any, list]:
             stale=ON,
             accepted=ON,
             running=("", "calibrate", "save"),
+            stopped=ON,
         ),
         st.save_says: every(
             st.SaveFacts,

@@ -1465,6 +1465,10 @@ px</translation>
         <source>Check the cameras at Connect.</source>
         <translation>Die Kameras bei „Verbinden“ prüfen.</translation>
     </message>
+    <message>
+        <source>Retake {name}: what is on disk is damaged.</source>
+        <translation>{name} neu aufnehmen: Was auf der Platte liegt, ist beschädigt.</translation>
+    </message>
 </context>
 <context>
     <name>Faults</name>
@@ -2225,8 +2229,8 @@ px</translation>
         <translation>Schlechteste zuerst</translation>
     </message>
     <message>
-        <source>Draw rectangles over what is no target, then press the button again.</source>
-        <translation>Rechtecke über alles ziehen, was keine Zielmarke ist, dann die Taste erneut drücken.</translation>
+        <source>Draw rectangles over what is no target, then press “{button}” again.</source>
+        <translation>Rechtecke über alles ziehen, was keine Zielmarke ist, dann „{button}“ erneut drücken.</translation>
     </message>
     <message>
         <source>Masks: {count}</source>

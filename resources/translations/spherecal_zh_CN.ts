@@ -1465,6 +1465,10 @@ px</translation>
         <source>Check the cameras at Connect.</source>
         <translation>请在“连接”步骤检查相机。</translation>
     </message>
+    <message>
+        <source>Retake {name}: what is on disk is damaged.</source>
+        <translation>请重拍 {name}：磁盘上的数据已损坏。</translation>
+    </message>
 </context>
 <context>
     <name>Faults</name>
@@ -2225,8 +2229,8 @@ px</translation>
         <translation>最差在前</translation>
     </message>
     <message>
-        <source>Draw rectangles over what is no target, then press the button again.</source>
-        <translation>在非靶标处画矩形，然后再次按下按钮。</translation>
+        <source>Draw rectangles over what is no target, then press “{button}” again.</source>
+        <translation>在非靶标处画矩形，然后再次按“{button}”。</translation>
     </message>
     <message>
         <source>Masks: {count}</source>
@@ -2549,7 +2553,7 @@ px</translation>
     </message>
     <message>
         <source>Working out where the ball should go next: {seconds:.0f} s</source>
-        <translation>正在计算球的下一个位置：{seconds:.0f} s</translation>
+        <translation>正在计算球的下一个位置：{seconds:.0f} 秒</translation>
     </message>
 </context>
 <context>
@@ -4151,11 +4155,11 @@ mm</translation>
     </message>
     <message>
         <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
-        <translation>{seconds:.0f} s，比平时长（{usual:.0f} s）</translation>
+        <translation>{seconds:.0f} 秒，比平时长（{usual:.0f} 秒）</translation>
     </message>
     <message>
         <source>{seconds:.0f} s</source>
-        <translation>{seconds:.0f} s</translation>
+        <translation>{seconds:.0f} 秒</translation>
     </message>
     <message>
         <source>{gone}, nearly done</source>

@@ -1,6 +1,7 @@
 """What all parts of the controller build on: the open project and its result, the running work, the messages."""
 
 import logging
+import os
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -108,6 +109,10 @@ class ProjectController(QObject):
             text, hint = error_text(error)
             log.error("%s", text, exc_info=error)
             if self.project is not None:
+                folder = f"{self.project.folder}{os.sep}"
+                if damaged := next((name for name in self.project.sets if f"{os.sep}{name}{os.sep}" in text), ""):
+                    text = text.replace(folder, "")
+                    hint = translate("Errors", "Retake {name}: what is on disk is damaged.").format(name=damaged)
                 self.update(changes.with_failure(self.project, step, f"{text} {hint}".strip()))
             self.tell("bad", text, hint)
 

@@ -82,12 +82,9 @@ class CalibratePage(Page):
         self.plot = ConvergenceChart()
         plot.body.addWidget(self.plot, 1)
         foot = QHBoxLayout()
-        foot.addWidget(
-            label(
-                self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended."), "soft"
-            ),
-            1,
-        )
+        text = self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended.")
+        self._plot_key = label(text, "soft")
+        foot.addWidget(self._plot_key, 1)
         self.details = button(self.tr("Details"), "details")
         give_icon(self.details, "list-details")
         self.details.setCheckable(True)
@@ -278,7 +275,11 @@ class CalibratePage(Page):
         for line in self.course.said[self._told :]:
             self.lines.appendPlainText(line)
         self._told, self._drawn_s = len(self.course.said), now
+        self._draw_plot()
+
+    def _draw_plot(self) -> None:
         self.plot.show_runs(self.course.runs)
+        self._plot_key.setVisible(bool(self.course.runs))  # else there is no line
 
     @property
     def _was_cut_short(self) -> bool:
@@ -290,7 +291,7 @@ class CalibratePage(Page):
         self.details.setVisible(not far)
         self._log.setVisible(self.details.isChecked() and not far)
         self._draw_stages()
-        self.plot.show_runs(self.course.runs)
+        self._draw_plot()
 
     def _draw_stages(self) -> None:
         """All stages so far; the one that it is at is marked wherever it stands, for the adjustments come twice."""

@@ -272,7 +272,6 @@ class ConnectPage(Page):
     def _bench(self) -> Card:
         """What should lie on the bench, and how that is chosen."""
         self.bench = Card(self.tr("On the bench"))
-        self.bench.body.addStrut(int(theme.pt(_BENCH_PT)))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
         column = QVBoxLayout(rows)
@@ -313,6 +312,7 @@ class ConnectPage(Page):
         self.why.setVisible(bool(wrong))
         self.other.setVisible(bool(wrong))
         self.again.setVisible(not wrong)
+        self.bench.setMinimumWidth(int(theme.pt(_BENCH_PT)) + 2 * theme.PAD)
         self._show_lines(lines)
         taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
         self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))

@@ -118,7 +118,8 @@ class LookPage(LivePage):
 
     def _show_masks(self) -> None:
         masks = self.project.masks if self.project is not None else ()
-        text = self.tr("Draw rectangles over what is no target, then press the button again.")
+        text = self.tr("Draw rectangles over what is no target, then press “{button}” again.")
+        text = text.format(button=self.draw.text())
         if not self.draw.isChecked():
             text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
         self.message.setText(text)

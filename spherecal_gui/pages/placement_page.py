@@ -52,6 +52,7 @@ class PlacementPage(LivePage):
         controller.advice.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
+        head.setSpacing(theme.PAD)
         self.ready = label("", "huge", wrap=False)
         self.advice = label("", "huge")
         self.advice.setAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
@@ -190,7 +191,8 @@ class PlacementPage(LivePage):
     def _show_keys(self) -> None:
         """Room for two lines of instruction, so that the images keep their place when it changes."""
         self.advice.setMinimumHeight(2 * self.advice.fontMetrics().lineSpacing())
-        self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())
+        told = "±" in self.now.text()  # else it would be the key to nothing
+        self.guide_key.setVisible(told and self.height() > _TALL_PX and not theme.is_far())
         self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
     def refresh(self) -> None:
@@ -485,6 +487,7 @@ class PlacementPage(LivePage):
         self.now.setText(text)
         set_level(self.now, level)
         self.then.setText(next_text(shown, self._all_taken) if shown is not None else "")
+        self._show_keys()
         self._show_ghosts()
 
     def _reason(self) -> str:

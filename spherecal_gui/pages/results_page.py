@@ -297,7 +297,8 @@ class ResultsPage(Page):
         may_use = calibrated is None or usable(calibrated.verdict)
         accepted = project.accepted == calibrated
         stale = state.status is Status.STALE
-        return results_says(ResultFacts((message.word, message.level, may_use), stale, accepted, running))
+        stopped = any(one.code == "stopped-early" for one in result.rig.quality.findings)
+        return results_says(ResultFacts((message.word, message.level, may_use), stale, accepted, running, stopped))
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:

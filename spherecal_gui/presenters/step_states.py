@@ -436,12 +436,16 @@ def _computed(f: CalibrateFacts) -> Said:
 
 @dataclass(frozen=True)
 class ResultFacts:
-    """`verdict`: its word, level, and whether it may be used; None while the result is being read."""
+    """`verdict`: its word, level, and whether it may be used; None while the result is being read.
+
+    `stopped`: before its end, by somebody.
+    """
 
     verdict: tuple[str, Level, bool] | None = None
     stale: bool = False
     accepted: bool = False
     running: str = ""
+    stopped: bool = False
 
 
 def results_says(f: ResultFacts) -> Said:
@@ -454,12 +458,14 @@ def results_says(f: ResultFacts) -> Said:
     if f.running == "calibrate":
         why = translate("State", "A calibration is running: wait for what comes of it.")
         return Said("none", translate("State", "Being computed again"), Button(words, "accept", False, why))
+    again = Button(translate("State", "Calibrate again"), "calibrate", not f.running, _busy() if f.running else "")
     if f.stale:
-        again = Button(translate("State", "Calibrate again"), "calibrate", not f.running, _busy() if f.running else "")
         return Said("caution", translate("State", "OUT OF DATE"), again)
     if f.accepted:
         done = Button(words, "accept", False, translate("State", "It was accepted already."), done=True)
         return Said(level, word, done)
+    if f.stopped:
+        return Said(level, word, again)
     if not may_use:
         why = translate("State", "It is not valid: do what the findings advise.")
         return Said(level, word, Button(words, "accept", False, why))

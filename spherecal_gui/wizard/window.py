@@ -379,7 +379,8 @@ class WizardWindow(WindowFrame):
             if task is not None:
                 task.usual_s = expected_s(read_durations(self.settings.text(f"pace-{kind_of(task.name)}")))
         self.controller.computation.follow()
-        shown = self.page is not None and self.page.said().left  # the page says it, large
+        here = task is not None and self._shown_step is not None and task.name == self._shown_step.id
+        shown = here or (self.page is not None and self.page.said().left)  # the page says it, large
         self._tell_doing("" if shown else self.controller.progress_text())
 
     def _tell_doing(self, text: str) -> None:

@@ -411,6 +411,7 @@ def verifying(p: Photographer) -> None:
     p.wait()
     p.take("verify-no-pose")
     controller.sets.delete(pose)
+    page.more.click()
     controller.staging.show_pose(page.current)
     p.wait(lambda: page.guide is not None and page.guide.level == "good")
     controller.cameras.connection.source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 18.0))

@@ -97,6 +97,7 @@ def _facts(_: str) -> dict[Any, list]:
             current=ON,
             taken=ON,
             outdated=ON,
+            empty=ON,
         ),
         st.calibrate_says: every(
             st.CalibrateFacts,

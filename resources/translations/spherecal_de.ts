@@ -4611,6 +4611,10 @@ mm</translation>
         <translation>STIMMIG</translation>
     </message>
     <message>
+        <source>No captured pose shows two marks of the bar to two cameras: capture them again.</source>
+        <translation>Keine aufgenommene Lage zeigt zwei Kameras zwei Marken des Stabs: noch einmal aufnehmen.</translation>
+    </message>
+    <message>
         <source>NO DATA</source>
         <translation>KEINE DATEN</translation>
     </message>

@@ -4611,6 +4611,10 @@ mm</translation>
         <translation>一致</translation>
     </message>
     <message>
+        <source>No captured pose shows two marks of the bar to two cameras: capture them again.</source>
+        <translation>已拍摄的位姿中，没有一个让两台相机看到基准尺的两个标记：请重新拍摄。</translation>
+    </message>
+    <message>
         <source>NO DATA</source>
         <translation>无数据</translation>
     </message>

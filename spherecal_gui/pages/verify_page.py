@@ -88,7 +88,7 @@ class VerifyPage(ScalePage):
         self.limit = QLineEdit()
         self.limit.setObjectName("limit")
         self.limit.setPlaceholderText(self.tr("e.g. 0.03+L/20000"))
-        self.limit.setMinimumWidth(150)
+        self.limit.setMinimumWidth(self.limit.fontMetrics().horizontalAdvance(self.limit.placeholderText()) + 24)
         self.limit.setMaximumWidth(220)
         self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
         self._limit_tip = self.tr(
@@ -181,6 +181,11 @@ class VerifyPage(ScalePage):
             self._chosen, self._accepted_s = str(sender.property("pose")), None
             self._stage()
             self.refresh()
+
+    def _retake_all(self) -> None:
+        """From the first pose on: nothing was measured in those that are there."""
+        self._chosen = self.pose_ids()[0]
+        self._more_poses()
 
     def _more_poses(self) -> None:
         self._again = True
@@ -378,7 +383,8 @@ class VerifyPage(ScalePage):
             bars = replace(bars, guide=(lay_text(planned), "none", False))
         outcome = self.outcome.words if self.shows_outcome else None
         outdated = state is not None and state.reason is not None and state.reason.code == "calibration stale"
-        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated))
+        empty = self.project.verified is not None and self.project.verified.verdict == "no data"
+        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated, empty))
 
     def _step_part(self, state: StepState) -> Part:
         """While poses are laid where the bar goes comes first, and not that others were measured before."""
@@ -395,5 +401,6 @@ class VerifyPage(ScalePage):
         return {
             "capture": self._take,
             "measure": self._measure,
+            "retake": self._retake_all,
             "results": lambda: self.controller.go("calibrate"),
         }

@@ -153,7 +153,8 @@ def bar_verdict(bars: "BarReport") -> VerdictText:
         return VerdictText(translate("Verify", "PASS"), "good", sentence)
     if bars.verdict == "consistent":
         return VerdictText(translate("Verify", "CONSISTENT"), "caution" if unseen else "good", sentence)
-    return VerdictText(translate("Verify", "NO DATA"), "caution", sentence)
+    missing = translate("Verify", "No captured pose shows two marks of the bar to two cameras: capture them again.")
+    return VerdictText(translate("Verify", "NO DATA"), "caution", sentence or missing)
 
 
 def _why_failed(bars: "BarReport") -> str:

@@ -349,6 +349,7 @@ class VerifyFacts:
     current: bool = True  # what was measured is of the poses, the calibration and the limit of now
     taken: bool = False
     outdated: bool = False  # the calibration itself is out of date
+    empty: bool = False  # nothing could be measured in the poses that are there
 
 
 def verify_says(f: VerifyFacts) -> Said:
@@ -365,6 +366,8 @@ def verify_says(f: VerifyFacts) -> Said:
             return Said(level, f.outcome[0], Button(words, "measure", False, _busy()))
         if f.outdated:  # to measure with it would be in vain
             return Said(level, f.outcome[0], Button(translate("State", "See what has changed"), "results"))
+        if f.empty and f.current:
+            return Said(level, f.outcome[0], Button(translate("State", "Retake  (space)"), "retake"))
         again = translate("State", "It is measured; retake a pose to measure again.")
         button = Button(words, "measure", False, again, done=True) if f.current else Button(words, "measure")
         return Said(level, f.outcome[0], button)

@@ -320,12 +320,16 @@ class Banner(QFrame):
         """Whether a red message is shown."""
         return not self.isHidden() and self._kind == "bad"
 
+    def dress(self) -> None:
+        """The mark is a picture in the colours of now."""
+        tint = theme.now().text if self._kind == "info" else None
+        self._mark.setPixmap(level_pixmap(self._kind, theme.pt(22), tint))
+
     def tell(self, kind: str, text: str, hint: str = "") -> None:
         """Show a message."""
         self._kind = kind
         set_level(self, kind)
-        tint = theme.now().text if kind == "info" else None
-        self._mark.setPixmap(level_pixmap(kind, theme.pt(22), tint))
+        self.dress()
         set_level(self._what, kind)
         self._what.setText(text)
         self._hint.setText(hint)

@@ -35,7 +35,7 @@ class FindingsList(QScrollArea):
         clear(self._column)
         for option, value in repairs:
             self._column.addWidget(self._repair(option, value))
-        if not advice:
+        if not repairs and all(one.level == "none" for one in advice):
             nothing = label(self.tr("Nothing to complain about."), "big")
             set_level(nothing, "good")
             self._column.addWidget(nothing)

@@ -35,7 +35,7 @@ class VerificationView(QSplitter):
         super().__init__(Qt.Orientation.Vertical, parent)
         self.words = ("", "none")  # verdict and level
         outcome = Card()
-        self.word = label("", "huge")
+        self.word = label("", "huge", wrap=False)
         self.word.setMinimumWidth(240)
         self.sentence = label("", "big")
         self.rule = label("", "soft")
@@ -97,6 +97,8 @@ class VerificationView(QSplitter):
         word = "  ".join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
         self.sentence.setText(verdict.sentence)
+        for part in (self.pictures, self.rule):  # else axes without anything on them
+            part.setVisible(bool(bars.measured))
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))
         self.table.fill([[(cell, _value(cell), "") for cell in row] for row in length_cells(bars)])
@@ -117,7 +119,7 @@ class VerificationView(QSplitter):
         low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
         self.errors.setMinimumHeight(low)
         self.panel.view.setMinimumSize(200, low)
-        self.rule.setVisible(low == 100)
+        self.rule.setVisible(low == 100 and not self.pictures.isHidden())
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
         self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
 

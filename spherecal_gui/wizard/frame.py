@@ -197,6 +197,7 @@ class WindowFrame(QMainWindow):
         self.rail.fit()
         dress_icons(self)
         self.header.dress()
+        self.banner.dress()
         self.redraw()
 
     def redraw(self) -> None:

@@ -1,8 +1,8 @@
 """Takes pictures of every page of the wizard: `python3 dev.py pictures --wizard FOLDER`.
 
-In every language, light, dark and with large text, in two sizes, with sheets of nine to look through, and a list of what
-does not fit on them, scrolls or has no label. One walk through the simulated demo rig for each language, without a
-screen (or in a real window where QT_QPA_PLATFORM says so). Pictures that are there already are not taken again.
+In every language, light, dark and with large text, in two sizes, with sheets of nine to look through, and a list of
+what does not fit on them, scrolls or has no label. One walk through the simulated demo rig for each language, without
+a screen (or in a real window where QT_QPA_PLATFORM says so). Pictures that are there already are not taken again.
 SPHERECAL_PICTURES names some pages only, by their names.
 """
 
@@ -162,7 +162,8 @@ class Photographer:
         while time.monotonic() < until and not all(one.settled for one in _scenes(window)):
             self.live(0.05)
         self.application.sendPostedEvents(None, QEvent.Type.LayoutRequest)  # else a button has its former width
-        window.grab().save(str(path))
+        window.grab().save(str(path.with_suffix(".part")), "PNG")
+        path.with_suffix(".part").replace(path)  # a walk that is stopped leaves no half a picture
         print(path, flush=True)
         with (self.folder / f"faults-{self.language}.txt").open("a", encoding="utf-8") as file:
             file.writelines(f"{name}: {fault}\n" for fault in _faults(window))

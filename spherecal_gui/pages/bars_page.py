@@ -37,8 +37,7 @@ class ScalePage(LivePage):
         self._still_s: float | None = None
         self._put_wall()
         self.row = QHBoxLayout()
-        self.again = button(self.tr("Retake the last pose"), "retake-pose")
-        self.again.clicked.connect(self._retake)
+        self.again = button(self.tr("Retake the last pose"), "retake-pose", act=self._retake)
         if self.by_itself is not None:
             self.row.addWidget(self.by_itself)
         self.row.addStretch(1)

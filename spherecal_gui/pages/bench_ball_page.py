@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import Problems, print_text
-from spherecal_gui.widgets.basic import Downwards, button, label, set_level
+from spherecal_gui.widgets.basic import Downwards, add, button, label, set_level
 from spherecal_gui.widgets.fields import TextField
 
 _BALL = ("name", "diameter", "first", "last", "width", "measured")
@@ -85,12 +85,10 @@ class BallTab(QWidget):
         """Targets that are not simply numbered."""
         row = QHBoxLayout()
         self.own = label("", "soft")
-        self.from_file = button(self.tr("Targets from a file"), "targets-file")
-        self.from_file.clicked.connect(self._choose_targets)
+        self.from_file = button(self.tr("Targets from a file"), "targets-file", act=self._choose_targets)
         self.by_number = button(self.tr("By number and width"), "targets-number")
         self.by_number.clicked.connect(lambda: self._act(self.desk.own_targets))
-        row.addWidget(self.from_file)
-        row.addWidget(self.by_number)
+        add(row, self.from_file, self.by_number)
         row.addWidget(self.own, 1)
         return row
 
@@ -173,8 +171,7 @@ class RigTab(QWidget):
         column.addWidget(label(self.tr("Limits"), "big", wrap=False))
         self.limit = label("")
         column.addWidget(self.limit)
-        self.open_limits = button(self.tr("Open the limits"), "open-limits")
-        self.open_limits.clicked.connect(self.limits_wanted)
+        self.open_limits = button(self.tr("Open the limits"), "open-limits", act=self.limits_wanted)
         line = QHBoxLayout()
         line.addWidget(self.open_limits)
         line.addStretch(1)

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import BarDraft, LengthDraft, Problems, certificate_state
-from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, button, clear, label, set_level
+from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, add, bare, button, clear, label, set_level
 from spherecal_gui.widgets.fields import TextField
 
 _COLUMNS = tuple(one.name for one in fields(LengthDraft))
@@ -112,11 +112,8 @@ class BarsTab(QWidget):
         self.role_problem = label("")
         set_level(self.role_problem, "bad")
         role = QWidget()
-        own = QVBoxLayout(role)
-        own.setContentsMargins(0, 0, 0, 0)
-        own.setSpacing(2)
-        for part in (label(self.tr("On this bench"), wrap=False), self.role, self.role_problem):
-            own.addWidget(part)
+        own = bare(QVBoxLayout(role), 2)
+        add(own, label(self.tr("On this bench"), wrap=False), self.role, self.role_problem)
         own.addStretch(1)
         grid.addWidget(self.fields["serial"], 0, 0)
         grid.addWidget(self.fields["description"], 0, 1, 1, 2)
@@ -132,8 +129,7 @@ class BarsTab(QWidget):
         set_level(self.lengths_problem, "bad")
         column.addWidget(self.lengths_problem)
         line = QHBoxLayout()
-        self.more = button(self.tr("Add a length"), "add-length")
-        self.more.clicked.connect(self._more)
+        self.more = button(self.tr("Add a length"), "add-length", act=self._more)
         line.addWidget(self.more)
         line.addStretch(1)
         column.addLayout(line)

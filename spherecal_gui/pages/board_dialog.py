@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 from spherecal.base.errors import SpherecalError
 from spherecal_boards.pattern_entry import SQUARED, board_entry, partial_board
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
+from spherecal_gui.widgets.basic import WheelGuard, add, button, enable, label, set_level
 
 _MARKED = ("charuco", "aprilgrid")
 
@@ -74,13 +74,10 @@ class BoardDialog(QDialog):
         set_level(self.problem, "bad")
         column.addWidget(self.problem)
         last = QHBoxLayout()
-        self.sheet = button(self.tr("Save a sheet to print"), "board-sheet")
-        self.sheet.clicked.connect(self._print)
+        self.sheet = button(self.tr("Save a sheet to print"), "board-sheet", act=self._print)
         begin = self.tr("Images of this board") if images else self.tr("Calibrate with this board")
-        self.begin = button(begin, "board-begin", "primary")
-        self.begin.clicked.connect(self._begin)
-        for one in (self.sheet, self.begin):
-            last.addWidget(one)
+        self.begin = button(begin, "board-begin", "primary", act=self._begin)
+        add(last, self.sheet, self.begin)
         column.addLayout(last)
         self.kind.currentIndexChanged.connect(self._kind_changed)
         self.looked.toggled.connect(self._kind_changed)

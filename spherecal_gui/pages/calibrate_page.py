@@ -19,9 +19,8 @@ from spherecal_gui.presenters.step_states import CalibrateFacts, calibrate_says
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Deed, Said
 from spherecal_gui.texts import reason_text
-from spherecal_gui.widgets.basic import Card, button, enable, label
+from spherecal_gui.widgets.basic import Card, add, bare, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
-from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Status
 
@@ -46,14 +45,11 @@ class CalibratePage(Page):
         self.bar.setTextVisible(False)  # no text is legible on both halves of a bar
         column.addWidget(self.bar)
         self.left = label("", "big")
-        self.stop_here = button(self.tr("Stop here"), "stop-here")
-        self.stop_here.clicked.connect(self._stop_here)
+        self.stop_here = button(self.tr("Stop here"), "stop-here", act=self._stop_here)
         line = QHBoxLayout()
         line.addWidget(self.left, 1)
-        self.again = button(self.tr("Calibrate again"), "calibrate-again")
-        self.again.clicked.connect(self.controller.computation.calibrate)
-        line.addWidget(self.stop_here)
-        line.addWidget(self.again)
+        self.again = button(self.tr("Calibrate again"), "calibrate-again", act=self.controller.computation.calibrate)
+        add(line, self.stop_here, self.again)
         column.addLayout(line)
         self._inputs = self._input_card()
         self._inputs.hide()
@@ -69,8 +65,7 @@ class CalibratePage(Page):
     def _make_work(self) -> QWidget:
         """Stages, convergence and log of the running computation."""
         self._work = QWidget()
-        row = QHBoxLayout(self._work)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(self._work))
         stages = Card(self.tr("Stages"))
         self._stages = label("", "", wrap=False)  # one text: a grid of labels is laid out for 50 ms beside the engine
         self._stages.setTextFormat(Qt.TextFormat.RichText)
@@ -85,8 +80,7 @@ class CalibratePage(Page):
         text = self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended.")
         self._plot_key = label(text, "soft")
         foot.addWidget(self._plot_key, 1)
-        self.details = button(self.tr("Details"), "details")
-        give_icon(self.details, "list-details")
+        self.details = button(self.tr("Details"), "details", icon="list-details")
         self.details.setCheckable(True)
         foot.addWidget(self.details)
         plot.body.addLayout(foot)
@@ -124,8 +118,7 @@ class CalibratePage(Page):
     def _make_method_line(self) -> QWidget:
         """The choice of the method, for those who come from the paper."""
         line = QWidget()
-        row = QHBoxLayout(line)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(line))
         self.method = QComboBox()
         self.method.addItem(self.tr("ours (recommended)"), "")
         self.method.addItem(self.tr("the paper's (Tao et al., 2021)"), "tao2021")

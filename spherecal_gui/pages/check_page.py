@@ -23,7 +23,7 @@ from spherecal_gui.rig_scenes import check_scene, rig_scene
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
-from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, add, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.workflow import Status
@@ -76,18 +76,13 @@ class CheckPage(Page):
         """What can be done where the rig is no longer as it was."""
         row = QHBoxLayout()
         self.mended = label("", "big")
-        self.repair = button(self.tr("Repair"), "repair-cameras")
+        self.repair = button(self.tr("Repair"), "repair-cameras", act=self.controller.checks.repair_cameras)
         self.repair.setToolTip(self.tr("Calibrates only the cameras that moved, from this placement; seconds."))
-        self.repair.clicked.connect(self.controller.checks.repair_cameras)
-        self.use = button(self.tr("Put the repair to use"), "use-repair")
-        self.use.clicked.connect(self.controller.checks.use_repair)
-        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
-        self.calibrate.clicked.connect(self.controller.calibrate_like_this)
+        self.use = button(self.tr("Put the repair to use"), "use-repair", act=self.controller.checks.use_repair)
+        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig", act=self.controller.calibrate_like_this)
         row.addWidget(self.mended, 1)
-        self.again = button(self.tr("Check again"), "check-again")
-        self.again.clicked.connect(self.controller.checks.check)
-        for one in (self.repair, self.use, self.calibrate, self.again):
-            row.addWidget(one)
+        self.again = button(self.tr("Check again"), "check-again", act=self.controller.checks.check)
+        add(row, self.repair, self.use, self.calibrate, self.again)
         return row
 
     @property

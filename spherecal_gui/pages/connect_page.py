@@ -43,6 +43,8 @@ from spherecal_gui.widgets.basic import (
     Card,
     Downwards,
     Elided,
+    add,
+    bare,
     button,
     clear,
     enable,
@@ -66,8 +68,7 @@ class CameraRow(QWidget):
     def __init__(self, page: "ConnectPage", line: CameraLine, narrow: bool) -> None:
         super().__init__(page)
         self.line, self._page = line, page
-        row = QGridLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QGridLayout(self))
         row.setHorizontalSpacing(theme.SMALL)
         row.setVerticalSpacing(0)
         row.setColumnStretch(2, 1)
@@ -161,8 +162,7 @@ class LensBar(QWidget):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._controller = controller
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(self))
         self.focal = QComboBox()
         self.focal.setObjectName("lens-focal")
         self.focal.setAccessibleName(self.tr("Focal length of all lenses"))
@@ -230,16 +230,14 @@ class ConnectPage(Page):
         row = QHBoxLayout(self)
         self.cameras = Card(self.tr("Cameras"))
         self.summary = label("", "big")
-        self.again = button(self.tr("Search again"), "search-again")
-        self.again.clicked.connect(self.controller.cameras.connect_all)
+        self.again = button(self.tr("Search again"), "search-again", act=self.controller.cameras.connect_all)
         top = QHBoxLayout()
         top.addWidget(self.summary, 1)
         top.addWidget(self.again, 0, Qt.AlignmentFlag.AlignTop)
         self.cameras.body.addLayout(top)
         self.why = label("", "soft")
         self.cameras.body.addWidget(self.why)
-        self.other = button(self.tr("Choose another"), "choose-recording")
-        self.other.clicked.connect(self.recording_wanted)
+        self.other = button(self.tr("Choose another"), "choose-recording", act=self.recording_wanted)
         self.cameras.body.addWidget(self.other, 0, Qt.AlignmentFlag.AlignLeft)
         self.lenses = LensBar(controller)
         self.cameras.body.addWidget(self.lenses)
@@ -251,16 +249,14 @@ class ConnectPage(Page):
         self._grid.setVerticalSpacing(theme.SMALL)
         scroll = Downwards()
         inside = QWidget()
-        column = QVBoxLayout(inside)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = bare(QVBoxLayout(inside))
         self.drivers = DriversPanel()
         self.drivers.allowed.connect(self.controller.cameras.allow_driver)
         self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
         column.addWidget(self.drivers)
         self.network = DriversPanel(of_drivers=False)
         self.network.cured.connect(self.controller.cameras.cure_network)
-        column.addWidget(self.network)
-        column.addWidget(inner)
+        add(column, self.network, inner)
         column.addStretch(1)
         scroll.setWidget(inside)
         self.cameras.body.addWidget(scroll, 2)
@@ -274,8 +270,7 @@ class ConnectPage(Page):
         self.bench = Card(self.tr("On the bench"))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
-        column = QVBoxLayout(rows)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = bare(QVBoxLayout(rows))
         column.addWidget(label(hint, "soft"))
         self._bench_rows = QVBoxLayout()
         self._bench_rows.setSpacing(12)
@@ -285,13 +280,10 @@ class ConnectPage(Page):
         scroll = Downwards()
         scroll.setWidget(rows)
         self.bench.body.addWidget(scroll, 1)
-        self.choose = button(self.tr("Choose another description"), "choose-bench")
-        self.choose.clicked.connect(self._choose)
-        self.describe = button(self.tr("Describe the bench"), "describe-bench")
+        self.choose = button(self.tr("Choose another description"), "choose-bench", act=self._choose)
+        self.describe = button(self.tr("Describe the bench"), "describe-bench", act=self.bench_wanted)
         self.describe.setToolTip(self.tr("Ball, targets, bars with their certificates, limits."))
-        self.describe.clicked.connect(self.bench_wanted)
-        self.bench.body.addWidget(self.describe)
-        self.bench.body.addWidget(self.choose)
+        add(self.bench.body, self.describe, self.choose)
         return self.bench
 
     @property
@@ -418,9 +410,7 @@ class ConnectPage(Page):
         clear(self._bench_rows)
         for row in rows:
             box = QWidget()
-            column = QVBoxLayout(box)
-            column.setContentsMargins(0, 0, 0, 0)
-            column.setSpacing(0)
+            column = bare(QVBoxLayout(box), 0)
             column.addWidget(label(row.title, "soft"))
             value = label(row.value, "big")
             set_level(value, row.level)

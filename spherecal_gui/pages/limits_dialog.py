@@ -25,7 +25,7 @@ from spherecal_gui.presenters.limits_presenter import (
     limit_problems,
     value_text,
 )
-from spherecal_gui.widgets.basic import Downwards, WheelGuard, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, set_level
 from spherecal_rigs.limits_file import Limits
 
 _SIZE = (940, 540)  # fits 1280 x 800 from afar as well
@@ -119,14 +119,11 @@ class LimitsDialog(QDialog):
         row = QHBoxLayout()
         self.delivered = button(self.tr("Back to the delivered values"), "delivered-limits")
         self.delivered.clicked.connect(lambda: self.show_limits(Limits()))
-        self.save = button(self.tr("Save"), "save-limits")
-        self.save.clicked.connect(self._save)
-        self.close_button = button(self.tr("Close"), "close-limits")
-        self.close_button.clicked.connect(self.accept)
+        self.save = button(self.tr("Save"), "save-limits", act=self._save)
+        self.close_button = button(self.tr("Close"), "close-limits", act=self.accept)
         row.addWidget(self.delivered)
         row.addStretch(1)
-        row.addWidget(self.save)
-        row.addWidget(self.close_button)
+        add(row, self.save, self.close_button)
         return row
 
     # --- values ------------------------------------------------------------------------------------------------------

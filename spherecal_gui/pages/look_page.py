@@ -14,7 +14,7 @@ from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_
 from spherecal_gui.presenters.step_states import LookFacts, look_says
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.texts import moved_text
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
@@ -45,8 +45,7 @@ class LookPage(LivePage):
         column.addWidget(self.message)
         tools = QHBoxLayout()
         tools.addStretch(1)
-        for one in (*self._for_all(), *self._of_masks()):
-            tools.addWidget(one)
+        add(tools, *self._for_all(), *self._of_masks())
         column.addLayout(tools)
         self.space = RigSpace(controller)
         row = QHBoxLayout()
@@ -57,9 +56,8 @@ class LookPage(LivePage):
 
     def _for_all(self) -> tuple[QWidget, ...]:
         """What is set for all cameras."""
-        self.expose = button(self.tr("Set exposures"), "expose-all")
+        self.expose = button(self.tr("Set exposures"), "expose-all", act=self.controller.tuning.expose_all)
         self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
-        self.expose.clicked.connect(self.controller.tuning.expose_all)
         self.format = QComboBox()
         self.format.setObjectName("pixel-format")
         self.format.addItems(_FORMATS)
@@ -88,13 +86,10 @@ class LookPage(LivePage):
         self.draw.setCheckable(True)
         self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
         self.draw.toggled.connect(self._masking)
-        self.undo = button(self.tr("Undo the last mask"), "undo-mask")
-        self.undo.clicked.connect(self.controller.recording.undo_mask)
-        self.clear = button(self.tr("Clear all masks"), "clear-masks")
-        self.clear.clicked.connect(self.controller.recording.clear_masks)
-        self.fixed = button(self.tr("Fixed again"), "fixed-again")
+        self.undo = button(self.tr("Undo the last mask"), "undo-mask", act=self.controller.recording.undo_mask)
+        self.clear = button(self.tr("Clear all masks"), "clear-masks", act=self.controller.recording.clear_masks)
+        self.fixed = button(self.tr("Fixed again"), "fixed-again", act=self._fixed)
         self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
-        self.fixed.clicked.connect(self._fixed)
         self.fixed.hide()
         self.worst = button(self.tr("Worst first"), "worst-first")
         self.worst.setCheckable(True)

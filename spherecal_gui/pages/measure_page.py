@@ -31,7 +31,7 @@ from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, label, set_level
+from spherecal_gui.widgets.basic import Card, add, label, set_level
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.table import Cell, Table
@@ -77,8 +77,7 @@ class MeasurePage(Page):
         self._trust: tuple[str, Level] = ("", "none")
         column = QVBoxLayout(self)
         self.trust, self.pace = label("", "big"), label("", "soft")
-        column.addWidget(self.trust)
-        column.addWidget(self.pace)
+        add(column, self.trust, self.pace)
         row = QHBoxLayout()
         column.addLayout(row, 1)
         left = QVBoxLayout()

@@ -23,7 +23,7 @@ from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
 from spherecal_gui.standing import Deed, Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
-from spherecal_gui.widgets.basic import button, label, option, set_level
+from spherecal_gui.widgets.basic import add, button, label, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
@@ -146,8 +146,7 @@ class PlacementPage(LivePage):
         self.guide_key = label(self.tr("Expected error on 500 mm (95 %)."), "soft")
         column.addWidget(self.guide_text)
         column.addWidget(self.space, 1)
-        for one in (self.now, self.then, self.guide_key):
-            column.addWidget(one)
+        add(column, self.now, self.then, self.guide_key)
         return self.tabs
 
     # --- what is shown -----------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Deed, Said
 from spherecal_gui.tasks.camera_effects import CameraEffect
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.effects_view import EffectsView
 from spherecal_gui.widgets.findings_list import FindingsList
@@ -112,13 +112,10 @@ class ResultsPage(Page):
         self.image.setAccessibleName(self.tr("Which image"))
         self.image.setObjectName("which-image")
         self.image.currentIndexChanged.connect(self._image_chosen)
-        self.leave_image = button(self.tr("Leave this image out"), "leave-image")
-        self.leave_image.clicked.connect(self._leave_image)
-        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
-        self.leave_camera.clicked.connect(self._leave_camera)
+        self.leave_image = button(self.tr("Leave this image out"), "leave-image", act=self._leave_image)
+        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera", act=self._leave_camera)
         column.addWidget(self.image)
-        row.addWidget(self.leave_image)
-        row.addWidget(self.leave_camera)
+        add(row, self.leave_image, self.leave_camera)
         row.addStretch(1)
         column.addLayout(row)
         return column

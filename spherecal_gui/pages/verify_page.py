@@ -29,7 +29,7 @@ from spherecal_gui.project import Artefacts
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
 from spherecal_gui.standing import Deed, Part, Said
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
+from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, option, plain, set_level
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step, StepState
@@ -76,12 +76,9 @@ class VerifyPage(ScalePage):
     def _add_buttons(self) -> None:
         self.automatic = option(self.tr("Capture by itself when it lies right"))
         self.automatic.setObjectName("automatic-bar")
-        self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway")
-        self.as_it_lies.clicked.connect(self._take)
-        self.enough = button(self.tr("Enough: measure now"), "measure-now")
-        self.enough.clicked.connect(self._measure)
-        self.more = button(self.tr("More poses"), "more-poses")
-        self.more.clicked.connect(self._more_poses)
+        self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway", act=self._take)
+        self.enough = button(self.tr("Enough: measure now"), "measure-now", act=self._measure)
+        self.more = button(self.tr("More poses"), "more-poses", act=self._more_poses)
         limit = QHBoxLayout()
         self.limit_label = label(self.tr("Permitted length error (mm)"))
         self.limit_label.setFixedWidth(_LIMIT_PX)
@@ -105,15 +102,12 @@ class VerifyPage(ScalePage):
         self.celsius.setToolTip(self.tr("Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree."))
         self.celsius.editingFinished.connect(self._celsius_given)
         self.celsius_label = label(self.tr("Bar"), wrap=False)
-        limit.addWidget(self.celsius_label)
-        limit.addWidget(self.celsius)
+        add(limit, self.celsius_label, self.celsius)
         limit.addSpacing(14)
-        limit.addWidget(self.limit_label)
-        limit.addWidget(self.limit)
+        add(limit, self.limit_label, self.limit)
         self.poses.addLayout(limit)
         self.row.insertWidget(0, self.automatic)
-        for one in (self.as_it_lies, self.enough, self.more):
-            self.row.addWidget(one)
+        add(self.row, self.as_it_lies, self.enough, self.more)
 
     def _put_wall(self) -> None:
         """In a tab, beside the scene with the pose that is asked for; it has its own way to capture by itself."""

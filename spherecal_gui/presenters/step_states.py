@@ -361,22 +361,26 @@ def verify_says(f: VerifyFacts) -> Said:
         )
         return Said("none", translate("State", "Measuring"), busy)
     if f.outcome is not None:
-        level = f.outcome[1]
-        if f.bar.work:
-            return Said(level, f.outcome[0], Button(words, "measure", False, _busy()))
-        if f.outdated:  # to measure with it would be in vain
-            return Said(level, f.outcome[0], Button(translate("State", "See what has changed"), "results"))
-        if f.empty and f.current:
-            return Said(level, f.outcome[0], Button(translate("State", "Retake  (space)"), "retake"))
-        again = translate("State", "It is measured; retake a pose to measure again.")
-        button = Button(words, "measure", False, again, done=True) if f.current else Button(words, "measure")
-        return Said(level, f.outcome[0], button)
+        text, level = f.outcome
+        return Said(level, text, _measured_button(f, words))
     said = bar_says(f.bar)
     if f.bar.pose is None and not f.bar.work:
         return replace(said, button=Button(words, "measure"))
     idle = not f.bar.work
     anyway = idle and f.bar.guide is not None and f.bar.connected
     return replace(said, also=_also({"measure-now": idle and f.taken, "take-anyway": anyway}))
+
+
+def _measured_button(f: VerifyFacts, words: str) -> Button:
+    """What can be done about what was measured."""
+    if f.bar.work:
+        return Button(words, "measure", False, _busy())
+    if f.outdated:  # to measure with it would be in vain
+        return Button(translate("State", "See what has changed"), "results")
+    if f.empty and f.current:
+        return Button(translate("State", "Retake  (space)"), "retake")
+    again = translate("State", "It is measured; retake a pose to measure again.")
+    return Button(words, "measure", False, again, done=True) if f.current else Button(words, "measure")
 
 
 # --- calibrate and results -------------------------------------------------------------------------------------------
@@ -462,13 +466,11 @@ def results_says(f: ResultFacts) -> Said:
         why = translate("State", "A calibration is running: wait for what comes of it.")
         return Said("none", translate("State", "Being computed again"), Button(words, "accept", False, why))
     again = Button(translate("State", "Calibrate again"), "calibrate", not f.running, _busy() if f.running else "")
-    if f.stale:
-        return Said("caution", translate("State", "OUT OF DATE"), again)
+    if f.stale or f.stopped:
+        return Said("caution", translate("State", "OUT OF DATE"), again) if f.stale else Said(level, word, again)
     if f.accepted:
         done = Button(words, "accept", False, translate("State", "It was accepted already."), done=True)
         return Said(level, word, done)
-    if f.stopped:
-        return Said(level, word, again)
     if not may_use:
         why = translate("State", "It is not valid: do what the findings advise.")
         return Said(level, word, Button(words, "accept", False, why))

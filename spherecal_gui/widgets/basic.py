@@ -1,7 +1,9 @@
 """Small parts that every page uses: cards, labels with a state, buttons that say why they are disabled."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
@@ -22,6 +24,7 @@ from spherecal_gui import languages, theme
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.icons import give_icon, level_pixmap
 
+L = TypeVar("L", bound=QLayout)
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
 _BANNER_PX = 960
 _FOOTER_PX = 72.0  # the height of the large buttons' bar at the normal text size
@@ -76,9 +79,36 @@ def set_level(widget: QWidget, level: str) -> None:
         widget.style().polish(widget)
 
 
-def button(text: str, name: str, kind: str = "") -> QPushButton:
-    """A button."""
+def bare(layout: L, spacing: int | None = None) -> L:
+    """The layout without margins.
+
+    `spacing` None: the style's.
+    """
+    layout.setContentsMargins(0, 0, 0, 0)
+    if spacing is not None:
+        layout.setSpacing(spacing)
+    return layout
+
+
+def add(layout: QLayout, *widgets: QWidget) -> None:
+    """Put widgets into a layout, one after the other."""
+    for widget in widgets:
+        layout.addWidget(widget)
+
+
+def button(
+    text: str, name: str, kind: str = "", act: Callable[..., object] | None = None, tip: str = "", icon: str = ""
+) -> QPushButton:
+    """A button.
+
+    `act`: what a click does, where that is one thing.
+    """
     made = QPushButton(text)
+    made.setToolTip(tip)
+    if act is not None:
+        made.clicked.connect(act)
+    if icon:
+        give_icon(made, icon)
     made.setObjectName(kind or name)
     made.setProperty("key", name)
     made.setAccessibleName(text)

@@ -17,7 +17,7 @@ from spherecal_gui.presenters.bars_presenter import (
 )
 from spherecal_gui.presenters.results_presenter import bar_verdict
 from spherecal_gui.standing import Level
-from spherecal_gui.widgets.basic import Card, label
+from spherecal_gui.widgets.basic import Card, add, label
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
@@ -81,8 +81,7 @@ class VerificationView(QSplitter):
         self.tables.addTab(self.cameras, self.tr("Cameras"))
         self.tables.addTab(self.budget, self.tr("Budget"))
         self.tables.currentChanged.connect(self._fit_tables)
-        self.addWidget(outcome)
-        self.addWidget(self.tables)
+        add(self, outcome, self.tables)
         self.setStretchFactor(0, 3)
         self.setStretchFactor(1, 2)
 

@@ -82,7 +82,7 @@ class CalibratePage(Page):
         foot.addWidget(self._plot_key, 1)
         self.details = button(self.tr("Details"), "details", icon="list-details")
         self.details.setCheckable(True)
-        foot.addWidget(self.details)
+        foot.addWidget(self.details, 0, Qt.AlignmentFlag.AlignRight)
         plot.body.addLayout(foot)
         right.addWidget(plot, 3)
         self._log = lines = Card(self.tr("Log"))  # for the person at the desk

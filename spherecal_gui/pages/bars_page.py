@@ -13,7 +13,7 @@ from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing
 from spherecal_gui.standing import Deed, Said
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, set_level
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, named, option, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
 
@@ -52,8 +52,7 @@ class ScalePage(LivePage):
         row.addWidget(self.wall, 5)
         row.addWidget(self.space.view, 3)
         self.column.addLayout(row, 1)
-        self.by_itself = option(self.tr("Capture by itself when still"))
-        self.by_itself.setObjectName("automatic-scale")
+        self.by_itself = named(option(self.tr("Capture by itself when still")), "automatic-scale")
         self.by_itself.setToolTip(self.tr("Once the bar was moved and lies still where three cameras see it."))
 
     @property

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import Problems, print_text
-from spherecal_gui.widgets.basic import Downwards, add, button, label, set_level
+from spherecal_gui.widgets.basic import Downwards, add, button, label, named, set_level
 from spherecal_gui.widgets.fields import TextField
 
 _BALL = ("name", "diameter", "first", "last", "width", "measured")
@@ -72,9 +72,7 @@ class BallTab(QWidget):
 
     def _library(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.library = QComboBox()
-        self.library.setObjectName("ball-library")
-        self.library.setAccessibleName(self.tr("Ball of the library"))
+        self.library = named(QComboBox(), "ball-library", self.tr("Ball of the library"))
         self.library.activated.connect(self._chosen)
         row.addWidget(label(self.tr("Which ball?"), "big", wrap=False))
         row.addWidget(self.library, 1)

@@ -34,8 +34,7 @@ class BenchDialog(QDialog):
         self.desk, self._holds = desk, holds
         self.setWindowTitle(self.tr("The bench: ball, bars, limits"))
         column = QVBoxLayout(self)
-        self.message = label("")
-        self.message.hide()
+        self.message = label("", hidden=True)
         column.addWidget(self.message)
         self.tabs = QTabWidget()
         self.ball, self.bars, self.rig = BallTab(desk), BarsTab(desk), RigTab(desk)

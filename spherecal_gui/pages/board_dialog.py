@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 from spherecal.base.errors import SpherecalError
 from spherecal_boards.pattern_entry import SQUARED, board_entry, partial_board
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import WheelGuard, add, button, enable, label, set_level
+from spherecal_gui.widgets.basic import WheelGuard, add, button, enable, label
 
 _MARKED = ("charuco", "aprilgrid")
 
@@ -70,8 +70,7 @@ class BoardDialog(QDialog):
         self.looked.setChecked(images)
         grid.addWidget(self.looked, len(self._parts) + 1, 1)
         column.addLayout(grid)
-        self.problem = label("")
-        set_level(self.problem, "bad")
+        self.problem = label("", level="bad")
         column.addWidget(self.problem)
         last = QHBoxLayout()
         self.sheet = button(self.tr("Save a sheet to print"), "board-sheet", act=self._print)

@@ -170,21 +170,10 @@ class CalibratePage(Page):
         self._work.setVisible(not waiting)
         if not waiting:
             return
-        there, lacking = (self.tr("captured"), "good"), (self.tr("not captured"), "caution")
-        rows = []
-        for one in input_rows(
-            (*self.open_project.placements, *self.open_project.scale_poses), self.controller.recording.dots
-        ):
-            word, level = there if one.captured else lacking
-            rows.append(
-                [
-                    (one.name, one.name, ""),
-                    (str(one.cameras), one.cameras, ""),
-                    (str(one.dots), one.dots, ""),
-                    (word, word, level),
-                ]
-            )
-        self.inputs.fill(rows)
+        words = ((self.tr("captured"), "good"), (self.tr("not captured"), "caution"))
+        there, lacking = ((word, word, level) for word, level in words)
+        rows = input_rows(self.open_project.sets, self.controller.recording.dots)
+        self.inputs.fill([[one.name, one.cameras, one.dots, there if one.captured else lacking] for one in rows])
         self._show_coverage()
 
     def _show_coverage(self) -> None:

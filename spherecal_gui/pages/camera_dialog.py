@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.connect_presenter import model_text
 from spherecal_gui.presenters.look_presenter import tile_state
-from spherecal_gui.widgets.basic import add, button, enable, label, plain, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, plain, set_level
 from spherecal_gui.widgets.tile import CameraTile
 
 _TICK_MS = 100
@@ -89,9 +89,7 @@ class CameraDialog(QDialog):
         return form
 
     def _trigger_field(self, chosen: str) -> QComboBox:
-        self.trigger = QComboBox()
-        self.trigger.setObjectName("camera-trigger")
-        self.trigger.setAccessibleName(self.tr("Trigger of all cameras"))
+        self.trigger = named(QComboBox(), "camera-trigger", self.tr("Trigger of all cameras"))
         for mode, text in (
             ("software", self.tr("Software, one after the other")),
             ("scheduled", self.tr("Common clock (IEEE 1588), all at once")),

@@ -11,6 +11,7 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.check_presenter import (
+    CheckRow,
     check_notes,
     check_rows,
     check_verdict,
@@ -25,7 +26,7 @@ from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, add, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
-from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_gui.workflow import Status
 from spherecal_rigs.check_rig import Check
 from spherecal_rigs.store import open_profile
@@ -48,20 +49,11 @@ class CheckPage(Page):
         set_level(self.why_not, "caution")
         self.why_not.hide()
         column.addWidget(self.why_not)
-        self.table = Table(
-            [
-                self.tr("Camera"),
-                self.tr("state"),
-                self.tr("moved\npx"),
-                self.tr("a point is off\nmm"),
-                self.tr("shift\nmm"),
-                self.tr("turn\ndeg"),
-                self.tr("rms now\npx"),
-                self.tr("rms then\npx"),
-            ],
-            sortable=False,
-            spare=(7, 6, 5, 4, 2),
-        )
+        headings = [
+            self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
+            self.tr("shift\nmm"), self.tr("turn\ndeg"), self.tr("rms now\npx"), self.tr("rms then\npx"),
+        ]  # fmt: skip
+        self.table = Table(headings, sortable=False, spare=(7, 6, 5, 4, 2))
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
         # The profile's folder, and what was found.
@@ -156,20 +148,7 @@ class CheckPage(Page):
         found = self.controller.checks.after or self.controller.checks.found
         if found is None:
             return
-        rows: list[list[tuple[str, Cell, str]]] = [
-            [
-                (one.camera, one.camera, one.level),
-                (one.word, one.word, one.level),
-                (f"{one.move_px:.3f}", one.move_px, ""),
-                (f"{one.point_mm:.3f}", one.point_mm, one.level),
-                (f"{one.shift_mm:.3f}", one.shift_mm, ""),
-                (f"{one.turn_deg:.4f}", one.turn_deg, ""),
-                (f"{one.rms_px:.3f}", one.rms_px, ""),
-                ("-" if one.before_px is None else f"{one.before_px:.3f}", one.before_px, ""),
-            ]
-            for one in check_rows(found)
-        ]
-        self.table.fill(rows)
+        self.table.fill([_cells(one) for one in check_rows(found)])
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
@@ -209,3 +188,10 @@ class CheckPage(Page):
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Check, or put the repair to use."""
         return {"check": self.controller.checks.check, "use": self.controller.checks.use_repair}
+
+
+def _cells(one: CheckRow) -> list[tuple[str, Cell, str]]:
+    """A camera's row of the table."""
+    named = [(text, text, one.level) for text in (one.camera, one.word)]
+    figures = (one.shift_mm, 3), (one.turn_deg, 4), (one.rms_px, 3), (one.before_px, 3)
+    return [*named, figure(one.move_px, 3), figure(one.point_mm, 3, one.level), *(figure(*each) for each in figures)]

@@ -49,6 +49,7 @@ from spherecal_gui.widgets.basic import (
     clear,
     enable,
     label,
+    named,
     option,
     plain,
     set_level,
@@ -72,9 +73,7 @@ class CameraRow(QWidget):
         row.setHorizontalSpacing(theme.SMALL)
         row.setVerticalSpacing(0)
         row.setColumnStretch(2, 1)
-        self.in_rig = option("")
-        self.in_rig.setObjectName(f"in-rig-{line.name}")
-        self.in_rig.setAccessibleName(self.tr("{name} in this rig").format(name=line.name))
+        self.in_rig = named(option(""), f"in-rig-{line.name}", self.tr("{name} in this rig").format(name=line.name))
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
         self.picture = Thumbnail()
         self.picture.clicked.connect(lambda: page.open_camera(self.line.serial))
@@ -163,17 +162,13 @@ class LensBar(QWidget):
         super().__init__(parent)
         self._controller = controller
         row = bare(QHBoxLayout(self))
-        self.focal = QComboBox()
-        self.focal.setObjectName("lens-focal")
-        self.focal.setAccessibleName(self.tr("Focal length of all lenses"))
+        self.focal = named(QComboBox(), "lens-focal", self.tr("Focal length of all lenses"))
         self.focal.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.focal.setMinimumContentsLength(8)
         self.focal.addItem(self.tr("not known: found from the ball"), None)
         for length in LENSES_MM:
             self.focal.addItem(languages.by_locale(f"{length:g} mm"), length)
-        self.pitch = QDoubleSpinBox()
-        self.pitch.setObjectName("lens-pitch")
-        self.pitch.setAccessibleName(self.tr("Pixel pitch"))
+        self.pitch = named(QDoubleSpinBox(), "lens-pitch", self.tr("Pixel pitch"))
         self.pitch.setRange(0.0, 50.0)
         self.pitch.setSingleStep(0.05)
         self.pitch.setSuffix(" µm")

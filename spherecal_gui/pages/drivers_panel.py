@@ -99,7 +99,7 @@ class MakersDialog(QDialog):
         self.table = Table(
             [self.tr("Maker"), self.tr("Package"), self.tr("Driver's file"), self.tr("Usual folder")], sortable=False
         )
-        self.table.fill([[(cell, cell, "") for cell in row] for row in makers_rows()])
+        self.table.fill(makers_rows())
         self.table.setWordWrap(False)  # else rows are made for columns that are not yet as wide as their texts
         self.table.resizeRowsToContents()
         self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)

@@ -13,7 +13,7 @@ from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData
 from spherecal_gui import theme
 from spherecal_gui.presenters.frame_presenter import FrameChoice, Role, turn_word
-from spherecal_gui.widgets.basic import add, button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, set_level
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 
 _MOST_MM = 100_000.0
@@ -83,9 +83,7 @@ class FrameDialog(QDialog):
         grid, self.place = QGridLayout(), {}
         titles = (self.tr("Origin"), self.tr("X axis to"), self.tr("XY plane with"))
         for row, (role, title) in enumerate(zip(_ROLES, titles, strict=True)):
-            box = QComboBox()
-            box.setObjectName(f"frame-{role}")
-            box.setAccessibleName(title)
+            box = named(QComboBox(), f"frame-{role}", title)
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
             box.setMinimumContentsLength(14)
             box.addItem(self.tr("the reference camera") if role == "origin" else "-", None)

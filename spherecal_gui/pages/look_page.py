@@ -14,7 +14,7 @@ from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_
 from spherecal_gui.presenters.step_states import LookFacts, look_says
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.texts import moved_text
-from spherecal_gui.widgets.basic import add, button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
@@ -34,9 +34,7 @@ class LookPage(LivePage):
         self.summary = label("", "huge")
         self.summary.setObjectName("huge")
         column.addWidget(self.summary)
-        self.warm_up = label("", "")
-        set_level(self.warm_up, "caution")
-        self.warm_up.hide()
+        self.warm_up = label("", "", level="caution", hidden=True)
         column.addWidget(self.warm_up)
         self.wall = Wall(renames=True)
         self.wall.masked.connect(self.controller.recording.mask)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QLabel, QListWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import FloatArray
@@ -31,10 +31,10 @@ from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, add, label, set_level
+from spherecal_gui.widgets.basic import Card, add, label, named, set_level
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.scene_view import make_scene_view
-from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import MeasuredSet
 from spherecal_measuring.measuring_task import Task
@@ -92,9 +92,7 @@ class MeasurePage(Page):
 
     def _points(self) -> Card:
         card = Card(self.tr("Points"))
-        self.points = QListWidget()
-        self.points.setObjectName("measured-points")
-        self.points.setAccessibleName(self.tr("Points that are seen now"))
+        self.points = named(QListWidget(), "measured-points", self.tr("Points that are seen now"))
         self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
         self.points.itemSelectionChanged.connect(self._choose)
         self.hint = label(ruler_hint(()), "soft")
@@ -191,16 +189,8 @@ class MeasurePage(Page):
         self._show_points(point_names(measured))
         self._show_space(measured, run.moved)
         rows = value_rows(measured)
-        cells: list[list[tuple[str, Cell, str]]] = [
-            [
-                (one.name, one.name, ""),
-                (one.value, one.value, ""),
-                (one.uncertainty, one.uncertainty, ""),
-                (one.deviation, one.deviation, one.level),
-            ]
-            for one in rows
-        ]
-        self.table.fill(cells)
+        off = [(one.deviation, one.deviation, one.level) for one in rows]
+        self.table.fill([[one.name, one.value, one.uncertainty, last] for one, last in zip(rows, off, strict=True)])
         self.large.setText(large_text(rows[0]) if rows else "")
         set_level(self.large, rows[0].level if rows else "none")
         self._show_course(history, measured.values[0].name if measured.values else "")
@@ -228,13 +218,12 @@ class MeasurePage(Page):
         if names == self._names:
             return
         self._names = names
-        self.points.blockSignals(True)
-        self.points.clear()
-        self.points.addItems(list(names))
-        for name in self._chosen:
-            for item in self.points.findItems(name, Qt.MatchFlag.MatchExactly):
-                item.setSelected(True)
-        self.points.blockSignals(False)
+        with QSignalBlocker(self.points):
+            self.points.clear()
+            self.points.addItems(list(names))
+            for name in self._chosen:
+                for item in self.points.findItems(name, Qt.MatchFlag.MatchExactly):
+                    item.setSelected(True)
 
     def _show_course(self, history: list[tuple[float, MeasuredSet]], name: str) -> None:
         found = [(at, v) for at, one in history for v in one.values if v.name == name]

@@ -23,7 +23,7 @@ from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
 from spherecal_gui.standing import Deed, Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
-from spherecal_gui.widgets.basic import add, button, label, option, set_level
+from spherecal_gui.widgets.basic import add, button, label, named, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
@@ -59,9 +59,7 @@ class PlacementPage(LivePage):
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
-        self.hold = QProgressBar()
-        self.hold.setObjectName("hold-still")
-        self.hold.setAccessibleName(self.tr("How long it has lain still"))
+        self.hold = named(QProgressBar(), "hold-still", self.tr("How long it has lain still"))
         self.hold.setTextVisible(False)
         policy = self.hold.sizePolicy()
         policy.setRetainSizeWhenHidden(True)  # the page must not jump when it comes
@@ -81,8 +79,7 @@ class PlacementPage(LivePage):
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.automatic = option(self.tr("Capture by itself when still"))
-        self.automatic.setObjectName("automatic")
+        self.automatic = named(option(self.tr("Capture by itself when still")), "automatic")
         self.automatic.setToolTip(self.tr("Once the ball lies still where it should."))
         row.addWidget(self.automatic)
         row.addStretch(1)

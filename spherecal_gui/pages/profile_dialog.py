@@ -14,7 +14,7 @@ from spherecal_gui.presenters.start_presenter import picture_of, profile_rows, v
 from spherecal_gui.tasks.outcome import Compared
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, set_level
-from spherecal_gui.widgets.table import Table
+from spherecal_gui.widgets.table import Table, figure
 from spherecal_rigs.compare_rigs import compare, seen_volume
 from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import apply, open_profile
@@ -87,11 +87,11 @@ class ProfileDialog(QDialog):
         self.table.fill(
             [
                 [
-                    (row.number, row.number, ""),
-                    (row.made, row.made, ""),
+                    row.number,
+                    row.made,
                     (row.state, row.state, row.level),
                     (row.verdict, row.verdict, row.verdict_level),
-                    ("-" if row.rms_px is None else f"{row.rms_px:.3f}", row.rms_px, ""),
+                    figure(row.rms_px, 3),
                     ("✓" if row.in_use else "", "", "good"),
                 ]
                 for row in rows

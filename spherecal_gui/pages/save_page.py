@@ -38,6 +38,7 @@ from spherecal_gui.widgets.basic import (
     details_button,
     enable,
     label,
+    named,
     open_file,
     option,
     set_level,
@@ -82,9 +83,7 @@ class SavePage(Page):
         self.apply = option(self.tr("Put it to use now"))
         self.apply.setChecked(True)
         self.profile = button(self.tr("Save in the profile"), "save-profile", act=self._save_profile)
-        self.note = QLineEdit()
-        self.note.setObjectName("note")
-        self.note.setAccessibleName(self.tr("Note: by whom, and why"))
+        self.note = named(QLineEdit(), "note", self.tr("Note: by whom, and why"))
         self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
         self.note.textChanged.connect(self._enable)
         self.note.editingFinished.connect(lambda: self.controller.saving.set_note(self.note.text().strip()))
@@ -98,8 +97,7 @@ class SavePage(Page):
         row.addWidget(self.note, 1)
         row.addWidget(self.discard)
         card.body.addLayout(row)
-        self.why_not = label("", "")
-        set_level(self.why_not, "caution")
+        self.why_not = label("", "", level="caution")
         card.body.addWidget(self.why_not)
         return card
 

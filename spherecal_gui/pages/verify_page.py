@@ -29,7 +29,7 @@ from spherecal_gui.project import Artefacts
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
 from spherecal_gui.standing import Deed, Part, Said
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, option, plain, set_level
+from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, named, option, plain, set_level
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step, StepState
@@ -69,13 +69,11 @@ class VerifyPage(ScalePage):
         self._add_buttons()
         self.lengths = label("", "soft")
         self.column.insertWidget(1, self.lengths)
-        self.certificates = label("")
-        self.certificates.hide()
+        self.certificates = label("", hidden=True)
         self.column.insertWidget(2, self.certificates)
 
     def _add_buttons(self) -> None:
-        self.automatic = option(self.tr("Capture by itself when it lies right"))
-        self.automatic.setObjectName("automatic-bar")
+        self.automatic = named(option(self.tr("Capture by itself when it lies right")), "automatic-bar")
         self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway", act=self._take)
         self.enough = button(self.tr("Enough: measure now"), "measure-now", act=self._measure)
         self.more = button(self.tr("More poses"), "more-poses", act=self._more_poses)

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QLayout,
     QPushButton,
     QScrollArea,
+    QSplitter,
     QVBoxLayout,
     QWidget,
 )
@@ -25,6 +26,7 @@ from spherecal_gui.standing import Level
 from spherecal_gui.widgets.icons import give_icon, level_pixmap
 
 L = TypeVar("L", bound=QLayout)
+W = TypeVar("W", bound=QWidget)
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
 _BANNER_PX = 960
 _FOOTER_PX = 72.0  # the height of the large buttons' bar at the normal text size
@@ -62,12 +64,16 @@ class Words(QLabel):
         self.setText("")
 
 
-def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
-    """A label in one of the style sheet's kinds."""
+def label(text: str = "", name: str = "", wrap: bool = True, level: str = "", hidden: bool = False) -> QLabel:
+    """A label in one of the style sheet's kinds, in the colour of a level where one is given."""
     made = Words(text)
     made.setObjectName(name)
     made.setWordWrap(wrap)
     made.setTextFormat(Qt.TextFormat.PlainText)
+    if level:
+        made.setProperty("level", level)
+    if hidden:
+        made.hide()
     return made
 
 
@@ -77,6 +83,14 @@ def set_level(widget: QWidget, level: str) -> None:
         widget.setProperty("level", level)
         widget.style().unpolish(widget)
         widget.style().polish(widget)
+
+
+def named(made: W, name: str, says: str = "", tip: str = "") -> W:
+    """A field with its name, what a screen reader says of it, and its tooltip."""
+    made.setObjectName(name)
+    made.setAccessibleName(says)
+    made.setToolTip(tip)
+    return made
 
 
 def bare(layout: L, spacing: int | None = None) -> L:
@@ -90,8 +104,8 @@ def bare(layout: L, spacing: int | None = None) -> L:
     return layout
 
 
-def add(layout: QLayout, *widgets: QWidget) -> None:
-    """Put widgets into a layout, one after the other."""
+def add(layout: QLayout | QSplitter, *widgets: QWidget) -> None:
+    """Put widgets into a layout or a splitter, one after the other."""
     for widget in widgets:
         layout.addWidget(widget)
 

@@ -3,7 +3,7 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QSizePolicy, QVBoxLayout, QWidget
 
-from spherecal_gui.widgets.basic import add, bare, label, set_level
+from spherecal_gui.widgets.basic import add, bare, label
 
 _LONGEST = 200
 
@@ -26,9 +26,7 @@ class TextField(QWidget):
         self.line.setMaxLength(_LONGEST)
         self.line.textEdited.connect(lambda text: self.edited.emit(self.key, text))
         caption.setBuddy(self.line)
-        self.problem = label("")
-        set_level(self.problem, "bad")
-        self.problem.hide()
+        self.problem = label("", level="bad", hidden=True)
         add(column, caption, self.line, self.problem)
         column.addStretch(1)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)

@@ -36,8 +36,7 @@ class FindingsList(QScrollArea):
         for option, value in repairs:
             self._column.addWidget(self._repair(option, value))
         if not repairs and all(one.level == "none" for one in advice):
-            nothing = label(self.tr("Nothing to complain about."), "big")
-            set_level(nothing, "good")
+            nothing = label(self.tr("Nothing to complain about."), "big", level="good")
             self._column.addWidget(nothing)
         for one in advice:
             self._column.addWidget(self._row(one))

@@ -52,28 +52,16 @@ class VerificationView(QSplitter):
         outcome.body.addWidget(self.pictures, 1)
         outcome.body.addWidget(self.rule)
         self.tables = QTabWidget()
-        self.table = Table(
-            [
-                self.tr("Length"),
-                self.tr("n"),
-                self.tr("mean error, mm"),
-                self.tr("sd, mm"),
-                self.tr("largest, mm"),
-                self.tr("±, mm"),
-                self.tr("limit, mm"),
-                self.tr("decision"),
-            ]
-        )
-        self.budget = Table(
-            [
-                self.tr("Length"),
-                self.tr("contribution"),
-                self.tr("u, mm"),
-                self.tr("share"),
-                self.tr("what would help most"),
-            ],
-            sortable=False,
-        )
+        headings = [
+            self.tr("Length"), self.tr("n"), self.tr("mean error, mm"), self.tr("sd, mm"), self.tr("largest, mm"),
+            self.tr("±, mm"), self.tr("limit, mm"), self.tr("decision"),
+        ]  # fmt: skip
+        self.table = Table(headings)
+        headings = [
+            self.tr("Length"), self.tr("contribution"), self.tr("u, mm"), self.tr("share"),
+            self.tr("what would help most"),
+        ]  # fmt: skip
+        self.budget = Table(headings, sortable=False)
         self.cameras = Table(
             [self.tr("Camera"), self.tr("views of marks"), self.tr("used"), self.tr("rms, px"), self.tr("state")]
         )
@@ -100,15 +88,10 @@ class VerificationView(QSplitter):
             part.setVisible(bool(bars.measured))
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))
-        self.table.fill([[(cell, _value(cell), "") for cell in row] for row in length_cells(bars)])
-        levels = camera_levels(bars)
-        self.cameras.fill(
-            [
-                [*((cell, _value(cell), "") for cell in row[:-1]), (row[-1], row[-1], level)]
-                for row, level in zip(camera_cells(bars), levels, strict=True)
-            ]
-        )
-        self.budget.fill([[(cell, cell, "") for cell in row] for row in budget_cells(bars)])
+        self.table.fill([[*map(_cell, row)] for row in length_cells(bars)])
+        cameras = zip(camera_cells(bars), camera_levels(bars), strict=True)
+        self.cameras.fill([[*map(_cell, row[:-1]), (row[-1], row[-1], level)] for row, level in cameras])
+        self.budget.fill(budget_cells(bars))
         self._fit_tables()
 
     def _fit_tables(self) -> None:
@@ -123,8 +106,9 @@ class VerificationView(QSplitter):
         self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
 
 
-def _value(cell: str) -> float | str:
+def _cell(text: str) -> tuple[str, float | str, str]:
+    """A number is sorted by its value."""
     try:
-        return float(cell)
+        return text, float(text), ""
     except ValueError:
-        return cell
+        return text, text, ""

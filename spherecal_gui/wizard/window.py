@@ -279,10 +279,11 @@ class WizardWindow(WindowFrame):
         state = self.controller.state
         if state is None or self.controller.runner.running is None:
             return
-        kinds = (one.step.kind for one in state.steps)
-        if (kind := next((kind for kind in kinds if kind not in self.pages and kind in loaded), None)) is not None:
-            for one in self._page_of(kind).findChildren(QWidget):
-                one.ensurePolished()
+        for kind in (one.step.kind for one in state.steps):
+            if kind not in self.pages and kind in loaded:
+                for one in self._page_of(kind).findChildren(QWidget):
+                    one.ensurePolished()
+                return
 
     def _show_buttons(self) -> None:
         state = self.controller.state

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal, SignalInstance
 from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -111,7 +111,12 @@ def add(layout: QLayout | QSplitter, *widgets: QWidget) -> None:
 
 
 def button(
-    text: str, name: str, kind: str = "", act: Callable[..., object] | None = None, tip: str = "", icon: str = ""
+    text: str,
+    name: str,
+    kind: str = "",
+    act: Callable[..., object] | SignalInstance | None = None,
+    tip: str = "",
+    icon: str = "",
 ) -> QPushButton:
     """A button.
 

@@ -5,15 +5,17 @@ from collections.abc import Callable
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
+from spherecal_gui.workflow import StepKind
 
-loaded: list[str] = []  # kinds of step whose pages are imported, of those that `load_pages` imports
+loaded: list[StepKind] = []  # kinds of step whose pages are imported, of those that `load_pages` imports
 
 
 def load_pages() -> None:
     """Import the later steps' pages in a thread of its own: the window would stand still for it, at each a little."""
+    kinds: tuple[StepKind, ...] = ("placement", "scale", "calibrate", "results", "verify", "save")
 
     def load() -> None:
-        for kind in ("placement", "scale", "calibrate", "results", "verify", "save"):
+        for kind in kinds:
             page_class(kind)
             loaded.append(kind)
 

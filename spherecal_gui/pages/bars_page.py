@@ -26,7 +26,7 @@ class ScalePage(LivePage):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self.column = QVBoxLayout(self)
-        self.message = label("", "huge")
+        self.headline = self.message = label("", "huge")
         self.column.addWidget(self.message)
         self.poses = QHBoxLayout()
         self.poses.setSpacing(18)
@@ -54,11 +54,6 @@ class ScalePage(LivePage):
         self.column.addLayout(row, 1)
         self.by_itself = named(option(self.tr("Capture by itself when still")), "automatic-scale")
         self.by_itself.setToolTip(self.tr("Once the bar was moved and lies still where three cameras see it."))
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.message
 
     def pose_ids(self) -> tuple[str, ...]:
         """The poses of this page."""

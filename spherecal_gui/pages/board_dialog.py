@@ -117,28 +117,13 @@ class BoardDialog(QDialog):
 
     def _kind_changed(self) -> None:
         kind = str(self.kind.currentData())
-        corners, tags = kind in ("charuco", "chessboard"), kind == "aprilgrid"
-        rows = (
-            self.tr("Rows of tags")
-            if tags
-            else self.tr("Rows of inner corners")
-            if corners
-            else self.tr("Rows of dots")
-        )
-        columns = (
-            self.tr("Columns of tags")
-            if tags
-            else self.tr("Columns of inner corners")
-            if corners
-            else self.tr("Columns of dots")
-        )
-        pitch = (
-            self.tr("Side of a square")
-            if corners
-            else self.tr("From tag to tag")
-            if tags
-            else self.tr("From row to row")
-        )
+        tags = kind == "aprilgrid"
+        rows, columns, pitch = self.tr("Rows of dots"), self.tr("Columns of dots"), self.tr("From row to row")
+        if kind in ("charuco", "chessboard"):
+            rows, columns = self.tr("Rows of inner corners"), self.tr("Columns of inner corners")
+            pitch = self.tr("Side of a square")
+        elif tags:
+            rows, columns, pitch = self.tr("Rows of tags"), self.tr("Columns of tags"), self.tr("From tag to tag")
         marker, dictionary = self.tr("Side of a marker"), self.tr("OpenCV's name of the markers")
         for name, text in zip(self._labels, (rows, columns, pitch, marker, dictionary), strict=True):
             self._labels[name].setText(text)

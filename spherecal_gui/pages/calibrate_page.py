@@ -7,7 +7,7 @@ from typing import Literal
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import coverage as cov
 from spherecal_gui import theme
@@ -38,7 +38,7 @@ class CalibratePage(Page):
         self._was_running = False
         self._drawn_s, self._told = 0.0, 0
         column = QVBoxLayout(self)
-        self.word = label("", "huge")
+        self.headline = self.word = label("", "huge")
         column.addWidget(self.word)
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)
@@ -202,11 +202,6 @@ class CalibratePage(Page):
         self.left.setText(said.left)
         self.bar.setVisible(self.is_running)
         self.again.setVisible("calibrate-again" in said.also)
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     @property
     def _is_computed(self) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages
@@ -40,6 +40,7 @@ class CheckPage(Page):
         column = QVBoxLayout(self)
         head = QHBoxLayout()
         self.word, self.sentence = label("", "huge"), label("", "big")
+        self.headline = self.word
         head.addWidget(self.word, 1)
         head.addSpacing(14)
         head.addWidget(self.sentence, 1)
@@ -76,11 +77,6 @@ class CheckPage(Page):
         self.again = button(self.tr("Check again"), "check-again", act=self.controller.checks.check)
         add(row, self.repair, self.use, self.calibrate, self.again)
         return row
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     @property
     def _after(self) -> Check | None:

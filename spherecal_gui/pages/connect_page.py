@@ -11,7 +11,6 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QGridLayout,
     QHBoxLayout,
-    QLabel,
     QVBoxLayout,
     QWidget,
 )
@@ -224,7 +223,7 @@ class ConnectPage(Page):
         self._columns = 1
         row = QHBoxLayout(self)
         self.cameras = Card(self.tr("Cameras"))
-        self.summary = label("", "big")
+        self.headline = self.summary = label("", "big")
         self.again = button(self.tr("Search again"), "search-again", act=self.controller.cameras.connect_all)
         top = QHBoxLayout()
         top.addWidget(self.summary, 1)
@@ -280,11 +279,6 @@ class ConnectPage(Page):
         self.describe.setToolTip(self.tr("Ball, targets, bars with their certificates, limits."))
         add(self.bench.body, self.describe, self.choose)
         return self.bench
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.summary
 
     def refresh(self) -> None:
         """Show what is there."""

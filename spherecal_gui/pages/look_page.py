@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QSignalBlocker
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
@@ -31,7 +31,7 @@ class LookPage(LivePage):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         column = QVBoxLayout(self)
-        self.summary = label("", "huge")
+        self.headline = self.summary = label("", "huge")
         self.summary.setObjectName("huge")
         column.addWidget(self.summary)
         self.warm_up = label("", "", level="caution", hidden=True)
@@ -94,11 +94,6 @@ class LookPage(LivePage):
         self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
         return self.fixed, self.worst, self.draw, self.undo, self.clear
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.summary
 
     def _fixed(self) -> None:
         """Somebody has seen to the cameras that were moved."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QLabel, QListWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
@@ -77,6 +77,7 @@ class MeasurePage(Page):
         self._trust: tuple[str, Level] = ("", "none")
         column = QVBoxLayout(self)
         self.trust, self.pace = label("", "big"), label("", "soft")
+        self.headline = self.trust
         add(column, self.trust, self.pace)
         row = QHBoxLayout()
         column.addLayout(row, 1)
@@ -249,11 +250,6 @@ class MeasurePage(Page):
         run = self._run
         measuring = run is not None and run.problem is None
         return measure_says(MeasureFacts(self._trust, measuring, run.recorded if run is not None else None))
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.trust
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import coverage as cov
@@ -54,7 +54,7 @@ class PlacementPage(LivePage):
         head = QHBoxLayout()
         head.setSpacing(theme.PAD)
         self.ready = label("", "huge", wrap=False)
-        self.advice = label("", "huge")
+        self.headline = self.advice = label("", "huge")
         self.advice.setAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
@@ -157,11 +157,6 @@ class PlacementPage(LivePage):
     def is_taken(self) -> bool:
         """Whether the placement is there."""
         return self.project is not None and self.set_id in self.project.taken
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.advice
 
     @property
     def is_taking(self) -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QSignalBlocker
 from PySide6.QtGui import QImage, QPixmap
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
@@ -49,7 +49,7 @@ class ResultsPage(Page):
         controller.saving.draw_rig = self._rig_png
         column = QVBoxLayout(self)
         head = QHBoxLayout()
-        self.word = label("", "huge", wrap=False)
+        self.headline = self.word = label("", "huge", wrap=False)
         self.sentence = label("", "big")
         head.addWidget(self.word)
         head.addSpacing(theme.PAD)
@@ -109,11 +109,6 @@ class ResultsPage(Page):
         row.addStretch(1)
         column.addLayout(row)
         return column
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     def refresh(self) -> None:
         """There may be another result."""

@@ -9,7 +9,6 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFileDialog,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QPlainTextEdit,
     QProgressBar,
@@ -53,7 +52,7 @@ class SavePage(Page):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         column = QVBoxLayout(self)
-        self.word = label("", "huge")
+        self.headline = self.word = label("", "huge")
         column.addWidget(self.word)
         self.progress = QProgressBar()
         self.progress.setRange(0, 0)
@@ -285,11 +284,6 @@ class SavePage(Page):
         shown = outcome is not None and not theme.is_far()  # large text needs its room
         self.scene.setVisible(shown)
         self._room.setVisible(not shown)
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     def _save_profile(self) -> None:
         self.controller.saving.set_note(self.note.text().strip())

@@ -10,7 +10,6 @@ from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QGridLayout,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QTabWidget,
     QWidget,
@@ -132,10 +131,10 @@ class VerifyPage(ScalePage):
         guide = self.controller.bars.guide
         return guide if guide is not None and guide.pose == self.current else None
 
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page: where the bar goes, or what was measured."""
-        return self.outcome.word if self.shows_outcome else self.message
+    def show_standing(self) -> None:
+        """Where the bar goes, or what was measured."""
+        self.headline = self.outcome.word if self.project is not None and self.shows_outcome else self.message
+        super().show_standing()
 
     @property
     def shows_outcome(self) -> bool:

@@ -36,6 +36,7 @@ class Page(QWidget):
         self.step: Step | None = None
         self.alarmed = False  # a red message is on the screen
         self._standing: Standing | None = None
+        self.headline: QLabel | None = None  # the label with the state of the page
 
     def enter(self, step: Step) -> None:
         """The page is shown for this step."""
@@ -79,11 +80,6 @@ class Page(QWidget):
             (self.controller.cancel if action.does == "cancel" else own[action.does])()
 
     # --- its state ---------------------------------------------------------------------------------------------------
-
-    @property
-    def headline(self) -> QLabel | None:
-        """The label with the state of the page."""
-        return None
 
     def said(self) -> Said:
         """What the page's step says of itself (presenters/step_states.py)."""

@@ -2,15 +2,7 @@
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence
-from PySide6.QtWidgets import (
-    QDialog,
-    QHBoxLayout,
-    QLineEdit,
-    QMessageBox,
-    QTabWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QLineEdit, QMessageBox, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_ball_page import BallTab, RigTab

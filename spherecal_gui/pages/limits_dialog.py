@@ -18,13 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import theme
-from spherecal_gui.presenters.limits_presenter import (
-    LimitField,
-    LimitsDesk,
-    limit_fields,
-    limit_problems,
-    value_text,
-)
+from spherecal_gui.presenters.limits_presenter import LimitField, LimitsDesk, limit_fields, limit_problems, value_text
 from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, set_level
 from spherecal_rigs.limits_file import Limits
 

@@ -6,14 +6,7 @@ from dataclasses import replace
 from datetime import date
 
 import numpy as np
-from PySide6.QtWidgets import (
-    QDoubleSpinBox,
-    QGridLayout,
-    QHBoxLayout,
-    QLineEdit,
-    QTabWidget,
-    QWidget,
-)
+from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui import theme

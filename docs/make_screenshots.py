@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 if TYPE_CHECKING:
     from spherecal.base.context import Progress
@@ -94,14 +95,11 @@ class Photographer:
                 reached.set()
                 released.wait()
 
-        BackgroundTask._note = waiting
-        try:
+        with patch.object(BackgroundTask, "_note", waiting):
             yield
             self.wait(lambda: reached.is_set() or self.window.controller.runner.running is None)
-            self.live(0.5)
-        finally:
-            BackgroundTask._note = note
-            self.release = released.set
+        self.live(0.5)
+        self.release = released.set
 
     def take(self, name: str) -> None:
         """One picture in each look and size, of those that are missing."""
@@ -408,7 +406,7 @@ def verifying(p: Photographer) -> None:
     pose = controller.project.check_poses[0]
     controller.sets.take(pose, "verify")
     p.wait()
-    controller.computation.verify()
+    page.enough.click()
     p.wait()
     p.take("verify-no-pose")
     controller.sets.delete(pose)
@@ -423,7 +421,7 @@ def verifying(p: Photographer) -> None:
     for _ in range(3):
         p.wait(lambda: page.guide is not None and page.guide.level == "good")
         p.go_on()
-    controller.computation.verify()
+    page.enough.click()
     p.wait()
     p.take("verify-done")
     controller.bars.set_limit("0.02+L/50000")
@@ -432,6 +430,11 @@ def verifying(p: Photographer) -> None:
     p.wait()
     page.outcome.tables.setCurrentIndex(1)
     p.take("verify-limit-and-budget")
+    page.more.click()
+    p.live(2.0)
+    p.take("verify-more-poses")
+    page.enough.click()
+    p.wait()
     page.outcome.tables.setCurrentIndex(0)
     certificate = controller.project.verification_folder / "session.json"
     right = certificate.read_text(encoding="utf-8")

@@ -371,7 +371,9 @@ class VerifyPage(ScalePage):
         return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated, empty))
 
     def _step_part(self, state: StepState) -> Part:
-        """While poses are laid where the bar goes comes first, and not that others were measured before."""
+        """While poses are laid where the bar goes comes first, and not what was measured before."""
+        if not self.shows_outcome and state.status is Status.CARE:
+            return Part("caution")
         stale = state.status is Status.STALE and state.reason is not None and state.reason.code == "changed"
         return Part("none") if stale and not self.shows_outcome else super()._step_part(state)
 

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,24 +16,30 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtWidgets import QLabel, QPushButton
 
 from spherecal_cameras.protocol import CameraState, CameraStatus, Counters
 from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.import_dialog import ImportDialog
+from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.verify_page import VerifyPage
 from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.connect_presenter import connect_summary
 from spherecal_gui.presenters.drivers_presenter import DriverNote
 from spherecal_gui.presenters.look_presenter import summary, tile_state
+from spherecal_gui.presenters.results_presenter import FindingAdvice
 from spherecal_gui.presenters.start_presenter import project_lines
+from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import Project
-from spherecal_gui.project_folder import is_project
+from spherecal_gui.project_folder import is_project, load_project
+from spherecal_gui.standing import Part
 from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
 from spherecal_gui.texts import reason_text, status_word
+from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.thumbnail import Thumbnail
+from spherecal_gui.wizard import page_classes
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Reason, Running, Status, Step, StepState, resolve
 from tests.gui_walking import begun, pump, settle, take, words_shown
@@ -351,6 +358,76 @@ def test_where_the_bar_goes_is_said_before_what_was_measured_once(window, monkey
     monkeypatch.setattr(VerifyPage, "shows_outcome", False)
     stale = StepState(Step("verify", "verify"), Status.STALE, Reason("changed", ("L1-1",), "verify"))
     assert page._step_part(stale).level == "none"
+    undecided = StepState(Step("verify", "verify"), Status.CARE, Reason("undecided", (), "verify"))
+    assert page._step_part(undecided) == Part("caution"), "its colour, and the words of the pose"
     monkeypatch.setattr(VerifyPage, "shows_outcome", True)
     assert page._step_part(stale).level == "caution"
+    assert page._step_part(undecided).text
     page.close_page()
+
+
+# seen in the pictures of every page
+
+
+def test_a_computation_that_was_stopped_is_computed_again_by_the_large_button():
+    said = results_says(ResultFacts(("NOT VALID", "bad", False), stopped=True))
+    assert said.button is not None and said.button.does == "calibrate" and said.button.enabled
+
+
+def test_the_bar_of_a_capture_lies_over_nothing(window):
+    """The style's least height was more than the page's fixed one: it covered the tops of the images."""
+    page = PlacementPage(window.controller)
+    page.resize(1000, 620)
+    page.show()
+    page.hold.show()
+    pump(lambda: page.hold.width() > 900)
+    assert page.hold.height() <= page.hold.maximumHeight() == 8
+    page.close_page()
+
+
+def test_what_is_no_advice_stands_under_nothing_to_complain_about(qtbot):
+    shown = FindingsList()
+    qtbot.addWidget(shown)
+    shown.show_advice([FindingAdvice("none", "Some dots were left out", "", "")])
+    assert "Nothing to complain about." in words_of(shown)
+    shown.show_advice([FindingAdvice("bad", "The computation was stopped", "", "")])
+    assert "Nothing to complain about." not in words_of(shown)
+
+
+def words_of(widget: Any) -> list[str]:
+    return [one.text() for one in widget.findChildren(QLabel) if not one.isHidden()]
+
+
+def test_a_key_without_figures_is_not_shown(window):
+    page = PlacementPage(window.controller)
+    page.resize(1600, 1000)
+    page.now.setText("If you stop now: being worked out")
+    page._show_keys()
+    assert page.guide_key.isHidden()
+    page.now.setText("If you stop now: 500 ± 0.200 mm")
+    page._show_keys()
+    assert not page.guide_key.isHidden()
+    page.close_page()
+
+
+def test_pages_to_come_are_made_while_images_are_captured(window):
+    """Opening Results or Verify for the first time held the window for half a second."""
+    at_placement(window)
+    pump(lambda: {"calibrate", "results", "verify", "save"} <= set(page_classes.loaded))
+    assert "verify" not in window.pages
+    release = threading.Event()
+    window.controller.runner.start("waiting", lambda _: release.wait(), lambda _: None, lambda _: None)
+    shown = window.page
+    pump(lambda: {"scale", "calibrate", "results", "verify", "save"} <= set(window.pages))
+    assert window.page is shown and window.stack.currentWidget() is shown
+    release.set()
+    settle(window.controller)
+
+
+def test_a_step_is_written_with_the_next_change_or_at_the_end(window):
+    controller = at_placement(window)
+    folder = controller.project.folder
+    controller.go("placement:P2")
+    assert load_project(folder).step != "placement:P2"
+    controller.close_project()
+    assert load_project(folder).step == "placement:P2"

@@ -444,6 +444,7 @@ def verifying(p: Photographer) -> None:
     p.wait()
     p.take("verify-inconsistent")
     certificate.write_text(right, encoding="utf-8")
+    controller.bars.set_limit("")
     controller.computation.seen_bars = type(controller.computation.seen_bars)()
     controller.computation.verify()
     p.wait()

@@ -124,6 +124,7 @@ def _facts(_: str) -> dict[Any, list]:
             status=tuple(Status),
             calibration=VERDICTS,
             verified=ON,
+            undecided=ON,
             kept=ON,
             stale=ON,
             apply=ON,

@@ -3100,6 +3100,10 @@ mm</translation>
         <translation>Verifizierung fehlgeschlagen: In der Notiz angeben, warum sie trotzdem in Gebrauch genommen wird.</translation>
     </message>
     <message>
+        <source>Its verification decided nothing: write in the note why it is put to use.</source>
+        <translation>Ihre Verifizierung hat nichts entschieden: In der Notiz angeben, warum sie in Gebrauch genommen wird.</translation>
+    </message>
+    <message>
         <source>It was not verified: write in the note why it is put to use.</source>
         <translation>Sie ist nicht verifiziert: In der Notiz angeben, warum sie in Gebrauch genommen wird.</translation>
     </message>
@@ -4090,6 +4094,10 @@ mm</translation>
         <translation>Noch nicht gesichert</translation>
     </message>
     <message>
+        <source>Not saved yet; its verification decided nothing</source>
+        <translation>Noch nicht gesichert; Verifizierung unentschieden</translation>
+    </message>
+    <message>
         <source>Not saved yet; not verified</source>
         <translation>Noch nicht gesichert; nicht verifiziert</translation>
     </message>
@@ -4100,6 +4108,10 @@ mm</translation>
     <message>
         <source>Saved; its verification failed</source>
         <translation>Gesichert; Verifizierung fehlgeschlagen</translation>
+    </message>
+    <message>
+        <source>Saved; its verification decided nothing</source>
+        <translation>Gesichert; Verifizierung unentschieden</translation>
     </message>
     <message>
         <source>Saved; not verified</source>

@@ -3100,6 +3100,10 @@ mm</translation>
         <translation>验证未通过：请在备注中写明为何仍投入使用。</translation>
     </message>
     <message>
+        <source>Its verification decided nothing: write in the note why it is put to use.</source>
+        <translation>验证未得出结论：请在备注中写明启用原因。</translation>
+    </message>
+    <message>
         <source>It was not verified: write in the note why it is put to use.</source>
         <translation>尚未验证：请在备注中写明启用原因。</translation>
     </message>
@@ -4090,6 +4094,10 @@ mm</translation>
         <translation>尚未保存</translation>
     </message>
     <message>
+        <source>Not saved yet; its verification decided nothing</source>
+        <translation>尚未保存；验证未得出结论</translation>
+    </message>
+    <message>
         <source>Not saved yet; not verified</source>
         <translation>尚未保存；未验证</translation>
     </message>
@@ -4100,6 +4108,10 @@ mm</translation>
     <message>
         <source>Saved; its verification failed</source>
         <translation>已保存；验证未通过</translation>
+    </message>
+    <message>
+        <source>Saved; its verification decided nothing</source>
+        <translation>已保存；验证未得出结论</translation>
     </message>
     <message>
         <source>Saved; not verified</source>

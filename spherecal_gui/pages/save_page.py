@@ -133,6 +133,8 @@ class SavePage(Page):
         """Why a reason is needed to put it to use; empty where none is."""
         if self._failed:
             return self.tr("Its verification failed: write in the note why it is put to use all the same.")
+        if self._doubtful and self.open_project.verified is not None:
+            return self.tr("Its verification decided nothing: write in the note why it is put to use.")
         if self._doubtful:
             return self.tr("It was not verified: write in the note why it is put to use.")
         if self._calibration == "use with care":
@@ -362,6 +364,7 @@ class SavePage(Page):
                 self.controller.runner.running or "",
                 task is not None and task.stopping,
                 self.controller.progress_text(),
+                self._doubtful and self.open_project.verified is not None,
             )
         )
 

@@ -484,8 +484,9 @@ def results_says(f: ResultFacts) -> Said:
 class SaveFacts:
     """What Save shows: whether the calibration is kept, and how good it is.
 
-    `calibration`: its verdict; `verified`, `failed`: a bar has verified or contradicted it; `kept`: it is in the rig's
-    profile as it is now; `status` is the step's; `apply`: it is put to use at once; `why_not`: what is in the way.
+    `calibration`: its verdict; `verified`, `failed`, `undecided`: a bar has verified or contradicted it, or neither;
+    `kept`: it is in the rig's profile as it is now; `status` is the step's; `apply`: it is put to use at once;
+    `why_not`: what is in the way.
     """
 
     status: Status = Status.READY
@@ -500,6 +501,7 @@ class SaveFacts:
     running: str = ""
     stopping: bool = False
     left: str = ""
+    undecided: bool = False
 
     @property
     def saves_first(self) -> bool:
@@ -539,9 +541,11 @@ def _saved(f: SaveFacts) -> tuple[Level, str]:
         (f.status is Status.STALE, "caution", translate("State", "What was saved is out of date")),
         (not done and f.failed, "bad", translate("State", "Not saved yet; its verification failed")),
         (not done and f.verified, "none", translate("State", "Not saved yet")),
+        (not done and f.undecided, "caution", translate("State", "Not saved yet; its verification decided nothing")),
         (not done, "caution", translate("State", "Not saved yet; not verified")),
         (f.calibration == "not valid", "bad", translate("State", "Saved; it is not valid")),
         (f.failed, "bad", translate("State", "Saved; its verification failed")),
+        (f.undecided, "caution", translate("State", "Saved; its verification decided nothing")),
         (not f.verified, "caution", translate("State", "Saved; not verified")),
         (f.calibration != "valid", "caution", translate("State", "Saved; to be used with care")),
         (True, "good", translate("State", "Saved")),

@@ -31,7 +31,7 @@ from spherecal_gui.presenters.drivers_presenter import DriverNote
 from spherecal_gui.presenters.look_presenter import summary, tile_state
 from spherecal_gui.presenters.results_presenter import FindingAdvice
 from spherecal_gui.presenters.start_presenter import project_lines
-from spherecal_gui.presenters.step_states import ResultFacts, results_says
+from spherecal_gui.presenters.step_states import ResultFacts, SaveFacts, results_says, save_says
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, load_project
 from spherecal_gui.standing import Part
@@ -317,8 +317,6 @@ def test_the_footer_does_not_jump(window):
 
 
 def test_writing_the_report_shows_that_it_writes_and_can_be_cancelled(window, monkeypatch):
-    from spherecal_gui.presenters.step_states import SaveFacts, save_says
-
     said = save_says(SaveFacts(running="save", left="3 s"))
     assert said.button is not None and said.button.does == "cancel" and said.left == "3 s"
 
@@ -372,6 +370,12 @@ def test_where_the_bar_goes_is_said_before_what_was_measured_once(window, monkey
 def test_a_computation_that_was_stopped_is_computed_again_by_the_large_button():
     said = results_says(ResultFacts(("NOT VALID", "bad", False), stopped=True))
     assert said.button is not None and said.button.does == "calibrate" and said.button.enabled
+
+
+def test_a_verification_that_decided_nothing_is_not_called_missing():
+    said = save_says(SaveFacts(verified=False, undecided=True, why_not="A reason."))
+    assert said.text == "Not saved yet; its verification decided nothing" and said.level == "caution"
+    assert save_says(SaveFacts(verified=False)).text == "Not saved yet; not verified"
 
 
 def test_the_bar_of_a_capture_lies_over_nothing(window):

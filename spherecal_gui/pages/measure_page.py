@@ -192,7 +192,9 @@ class MeasurePage(Page):
         rows = value_rows(measured)
         off = [(one.deviation, one.deviation, one.level) for one in rows]
         self.table.fill([[one.name, one.value, one.uncertainty, last] for one, last in zip(rows, off, strict=True)])
-        self.large.setText(large_text(rows[0]) if rows else "")
+        for part in (self.table, self.chart, self.hint):  # else columns and axes without anything in them
+            part.setVisible(bool(rows))
+        self.large.setText(large_text(rows[0]) if rows else ruler_hint(self._chosen))
         set_level(self.large, rows[0].level if rows else "none")
         self._show_course(history, measured.values[0].name if measured.values else "")
         self.recording.setText(self.said().left)

@@ -143,14 +143,8 @@ class Photographer:
         """One picture of a dialog over the window, which is closed."""
         self.live(0.6)
         self.number += 1
-        self._save(dialog, f"{self.number:02d}-{name}-light")
+        self._save(dialog, self._path(name, "light", SIZE).stem)
         dialog.close()
-
-    def take_alone(self, name: str) -> None:
-        """One picture, in English and light."""
-        self.live(0.4)
-        self.number += 1
-        self._save(self.window, f"{self.number:02d}-{name}-light")
 
     def _save(self, window: Any, name: str) -> None:
         from PySide6.QtCore import QEvent
@@ -218,13 +212,13 @@ def _bench(p: Photographer) -> None:
         dialog.ball.fields[key].line.textEdited.emit(text)
     p.live(0.3)
     p.number += 1
-    p._save(dialog, f"{p.number:02d}-bench-ball-light")
+    p._save(dialog, p._path("bench-ball", "light", SIZE).stem)
     dialog.tabs.setCurrentIndex(1)
     dialog.bars.add_bar()
     dialog.bars.fields["serial"].line.textEdited.emit("B-500-17")
     p.live(0.3)
     p.number += 1
-    p._save(dialog, f"{p.number:02d}-bench-bars-light")
+    p._save(dialog, p._path("bench-bars", "light", SIZE).stem)
     while dialog.desk.can_undo:
         dialog.desk.undo()
     dialog.close()

@@ -3895,15 +3895,15 @@ mm</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera}</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu stellen</translation>
+        <translation>Kugel {away:.0f} mm zu {camera} stellen</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm höher stellen</translation>
+        <translation>Kugel {away:.0f} mm zu {camera} und {up:.0f} mm höher</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm tiefer stellen</translation>
+        <translation>Kugel {away:.0f} mm zu {camera} und {up:.0f} mm tiefer</translation>
     </message>
     <message>
         <source>tip its top {turn:.0f}° towards {camera}</source>
@@ -3911,11 +3911,11 @@ mm</translation>
     </message>
     <message>
         <source>turn it {turn:.0f}° to the left, as on a turntable</source>
-        <translation>{turn:.0f}° nach links drehen wie auf einem Drehteller</translation>
+        <translation>{turn:.0f}° nach links drehen wie einen Drehteller</translation>
     </message>
     <message>
         <source>turn it {turn:.0f}° to the right, as on a turntable</source>
-        <translation>{turn:.0f}° nach rechts drehen wie auf einem Drehteller</translation>
+        <translation>{turn:.0f}° nach rechts drehen wie einen Drehteller</translation>
     </message>
     <message>
         <source>{place}, {turn}</source>

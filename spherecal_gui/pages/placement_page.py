@@ -140,6 +140,7 @@ class PlacementPage(LivePage):
         column = QVBoxLayout(self.guidance)
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.space = make_scene_view()
+        self.space.setMinimumSize(200, 90)  # the words below it need room under an instruction of three lines
         self.guide_key = label(self.tr("Expected error on 500 mm (95 %)."), "soft")
         column.addWidget(self.guide_text)
         column.addWidget(self.space, 1)

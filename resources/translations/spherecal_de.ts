@@ -3895,15 +3895,15 @@ mm</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera}</source>
-        <translation>Kugel {away:.0f} mm zu {camera} stellen</translation>
+        <translation>Kugel {away:.0f} mm Richtung {camera} stellen</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
-        <translation>Kugel {away:.0f} mm zu {camera} und {up:.0f} mm höher</translation>
+        <translation>Kugel {away:.0f} mm Richtung {camera} und {up:.0f} mm höher</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
-        <translation>Kugel {away:.0f} mm zu {camera} und {up:.0f} mm tiefer</translation>
+        <translation>Kugel {away:.0f} mm Richtung {camera} und {up:.0f} mm tiefer</translation>
     </message>
     <message>
         <source>tip its top {turn:.0f}° towards {camera}</source>

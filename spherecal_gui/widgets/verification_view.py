@@ -81,7 +81,8 @@ class VerificationView(QSplitter):
     def show_bars(self, bars: "BarReport", stale: bool) -> None:
         """Show a verification."""
         verdict = bar_verdict(bars)
-        word = "  ".join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
+        between = "\n" if theme.is_far() else "  "  # in one line it would leave the sentence no room
+        word = between.join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
         self.sentence.setText(verdict.sentence)
         for part in (self.pictures, self.rule):  # else axes without anything on them

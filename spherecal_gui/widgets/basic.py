@@ -25,6 +25,7 @@ from spherecal_gui import languages, theme
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.icons import give_icon, level_pixmap
 
+Act = Callable[..., object] | SignalInstance | None
 L = TypeVar("L", bound=QLayout)
 W = TypeVar("W", bound=QWidget)
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
@@ -94,10 +95,7 @@ def named(made: W, name: str, says: str = "", tip: str = "") -> W:
 
 
 def bare(layout: L, spacing: int | None = None) -> L:
-    """The layout without margins.
-
-    `spacing` None: the style's.
-    """
+    """The layout without margins; `spacing` None: the style's."""
     layout.setContentsMargins(0, 0, 0, 0)
     if spacing is not None:
         layout.setSpacing(spacing)
@@ -110,18 +108,8 @@ def add(layout: QLayout | QSplitter, *widgets: QWidget) -> None:
         layout.addWidget(widget)
 
 
-def button(
-    text: str,
-    name: str,
-    kind: str = "",
-    act: Callable[..., object] | SignalInstance | None = None,
-    tip: str = "",
-    icon: str = "",
-) -> QPushButton:
-    """A button.
-
-    `act`: what a click does, where that is one thing.
-    """
+def button(text: str, name: str, kind: str = "", act: Act = None, tip: str = "", icon: str = "") -> QPushButton:
+    """A button; `act`: what a click does, where that is one thing."""
     made = QPushButton(text)
     made.setToolTip(tip)
     if act is not None:

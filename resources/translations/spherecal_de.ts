@@ -4607,6 +4607,10 @@ mm</translation>
         <translation>WIDERSPRÜCHLICH</translation>
     </message>
     <message>
+        <source>The uncertainty is too large for the limit: “Budget” says what helps most.</source>
+        <translation>Die Unsicherheit ist zu groß für die Grenze: Unter „Budget“ steht, was am meisten hilft.</translation>
+    </message>
+    <message>
         <source>UNDECIDED</source>
         <translation>UNENTSCHIEDEN</translation>
     </message>

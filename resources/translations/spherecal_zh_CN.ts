@@ -4607,6 +4607,10 @@ mm</translation>
         <translation>不一致</translation>
     </message>
     <message>
+        <source>The uncertainty is too large for the limit: “Budget” says what helps most.</source>
+        <translation>对该限值来说不确定度太大：“不确定度预算”说明什么最有帮助。</translation>
+    </message>
+    <message>
         <source>UNDECIDED</source>
         <translation>未判定</translation>
     </message>

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
 
 from spherecal_documents.scene.model import SceneData
@@ -34,10 +34,12 @@ class VerificationView(QSplitter):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Vertical, parent)
         self.words = ("", "none")  # verdict and level
+        self._explained = False
         outcome = Card()
         self.word = label("", "huge", wrap=False)
         self.word.setMinimumWidth(240)
         self.sentence = label("", "big")
+        self.sentence.installEventFilter(self)
         self.rule = label("", "soft")
         words = QHBoxLayout()
         words.addWidget(self.word)
@@ -73,6 +75,17 @@ class VerificationView(QSplitter):
         self.setStretchFactor(0, 3)
         self.setStretchFactor(1, 2)
 
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """A splitter does not ask how high a sentence is in its width; without this its first line was cut off."""
+        if watched is self.sentence and event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):
+            self._give_room()
+        return super().eventFilter(watched, event)
+
+    def _give_room(self) -> None:
+        self.sentence.setMinimumHeight(max(self.sentence.heightForWidth(self.sentence.width()), 0))
+        few = self.sentence.minimumHeight() < 3 * self.sentence.fontMetrics().lineSpacing()
+        self.rule.setVisible((few or not theme.is_far()) and self._explained)
+
     def show_rig(self, data: SceneData | None) -> None:
         """The bars in the rig."""
         self.pictures.setTabEnabled(1, data is not None)
@@ -85,8 +98,8 @@ class VerificationView(QSplitter):
         word = between.join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
         self.sentence.setText(verdict.sentence)
-        for part in (self.pictures, self.rule):  # else axes without anything on them
-            part.setVisible(bool(bars.measured))
+        self._give_room()
+        self.pictures.setVisible(bool(bars.measured))  # else axes without anything on them
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))
         self.table.fill([[*map(_cell, row)] for row in length_cells(bars)])
@@ -102,7 +115,8 @@ class VerificationView(QSplitter):
         low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
         self.errors.setMinimumHeight(low)
         self.panel.view.setMinimumSize(200, low)
-        self.rule.setVisible(low == 100 and not self.pictures.isHidden())
+        self._explained = low == 100 and not self.pictures.isHidden()
+        self._give_room()
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
         self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
 

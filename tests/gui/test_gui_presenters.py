@@ -430,6 +430,7 @@ def test_a_limit_decides_with_its_guard_band(limit, decision, word, beyond):
     assert (shown.permitted.tolist(), shown.guard.tolist()) == ([limit], [0.03])
     assert shown.exceeding == (beyond,)
     assert bar_verdict(found).word == word
+    assert ("Budget" in bar_verdict(found).sentence) == (word == "UNDECIDED"), "what to do about it"
     assert length_cells(found)[0][-2:] == (f"{limit:.3f}", decision)
     assert "its guard band" in rule_text(found)
 

@@ -39,6 +39,7 @@ from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
 from spherecal_gui.texts import reason_text, status_word
 from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.thumbnail import Thumbnail
+from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.wizard import page_classes
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Reason, Running, Status, Step, StepState, resolve
@@ -376,6 +377,17 @@ def test_a_verification_that_decided_nothing_is_not_called_missing():
     said = save_says(SaveFacts(verified=False, undecided=True, why_not="A reason."))
     assert said.text == "Not saved yet; its verification decided nothing" and said.level == "caution"
     assert save_says(SaveFacts(verified=False)).text == "Not saved yet; not verified"
+
+
+def test_what_to_do_about_a_verification_that_failed_is_not_cut_off(qtbot):
+    """With large text the first and the last line of it were out of sight."""
+    view = VerificationView()
+    qtbot.addWidget(view)
+    view.resize(700, 420)
+    view.show()
+    view.sentence.setText("Do not use the rig. Compare the lengths of both bars with their certificates. " * 3)
+    pump(lambda: view.sentence.minimumHeight() > 3 * view.sentence.fontMetrics().lineSpacing())
+    assert view.sentence.height() >= view.sentence.heightForWidth(view.sentence.width())
 
 
 def test_the_bar_of_a_capture_lies_over_nothing(window):

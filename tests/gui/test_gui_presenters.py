@@ -479,9 +479,8 @@ def test_a_verdict_that_is_bad_says_what_to_do():
     told = bar_verdict(found).sentence
     assert "+1.00 %: the scale is wrong. Do not use the rig." in told
     found.findings = (Finding("lengths-contradict", "error", values, ("A-01",), kind="each"),)
-    assert bar_verdict(found).sentence.endswith(
-        "Check the bar's certificate, its temperature and its marks; then calibrate again."
-    )
+    todo = "Check the bar's certificate, its temperature and its marks; then calibrate again."
+    assert todo in bar_verdict(found).sentence.partition("largest")[0], "first"
 
 
 # --- guided bars -----------------------------------------------------------------------------------------------------

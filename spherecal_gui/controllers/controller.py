@@ -1,5 +1,6 @@
 """The wizard's controller: projects are opened and closed here, all else is done by its parts. Knows no widgets."""
 
+import threading
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -59,7 +60,7 @@ class Controller(ProjectController):
         self.user_frame = FrameController(self)
         self.saving = SavingController(self, self.computation, self.user_frame)
         self.keeps_empty = False  # a project that never had a camera, too: it is opened again at once
-        self._is_new = self._moved_on = False
+        self._is_new = False
         self._held = ExitStack()
         self._resolved: tuple[Project, Running, WorkflowState] | None = None
 
@@ -96,13 +97,11 @@ class Controller(ProjectController):
         return " · ".join(part for part in (percent, stage, left) if part)
 
     def go(self, step: str) -> None:
-        """Go to a step, if it is not blocked; it is written with the next change: a disk may take half a second."""
+        """Go to a step, if it is not blocked."""
         state = self.state
         if state is None or self.project is None or step == self.project.step or not state.of(step).open:
             return
-        self.look_for_folder()
-        self.project, self._moved_on = replace(self.project, step=step), True
-        self.changed.emit()
+        self.move(replace(self.project, step=step))
 
     # --- projects ----------------------------------------------------------------------------------------------------
 
@@ -178,15 +177,14 @@ class Controller(ProjectController):
         self.cameras.connect_all()
 
     def close_project(self) -> None:
-        """Let go of cameras and project; all but the step is on disk already."""
+        """Let go of cameras and project; all is on disk already."""
         for part in (self.bars, self.advice, self.tuning):  # what they work out beside the window is stopped first
             part.close()
         self.runner.close()
         self.cameras.close()
-        self.look_for_folder()
-        if (project := self.project) is not None and self._moved_on and not self.gone:
-            self.attempt(lambda: save_project(project))
-        self._moved_on = False
+        for thread in threading.enumerate():
+            if thread.name == "step":  # it still writes at which step the project is
+                thread.join()
         self._held.close()
         if self.project is not None and self._is_new and not self.keeps_empty:
             remove_if_empty(self.project)

@@ -2,7 +2,9 @@
 
 import logging
 import os
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,6 +45,7 @@ class ProjectController(QObject):
         self.runner.ended.connect(self._work_ended)
         self.project: Project | None = None
         self.outcome: Outcome | None = None
+        self._disk = threading.Lock()  # one project is written after the other
         self.gone = False  # the folder of the open project was deleted or moved while it was open
 
     @property
@@ -66,8 +69,25 @@ class ProjectController(QObject):
         """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""
         self.look_for_folder()
         if not self.gone:
-            self.attempt(lambda: save_project(project))
+            with self._disk:
+                self.attempt(lambda: save_project(project))
         self.project = project
+        self.changed.emit()
+
+    def move(self, project: Project) -> None:
+        """Take over a project that is only at another step: it is written beside the window, which waits for no disk.
+
+        The newest project wins; what the disk refuses is told at the next change.
+        """
+
+        def write() -> None:
+            with self._disk, suppress(SpherecalError, OSError):
+                if self.project is project and not self.gone:
+                    save_project(project)
+
+        self.look_for_folder()
+        self.project = project
+        threading.Thread(target=write, name="step").start()
         self.changed.emit()
 
     def attempt(self, act: Callable[[], object]) -> bool:

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import QLabel, QPushButton
 
 from spherecal_cameras.protocol import CameraState, CameraStatus, Counters
 from spherecal_cameras.simulated.camera_faults import SimulatedFault
+from spherecal_gui.controllers import project_controller
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.import_dialog import ImportDialog
@@ -440,10 +441,16 @@ def test_pages_to_come_are_made_while_images_are_captured(window):
     settle(window.controller)
 
 
-def test_a_step_is_written_with_the_next_change_or_at_the_end(window):
+def test_a_step_is_written_beside_the_window_and_the_newest_project_wins(window, monkeypatch):
     controller = at_placement(window)
-    folder = controller.project.folder
-    controller.go("placement:P2")
-    assert load_project(folder).step != "placement:P2"
+    folder, slow = controller.project.folder, threading.Event()
+    writes = project_controller.save_project
+    monkeypatch.setattr(project_controller, "save_project", lambda project: (slow.wait(), writes(project)))
+    controller.go("placement:P2")  # does not wait for the disk
+    assert controller.project.step == "placement:P2" and load_project(folder).step != "placement:P2"
+    slow.set()
+    pump(lambda: load_project(folder).step == "placement:P2")
+    controller.go("placement:P3")
+    controller.go("placement:P4")
     controller.close_project()
-    assert load_project(folder).step == "placement:P2"
+    assert load_project(folder).step == "placement:P4"

@@ -2781,6 +2781,10 @@ px</translation>
         <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
         <translation>{names} wurde bewegt. Halterung festziehen, dann „Wieder fest“ drücken.</translation>
     </message>
+    <message>
+        <source>{names} was moved. Tighten its mount, then press “Fixed again” at Camera check.</source>
+        <translation>{names} wurde bewegt. Halterung festziehen, dann bei „Kameraprüfung“ „Wieder fest“ drücken.</translation>
+    </message>
 </context>
 <context>
     <name>ResidualView</name>

@@ -2781,6 +2781,10 @@ px</translation>
         <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
         <translation>{names} 被移动了。请拧紧支架，然后按“已重新固定”。</translation>
     </message>
+    <message>
+        <source>{names} was moved. Tighten its mount, then press “Fixed again” at Camera check.</source>
+        <translation>{names} 被移动了。请拧紧支架，然后在“相机检查”中按“已重新固定”。</translation>
+    </message>
 </context>
 <context>
     <name>ResidualView</name>

@@ -138,6 +138,7 @@ class CheckPage(Page):
             self.sentence.setText(self.tr("Check again to see the numbers."))
         elif state is not None and self.controller.runner.running != "check":
             self.sentence.setText(reason_text(state.reason))
+        self.sentence.setVisible(bool(self.sentence.text()))  # else the headline has half of the page
         self.action_changed.emit()
 
     def _fill(self) -> None:

@@ -118,7 +118,7 @@ class Page(QWidget):
         running, kind = self.controller.running, self.step.kind if self.step is not None else "connect"
         found = []
         if running.moved and kind != "connect":
-            found.append(Part("bad", moved_text(running.moved)))
+            found.append(Part("bad", moved_text(running.moved, kind in ("look", "placement"))))
         if running.lost and kind in NEEDS_CAMERAS:
             found.append(Part("bad", reason_text(lost_reason(running.lost))))
         return tuple(found)

@@ -37,7 +37,7 @@ from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, load_project
 from spherecal_gui.standing import Part
 from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
-from spherecal_gui.texts import reason_text, status_word
+from spherecal_gui.texts import moved_text, reason_text, status_word
 from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.thumbnail import Thumbnail
 from spherecal_gui.widgets.verification_view import VerificationView
@@ -378,6 +378,12 @@ def test_a_verification_that_decided_nothing_is_not_called_missing():
     said = save_says(SaveFacts(verified=False, undecided=True, why_not="A reason."))
     assert said.text == "Not saved yet; its verification decided nothing" and said.level == "caution"
     assert save_says(SaveFacts(verified=False)).text == "Not saved yet; not verified"
+
+
+def test_a_button_is_named_with_its_page_where_it_is_not_on_this_one():
+    """Check said "press Fixed again" and had no such button."""
+    assert moved_text(("C05",)).endswith("press “Fixed again”.")
+    assert moved_text(("C05",), here=False).endswith("press “Fixed again” at Camera check.")
 
 
 def test_what_to_do_about_a_verification_that_failed_is_not_cut_off(qtbot):

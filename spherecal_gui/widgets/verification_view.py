@@ -25,6 +25,7 @@ from spherecal_gui.widgets.table import Table
 if TYPE_CHECKING:  # imports scipy
     from spherecal.verify.verification_file import BarReport
 
+_LEAST_PX = 40  # of the plot
 _MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; the plot gives way to the cameras
 
 
@@ -34,7 +35,11 @@ class VerificationView(QSplitter):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Vertical, parent)
         self.words = ("", "none")  # verdict and level
-        self._explained = False
+        self._explained, self._low_px, self._rows_px = (
+            False,
+            _LEAST_PX,
+            (0, 0),
+        )  # the tables' height with one row, and with all that matter
         outcome = Card()
         self.word = label("", "huge", wrap=False)
         self.word.setMinimumWidth(240)
@@ -85,6 +90,12 @@ class VerificationView(QSplitter):
         self.sentence.setMinimumHeight(max(self.sentence.heightForWidth(self.sentence.width()), 0))
         few = self.sentence.minimumHeight() < 3 * self.sentence.fontMetrics().lineSpacing()
         self.rule.setVisible((few or not theme.is_far()) and self._explained)
+        more = max(self.sentence.minimumHeight() - self.sentence.fontMetrics().lineSpacing(), 0)
+        far = theme.is_far()  # then the tables scroll, else the plot is lower
+        self.tables.setMinimumHeight(max(self._rows_px[0], self._rows_px[1] - (more if far else 0)))
+        low = max(self._low_px - (0 if far else more), _LEAST_PX)
+        self.errors.setMinimumHeight(low)
+        self.panel.view.setMinimumSize(200, low)
 
     def show_rig(self, data: SceneData | None) -> None:
         """The bars in the rig."""
@@ -113,12 +124,11 @@ class VerificationView(QSplitter):
         most = _MOST_FROM_AFAR if theme.is_far() else _MOST_CAMERAS if self.tables.currentIndex() == 1 else _MOST
         rows = min(self.cameras.rowCount() if self.tables.currentIndex() == 1 else self.table.rowCount(), most)
         low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
-        self.errors.setMinimumHeight(low)
-        self.panel.view.setMinimumSize(200, low)
-        self._explained = low == 100 and not self.pictures.isHidden()
-        self._give_room()
+        self._low_px, self._explained = low, low == 100 and not self.pictures.isHidden()
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
-        self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
+        none = self.tables.tabBar().sizeHint().height() + head + 6
+        self._rows_px = none + min(rows, 1) * row, none + rows * row
+        self._give_room()
 
 
 def _cell(text: str) -> tuple[str, float | str, str]:

@@ -9,7 +9,7 @@ python3 dev.py studies  the studies of accuracy, convergence, outliers and detec
 python3 dev.py docs     the manual in build/site, its links checked
 python3 dev.py build    wheels and sdist in dist, the manual inside
 python3 dev.py installer  the program for people without Python, in dist: a folder, and a .deb of it
-python3 dev.py pictures the README's pictures; --wizard FOLDER: of every page of the window, in every language
+python3 dev.py pictures the README's pictures; --wizard FOLDER: of every page of the window, in every language and look
 python3 dev.py translations  the window's texts collected and compiled; what is not translated yet
 python3 dev.py lock     renew requirements.lock from pyproject.toml
 python3 dev.py setup    only prepare the environment

@@ -64,7 +64,7 @@ def scene_picture(result: Path, session: Path, path: Path) -> Path:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--wizard"]:  # of the wizard's pages instead, into the folder named
-        from make_screenshots import LANGUAGES, SIZES, make_screenshots
+        from make_screenshots import make_matrix
 
-        sys.exit(make_screenshots(Path(sys.argv[2]) if len(sys.argv) > 2 else PICTURES / "wizard", LANGUAGES, SIZES))
+        sys.exit(make_matrix(Path(sys.argv[2]) if len(sys.argv) > 2 else PICTURES / "wizard"))
     sys.exit(make_pictures())

@@ -1,24 +1,34 @@
 """Takes pictures of every page of the wizard: `python3 dev.py pictures --wizard FOLDER`.
 
-In every language, light, dark and with large text, in three sizes. Walks through the simulated demo rig without a
-screen (or in a real window where QT_QPA_PLATFORM says so). Pictures that are there already are not taken again: a walk
-that was stopped goes on with those that are missing. SPHERECAL_PICTURES names some pages only, by their names.
+In every language, light, dark and with large text, in two sizes, with sheets of nine to look through, and a list of
+what does not fit on them, scrolls or has no label. One walk through the simulated demo rig for each language, without
+a screen (or in a real window where QT_QPA_PLATFORM says so). Pictures that are there already are not taken again.
+SPHERECAL_PICTURES names some pages only, by their names.
 """
 
+import itertools
+import json
 import math
 import os
+import subprocess
+import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 if TYPE_CHECKING:
+    from spherecal.base.context import Progress
     from spherecal_cameras.simulated.stage import Vector
+    from spherecal_gui.tasks.task import BackgroundTask
 
 SIZE = (1280, 800)
-SIZES = (SIZE, (1920, 1080), (2560, 1440))
-LANGUAGES = ("de", "zh_CN")
+SIZES = (SIZE, (1920, 1080))
+LANGUAGES = ("en", "de", "zh_CN")
 LOOKS = (  # name, dark, large text
     ("light", False, False), ("dark", True, False), ("large", False, True), ("large-dark", True, True),
 )  # fmt: skip
@@ -33,18 +43,19 @@ class Photographer:
         self,
         folder: Path,
         projects: Path,
-        languages: Sequence[str] = (),
+        language: str = "en",
         sizes: Sequence[tuple[int, int]] = (SIZE,),
         looks: Sequence[tuple[str, bool, bool]] = LOOKS,
     ) -> None:
         from PySide6.QtWidgets import QApplication
 
-        from spherecal_gui import app
+        from spherecal_gui import app, languages
         from spherecal_gui.controllers.camera_controller import CameraController
 
         application = QApplication.instance()
         self.application = application if isinstance(application, QApplication) else QApplication(["spherecal"])
-        self.folder, self.languages, self.sizes, self.looks, self.number = folder, languages, sizes, looks, 0
+        languages.use(language)
+        self.folder, self.language, self.sizes, self.looks, self.number = folder, language, sizes, looks, 0
         self.only = tuple(os.environ.get("SPHERECAL_PICTURES", "").split())
         CameraController.live_hz = 1.0  # leave the cores to the walk
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,105 +82,69 @@ class Photographer:
             self.live(0.05)
         self.live(0.3)
 
+    @contextmanager
+    def held(self, at: "Callable[[Progress], bool]") -> Iterator[None]:
+        """Work that is begun here waits where it first reports what `at` is true of, while pictures are taken."""
+        from spherecal_gui.tasks.task import BackgroundTask
+
+        note, reached, released = BackgroundTask._note, threading.Event(), threading.Event()
+
+        def waiting(task: "BackgroundTask", progress: "Progress") -> None:
+            note(task, progress)
+            if at(progress):
+                reached.set()
+                released.wait()
+
+        with patch.object(BackgroundTask, "_note", waiting):
+            yield
+            self.wait(lambda: reached.is_set() or self.window.controller.runner.running is None)
+        self.live(0.5)
+        self.release = released.set
+
     def take(self, name: str) -> None:
-        """One picture in each language, look and size, of those that are missing."""
+        """One picture in each look and size, of those that are missing."""
         self.number += 1
         if self.only and name not in self.only:
             return
-        for language in ("en", *self.languages):
-            wanted = [
-                (look, size, path)
-                for look in self.looks
-                for size in self.sizes
-                if not (path := self._path(name, language, look[0], size)).exists()
-            ]
-            if not wanted:
-                continue
-            if language == "en":
-                self._take_all(self.window, wanted)
-            else:
-                self._take_twin(language, wanted)
+        wanted = [
+            (look, size, path)
+            for look in self.looks
+            for size in self.sizes
+            if not (path := self._path(name, look[0], size)).exists()
+        ]
+        self._take_all(wanted)
         self._dress(self.window, *LOOKS[0][1:])
         self.window.resize(*SIZE)
 
-    def _path(self, name: str, language: str, look: str, size: tuple[int, int]) -> Path:
-        words = [f"{self.number:02d}", name, *([] if language == "en" else [language]), look]
+    def _path(self, name: str, look: str, size: tuple[int, int]) -> Path:
+        words = [f"{self.number:02d}", name, *([] if self.language == "en" else [self.language]), look]
         words += [] if size == SIZE else [f"{size[0]}x{size[1]}"]
         return self.folder / f"{'-'.join(words)}.png"
 
-    def _take_all(self, window: Any, wanted: Sequence[tuple[Any, tuple[int, int], Path]]) -> None:
+    def _take_all(self, wanted: Sequence[tuple[Any, tuple[int, int], Path]]) -> None:
         worn = None
         for look, size, path in wanted:
             if look != worn:  # half of the time, with a look for each picture
-                self._dress(window, *look[1:])
+                self._dress(self.window, *look[1:])
                 worn = look
-            window.resize(*size)
-            self.live(0.4)
-            self._save(window, path.stem)
+            self.window.resize(*size)
+            self.live(0.3)
+            self._save(self.window, path.stem)
 
     @staticmethod
     def _dress(window: Any, dark: bool, far: bool) -> None:
-        from PySide6.QtWidgets import QApplication
-
-        from spherecal_gui import theme
-
+        window.header.blockSignals(True)  # else everything is styled twice
         window.header.dark.setChecked(dark)
         window.header.far.setChecked(far)
-        application = QApplication.instance()
-        assert isinstance(application, QApplication)
-        theme.apply(application, dark, far)  # a window of another language may have changed it
-        window.redraw()
+        window.header.blockSignals(False)
+        window.header.toggled.emit()
 
     def take_dialog(self, dialog: Any, name: str) -> None:
         """One picture of a dialog over the window, which is closed."""
         self.live(0.6)
         self.number += 1
-        self._save(dialog, f"{self.number:02d}-{name}-light")
+        self._save(dialog, self._path(name, "light", SIZE).stem)
         dialog.close()
-
-    def take_alone(self, name: str) -> None:
-        """One picture, in English and light."""
-        self.live(0.4)
-        self.number += 1
-        self._save(self.window, f"{self.number:02d}-{name}-light")
-
-    def _take_twin(self, language: str, wanted: Sequence[tuple[Any, tuple[int, int], Path]]) -> None:
-        """The same in a window of another language that shows the same project."""
-        from spherecal_gui import languages
-        from spherecal_gui.wizard.window import WizardWindow
-
-        languages.use(language)
-        try:
-            twin = WizardWindow(self.window.projects, controller=self.window.controller)
-            twin.showNormal()
-            self._make_alike(twin)
-            self._take_all(twin, wanted)
-            for page in twin.pages.values():
-                page.close_page()
-            twin.close()
-            twin.deleteLater()
-        finally:
-            languages.use("en")
-
-    def _make_alike(self, twin: Any) -> None:
-        """What is no part of the project: tabs, the course of the computation."""
-        for kind, page in twin.pages.items():
-            own = self.window.pages.get(kind)
-            if own is None:
-                continue
-            if hasattr(page, "tabs"):
-                page.tabs.setCurrentIndex(own.tabs.currentIndex())
-            if hasattr(page, "map"):
-                page.map.setChecked(own.map.isChecked())
-                page.links.setChecked(own.links.isChecked())
-                page.image.setCurrentIndex(own.image.currentIndex())
-            if kind == "verify":
-                page.outcome.tables.setCurrentIndex(own.outcome.tables.currentIndex())
-                page.tick()
-            if hasattr(page, "course"):
-                page.course = own.course
-                page.dress()
-                page.tick()
 
     def _save(self, window: Any, name: str) -> None:
         from PySide6.QtCore import QEvent
@@ -179,8 +154,11 @@ class Photographer:
         while time.monotonic() < until and not all(one.settled for one in _scenes(window)):
             self.live(0.05)
         self.application.sendPostedEvents(None, QEvent.Type.LayoutRequest)  # else a button has its former width
-        window.grab().save(str(path))
+        window.grab().save(str(path.with_suffix(".part")), "PNG")
+        path.with_suffix(".part").replace(path)  # a walk that is stopped leaves no half a picture
         print(path, flush=True)
+        with (self.folder / f"faults-{self.language}.txt").open("a", encoding="utf-8") as file:
+            file.writelines(f"{name}: {fault}\n" for fault in _faults(window))
 
     def go_on(self) -> None:
         """The page's work where it is not done, then the next step."""
@@ -195,6 +173,27 @@ class Photographer:
                 raise TimeoutError(f"The wizard has not come to {step}.")
             self.go_on()
             self.live(1.0)
+
+
+def _faults(window: Any) -> list[str]:
+    """What one need not look at a picture for: what does not fit, scrolls sideways or both ways, has no label."""
+    from PySide6.QtWidgets import QAbstractButton
+
+    from tests.gui_fit import covered, cut_short, scrolled
+
+    areas = scrolled(window)
+    blank = [
+        one.objectName() or type(one).__name__
+        for one in window.findChildren(QAbstractButton)
+        if one.isVisible() and type(one).__name__ in ("QPushButton", "QToolButton")
+        and not one.text().strip() and one.icon().isNull()
+    ]  # fmt: skip
+    return [
+        *cut_short(window),
+        *covered(window),
+        *(f"{area} scrolls {'both ways' if down else 'sideways'}" for area, across, down in areas if across),
+        *(f"{name} has neither text nor icon" for name in blank),
+    ]
 
 
 def _scenes(window: Any) -> list[Any]:
@@ -213,13 +212,13 @@ def _bench(p: Photographer) -> None:
         dialog.ball.fields[key].line.textEdited.emit(text)
     p.live(0.3)
     p.number += 1
-    p._save(dialog, f"{p.number:02d}-bench-ball-light")
+    p._save(dialog, p._path("bench-ball", "light", SIZE).stem)
     dialog.tabs.setCurrentIndex(1)
     dialog.bars.add_bar()
     dialog.bars.fields["serial"].line.textEdited.emit("B-500-17")
     p.live(0.3)
     p.number += 1
-    p._save(dialog, f"{p.number:02d}-bench-bars-light")
+    p._save(dialog, p._path("bench-bars", "light", SIZE).stem)
     while dialog.desk.can_undo:
         dialog.desk.undo()
     dialog.close()
@@ -264,9 +263,10 @@ def walk(p: Photographer) -> None:
     controller.cameras.connection.source.heal("C05")
     p.wait(lambda: not window.page.scene().lost)
     p.live(1.5)
-    window.advance()
-    p.live(0.1)
+    with p.held(lambda progress: progress.stage == "taking images"):
+        window.advance()
     p.take("placement-running")
+    p.release()
     p.wait()
     p.take("placement-done")
     p.go_on()
@@ -306,9 +306,17 @@ def computing(p: Photographer) -> None:
     p.live(1.0)
     p.take("results-stopped")
     controller.go("calibrate")
+    image = controller.project.folder / "placements" / "P2" / "C03.png"
+    right = image.read_bytes()
+    image.write_bytes(b"no picture")
     controller.computation.calibrate()
-    p.wait(lambda: controller.runner.running is None or window.page.course.fraction > 0.5)
+    p.wait()
+    p.take("calibrate-failed")
+    image.write_bytes(right)
+    with p.held(lambda progress: progress.stage == "rigid ball"):
+        controller.computation.calibrate()
     p.take("calibrate-running")
+    p.release()
     p.wait()
     p.take("calibrate-done")
     p.go_on()
@@ -347,7 +355,10 @@ def measuring(p: Photographer) -> None:
     began = time.perf_counter()
     p.window.controller.cameras.connection.source.stage.carry(carried)
     p.live(10.0)
-    p.take_alone("measure")  # a second window would measure with the same cameras
+    p.take("measure")
+    p.window.controller.cameras.connection.source.show("P1")
+    p.live(3.0)
+    p.take("measure-ball")
     p.window.controller.go("save")
 
 
@@ -382,6 +393,20 @@ def verifying(p: Photographer) -> None:
     page = window.page
     p.wait(lambda: page.guide is not None and page.guide.level == "good")
     p.take("verify-ready")
+    controller.cameras.connection.source.stage.move((0.0, 0.0, 9000.0))  # out of every camera's sight
+    controller.cameras.live.forget()
+    p.live(3.0)
+    p.take("verify-no-bar")
+    pose = controller.project.check_poses[0]
+    controller.sets.take(pose, "verify")
+    p.wait()
+    page.enough.click()
+    p.wait()
+    p.take("verify-no-pose")
+    controller.sets.delete(pose)
+    page.more.click()
+    controller.staging.show_pose(page.current)
+    p.wait(lambda: page.guide is not None and page.guide.level == "good")
     controller.cameras.connection.source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 18.0))
     controller.cameras.live.forget()
     p.wait(lambda: page.guide is not None and not page.guide.accepted)
@@ -390,7 +415,7 @@ def verifying(p: Photographer) -> None:
     for _ in range(3):
         p.wait(lambda: page.guide is not None and page.guide.level == "good")
         p.go_on()
-    controller.computation.verify()
+    page.enough.click()
     p.wait()
     p.take("verify-done")
     controller.bars.set_limit("0.02+L/50000")
@@ -399,13 +424,33 @@ def verifying(p: Photographer) -> None:
     p.wait()
     page.outcome.tables.setCurrentIndex(1)
     p.take("verify-limit-and-budget")
+    page.more.click()
+    p.live(2.0)
+    p.take("verify-more-poses")
+    page.enough.click()
+    p.wait()
+    page.outcome.tables.setCurrentIndex(0)
+    certificate = controller.project.verification_folder / "session.json"
+    right = certificate.read_text(encoding="utf-8")
+    certificate.write_text(_longer(right, 1.004), encoding="utf-8")
+    controller.computation.seen_bars = type(controller.computation.seen_bars)()
+    controller.computation.verify()
+    p.wait()
+    p.take("verify-inconsistent")
+    certificate.write_text(right, encoding="utf-8")
+    controller.bars.set_limit("")
+    controller.computation.seen_bars = type(controller.computation.seen_bars)()
+    controller.computation.verify()
+    p.wait()
 
 
 def checking(p: Photographer) -> None:
     """The check of the calibration in use, of a rig whose camera was knocked since."""
     from dataclasses import replace
 
+    from spherecal_cameras.simulated.camera_faults import SimulatedFault
     from spherecal_gui.project_folder import load_project
+    from tests.gui_walking import at_rest
 
     window, controller = p.window, p.window.controller
     like = load_project(next(line.folder for line in window.start._lines if line.calibrated))
@@ -413,6 +458,12 @@ def checking(p: Photographer) -> None:
     p.wait()
     p.reach("check")
     p.take("check-ready")
+    p.wait(lambda: at_rest(controller))
+    controller.cameras.connection.source.inject(SimulatedFault("bump", "C05"))
+    p.wait(lambda: bool(controller.cameras.live.watch.bumped))
+    p.take("check-bump")
+    controller.cameras.connection.source.heal("C05")
+    controller.cameras.live.watch.forgive()
     window.advance()
     p.wait()
     p.take("check-failed")
@@ -442,19 +493,69 @@ def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
     p.wait(shown)
 
 
+def _longer(session: str, times: float) -> str:
+    """A session whose bars' certificates have lengths that are so many times as long."""
+    made = json.loads(session)
+    for bar in made["bars"]:
+        for one in bar["lengths"]:
+            one["length_mm"] *= times
+    return json.dumps(made)
+
+
 def make_screenshots(
     folder: Path,
-    languages: Sequence[str] = (),
+    language: str = "en",
     sizes: Sequence[tuple[int, int]] = (SIZE,),
     looks: Sequence[tuple[str, bool, bool]] = LOOKS,
 ) -> int:
-    """Make all pictures; 0 when done."""
+    """Make all pictures of a language; 0 when done."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as home:
         os.environ["SPHERECAL_SETTINGS"] = str(Path(home) / "settings.ini")
         os.environ["SPHERECAL_LIMITS"] = str(Path(home) / "limits.json")
-        p = Photographer(folder, Path(home) / "projects", languages, sizes, looks)
+        p = Photographer(folder, Path(home) / "projects", language, sizes, looks)
         walk(p)
         p.window.close()
         p.live(0.2)
     return 0
+
+
+def make_matrix(folder: Path) -> int:
+    """All pictures, a process for each language; then the sheets and the list of faults."""
+    walks = [subprocess.Popen([sys.executable, __file__, str(folder), language]) for language in LANGUAGES]
+    codes = [walk.wait() for walk in walks]
+    make_sheets(folder)
+    for path in sorted(folder.glob("faults-*.txt")):
+        print(path.read_text(encoding="utf-8"), end="")
+    return max(codes)
+
+
+def make_sheets(folder: Path) -> None:
+    """The pictures of each page on sheets of nine: a row for each language, columns of looks and sizes."""
+    from PIL import Image
+
+    shown: dict[str, list[Path]] = {}
+    for path in folder.glob("*.png"):
+        look = next(look for look, _, _ in reversed(LOOKS) if f"-{look}" in path.stem)
+        words = path.stem.removesuffix("-1920x1080").removesuffix(f"-{look}")
+        shown.setdefault(words.removesuffix("-de").removesuffix("-zh_CN"), []).append(path)
+    (folder / "sheets").mkdir(exist_ok=True)
+    for page, paths in shown.items():
+        columns = list(itertools.product(SIZES, [look for look, _, _ in LOOKS]))
+        for number in range(0, len(columns), 3):
+            sheet = Image.new("RGB", (3 * 800, 3 * 500), (120, 120, 120))
+            for (column, (size, look)), (row, language) in itertools.product(
+                enumerate(columns[number : number + 3]), enumerate(LANGUAGES)
+            ):
+                words = [page, *([] if language == "en" else [language]), look]
+                words += [] if size == SIZE else [f"{size[0]}x{size[1]}"]
+                path = folder / f"{'-'.join(words)}.png"
+                if path in paths:
+                    picture = Image.open(path).convert("RGB")
+                    picture.thumbnail((796, 496), Image.Resampling.LANCZOS)
+                    sheet.paste(picture, (800 * column, 500 * row))
+            sheet.save(folder / "sheets" / f"{page}-{number // 3 + 1}.png")
+
+
+if __name__ == "__main__":
+    sys.exit(make_screenshots(Path(sys.argv[1]), sys.argv[2], SIZES))

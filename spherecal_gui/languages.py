@@ -20,7 +20,9 @@ _UNITS = (
     "mm/s mm µm m ppm px pixels Pixeln Pixel 像素 % °C ° K degrees Grad 度 "
     "ms s min h 毫秒 秒 分钟 小时 Hz fps dB MP kB MB GB Mbit/s"
 )
-_BEFORE_UNIT = re.compile(rf"(?<=\d) (?=(?:{'|'.join(_UNITS.split())})(?![A-Za-zÄÖÜäöüß-]))|(?<=±) (?=\d)")
+_BEFORE_UNIT = re.compile(
+    rf"(?<=\d) (?=(?:{'|'.join(_UNITS.split())})(?![A-Za-zÄÖÜäöüß-]))|(?<=±) (?=\d)|(?<=\d) (?=±)"
+)
 _RATE = re.compile(r"\b(mm|Mbit)/s\b")
 _installed: list[QTranslator] = []
 _spoken = ["en"]

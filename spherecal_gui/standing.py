@@ -15,7 +15,7 @@ Default = Literal["action", "next", ""]
 # What the large button does: as long as this stays, its meaning stays.
 Deed = Literal[
     "", "accept", "calibrate", "cancel", "capture", "check", "confirm", "describe", "finish", "measure", "next",
-    "record", "report", "results", "save", "stop recording", "use",
+    "record", "report", "results", "retake", "save", "stop recording", "use",
 ]  # fmt: skip
 
 # Nothing known is better than nothing: a part that has nothing to say does not spoil what another one knows.

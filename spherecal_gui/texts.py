@@ -127,9 +127,11 @@ def reason_text(reason: Reason | None) -> str:
     return texts[reason.code]
 
 
-def moved_text(cameras: tuple[str, ...]) -> str:
-    """That cameras were moved, and what to do."""
+def moved_text(cameras: tuple[str, ...], here: bool = True) -> str:
+    """That cameras were moved, and what to do; `here`: the page has the button."""
     text = translate("Reasons", "{names} was moved. Tighten its mount, then press “Fixed again”.")
+    if not here:
+        text = translate("Reasons", "{names} was moved. Tighten its mount, then press “Fixed again” at Camera check.")
     return text.format(names=languages.listed(cameras))
 
 

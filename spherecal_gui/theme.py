@@ -219,7 +219,7 @@ def style_sheet(c: Colours) -> str:
         background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; border-radius: 8px;
         padding: 7px {side}px; min-height: {pt(20):.0f}px;
     }}
-    QFileDialog QToolButton {{ padding: 2px; min-height: 0; }}
+    QFileDialog QToolButton, QFileDialog QToolButton:focus {{ padding: 2px; min-height: 0; }}
     QPushButton:hover, QToolButton:hover {{ border-color: {c.accent}; }}
     QPushButton:focus, QToolButton:focus {{ border: 2px solid {c.accent}; padding: 6px {side - 1}px; }}
     QPushButton:pressed {{ background: {c.border}; }}
@@ -252,6 +252,7 @@ def style_sheet(c: Colours) -> str:
     QTableCornerButton::section {{ background: {c.raised}; border: none; }}
     QProgressBar {{ background: {c.raised}; border: 1px solid {c.border}; border-radius: 6px; text-align: center;
         min-height: {pt(22):.0f}px; color: {c.text}; }}
+    QProgressBar#hold-still {{ min-height: 0; border-radius: 4px; }}
     QProgressBar::chunk {{ background: {c.accent}; border-radius: 5px; }}
     QPlainTextEdit, QTextBrowser, QLineEdit, QComboBox {{ background: {c.surface}; color: {c.text};
         border: 1px solid {c.border}; border-radius: 6px; padding: 5px; }}

@@ -97,6 +97,7 @@ def _facts(_: str) -> dict[Any, list]:
             current=ON,
             taken=ON,
             outdated=ON,
+            empty=ON,
         ),
         st.calibrate_says: every(
             st.CalibrateFacts,
@@ -116,12 +117,14 @@ def _facts(_: str) -> dict[Any, list]:
             stale=ON,
             accepted=ON,
             running=("", "calibrate", "save"),
+            stopped=ON,
         ),
         st.save_says: every(
             st.SaveFacts,
             status=tuple(Status),
             calibration=VERDICTS,
             verified=ON,
+            undecided=ON,
             kept=ON,
             stale=ON,
             apply=ON,

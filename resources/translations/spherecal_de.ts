@@ -1465,6 +1465,10 @@ px</translation>
         <source>Check the cameras at Connect.</source>
         <translation>Die Kameras bei „Verbinden“ prüfen.</translation>
     </message>
+    <message>
+        <source>Retake {name}: what is on disk is damaged.</source>
+        <translation>{name} neu aufnehmen: Was auf der Platte liegt, ist beschädigt.</translation>
+    </message>
 </context>
 <context>
     <name>Faults</name>
@@ -2225,8 +2229,8 @@ px</translation>
         <translation>Schlechteste zuerst</translation>
     </message>
     <message>
-        <source>Draw rectangles over what is no target, then press the button again.</source>
-        <translation>Rechtecke über alles ziehen, was keine Zielmarke ist, dann die Taste erneut drücken.</translation>
+        <source>Draw rectangles over what is no target, then press “{button}” again.</source>
+        <translation>Rechtecke über alles ziehen, was keine Zielmarke ist, dann „{button}“ erneut drücken.</translation>
     </message>
     <message>
         <source>Masks: {count}</source>
@@ -2777,6 +2781,10 @@ px</translation>
         <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
         <translation>{names} wurde bewegt. Halterung festziehen, dann „Wieder fest“ drücken.</translation>
     </message>
+    <message>
+        <source>{names} was moved. Tighten its mount, then press “Fixed again” at Camera check.</source>
+        <translation>{names} wurde bewegt. Halterung festziehen, dann bei „Kameraprüfung“ „Wieder fest“ drücken.</translation>
+    </message>
 </context>
 <context>
     <name>ResidualView</name>
@@ -3094,6 +3102,10 @@ mm</translation>
     <message>
         <source>Its verification failed: write in the note why it is put to use all the same.</source>
         <translation>Verifizierung fehlgeschlagen: In der Notiz angeben, warum sie trotzdem in Gebrauch genommen wird.</translation>
+    </message>
+    <message>
+        <source>Its verification decided nothing: write in the note why it is put to use.</source>
+        <translation>Ihre Verifizierung hat nichts entschieden: In der Notiz angeben, warum sie in Gebrauch genommen wird.</translation>
     </message>
     <message>
         <source>It was not verified: write in the note why it is put to use.</source>
@@ -3887,15 +3899,15 @@ mm</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera}</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu stellen</translation>
+        <translation>Kugel {away:.0f} mm Richtung {camera} stellen</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm höher stellen</translation>
+        <translation>Kugel {away:.0f} mm Richtung {camera} und {up:.0f} mm höher</translation>
     </message>
     <message>
         <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
-        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm tiefer stellen</translation>
+        <translation>Kugel {away:.0f} mm Richtung {camera} und {up:.0f} mm tiefer</translation>
     </message>
     <message>
         <source>tip its top {turn:.0f}° towards {camera}</source>
@@ -3903,11 +3915,11 @@ mm</translation>
     </message>
     <message>
         <source>turn it {turn:.0f}° to the left, as on a turntable</source>
-        <translation>{turn:.0f}° nach links drehen wie auf einem Drehteller</translation>
+        <translation>{turn:.0f}° nach links drehen wie einen Drehteller</translation>
     </message>
     <message>
         <source>turn it {turn:.0f}° to the right, as on a turntable</source>
-        <translation>{turn:.0f}° nach rechts drehen wie auf einem Drehteller</translation>
+        <translation>{turn:.0f}° nach rechts drehen wie einen Drehteller</translation>
     </message>
     <message>
         <source>{place}, {turn}</source>
@@ -4086,6 +4098,10 @@ mm</translation>
         <translation>Noch nicht gesichert</translation>
     </message>
     <message>
+        <source>Not saved yet; its verification decided nothing</source>
+        <translation>Noch nicht gesichert; Verifizierung unentschieden</translation>
+    </message>
+    <message>
         <source>Not saved yet; not verified</source>
         <translation>Noch nicht gesichert; nicht verifiziert</translation>
     </message>
@@ -4096,6 +4112,10 @@ mm</translation>
     <message>
         <source>Saved; its verification failed</source>
         <translation>Gesichert; Verifizierung fehlgeschlagen</translation>
+    </message>
+    <message>
+        <source>Saved; its verification decided nothing</source>
+        <translation>Gesichert; Verifizierung unentschieden</translation>
     </message>
     <message>
         <source>Saved; not verified</source>
@@ -4591,6 +4611,10 @@ mm</translation>
         <translation>WIDERSPRÜCHLICH</translation>
     </message>
     <message>
+        <source>The uncertainty is too large for the limit: “Budget” says what helps most.</source>
+        <translation>Die Unsicherheit ist zu groß für die Grenze: Unter „Budget“ steht, was am meisten hilft.</translation>
+    </message>
+    <message>
         <source>UNDECIDED</source>
         <translation>UNENTSCHIEDEN</translation>
     </message>
@@ -4605,6 +4629,10 @@ mm</translation>
     <message>
         <source>CONSISTENT</source>
         <translation>STIMMIG</translation>
+    </message>
+    <message>
+        <source>No captured pose shows two marks of the bar to two cameras: capture them again.</source>
+        <translation>Keine aufgenommene Lage zeigt zwei Kameras zwei Marken des Stabs: noch einmal aufnehmen.</translation>
     </message>
     <message>
         <source>NO DATA</source>

@@ -1465,6 +1465,10 @@ px</translation>
         <source>Check the cameras at Connect.</source>
         <translation>请在“连接”步骤检查相机。</translation>
     </message>
+    <message>
+        <source>Retake {name}: what is on disk is damaged.</source>
+        <translation>请重拍 {name}：磁盘上的数据已损坏。</translation>
+    </message>
 </context>
 <context>
     <name>Faults</name>
@@ -2225,8 +2229,8 @@ px</translation>
         <translation>最差在前</translation>
     </message>
     <message>
-        <source>Draw rectangles over what is no target, then press the button again.</source>
-        <translation>在非靶标处画矩形，然后再次按下按钮。</translation>
+        <source>Draw rectangles over what is no target, then press “{button}” again.</source>
+        <translation>在非靶标处画矩形，然后再次按“{button}”。</translation>
     </message>
     <message>
         <source>Masks: {count}</source>
@@ -2549,7 +2553,7 @@ px</translation>
     </message>
     <message>
         <source>Working out where the ball should go next: {seconds:.0f} s</source>
-        <translation>正在计算球的下一个位置：{seconds:.0f} s</translation>
+        <translation>正在计算球的下一个位置：{seconds:.0f} 秒</translation>
     </message>
 </context>
 <context>
@@ -2776,6 +2780,10 @@ px</translation>
     <message>
         <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
         <translation>{names} 被移动了。请拧紧支架，然后按“已重新固定”。</translation>
+    </message>
+    <message>
+        <source>{names} was moved. Tighten its mount, then press “Fixed again” at Camera check.</source>
+        <translation>{names} 被移动了。请拧紧支架，然后在“相机检查”中按“已重新固定”。</translation>
     </message>
 </context>
 <context>
@@ -3094,6 +3102,10 @@ mm</translation>
     <message>
         <source>Its verification failed: write in the note why it is put to use all the same.</source>
         <translation>验证未通过：请在备注中写明为何仍投入使用。</translation>
+    </message>
+    <message>
+        <source>Its verification decided nothing: write in the note why it is put to use.</source>
+        <translation>验证未得出结论：请在备注中写明启用原因。</translation>
     </message>
     <message>
         <source>It was not verified: write in the note why it is put to use.</source>
@@ -4086,6 +4098,10 @@ mm</translation>
         <translation>尚未保存</translation>
     </message>
     <message>
+        <source>Not saved yet; its verification decided nothing</source>
+        <translation>尚未保存；验证未得出结论</translation>
+    </message>
+    <message>
         <source>Not saved yet; not verified</source>
         <translation>尚未保存；未验证</translation>
     </message>
@@ -4096,6 +4112,10 @@ mm</translation>
     <message>
         <source>Saved; its verification failed</source>
         <translation>已保存；验证未通过</translation>
+    </message>
+    <message>
+        <source>Saved; its verification decided nothing</source>
+        <translation>已保存；验证未得出结论</translation>
     </message>
     <message>
         <source>Saved; not verified</source>
@@ -4151,11 +4171,11 @@ mm</translation>
     </message>
     <message>
         <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
-        <translation>{seconds:.0f} s，比平时长（{usual:.0f} s）</translation>
+        <translation>{seconds:.0f} 秒，比平时长（{usual:.0f} 秒）</translation>
     </message>
     <message>
         <source>{seconds:.0f} s</source>
-        <translation>{seconds:.0f} s</translation>
+        <translation>{seconds:.0f} 秒</translation>
     </message>
     <message>
         <source>{gone}, nearly done</source>
@@ -4591,6 +4611,10 @@ mm</translation>
         <translation>不一致</translation>
     </message>
     <message>
+        <source>The uncertainty is too large for the limit: “Budget” says what helps most.</source>
+        <translation>对该限值来说不确定度太大：“不确定度预算”说明什么最有帮助。</translation>
+    </message>
+    <message>
         <source>UNDECIDED</source>
         <translation>未判定</translation>
     </message>
@@ -4605,6 +4629,10 @@ mm</translation>
     <message>
         <source>CONSISTENT</source>
         <translation>一致</translation>
+    </message>
+    <message>
+        <source>No captured pose shows two marks of the bar to two cameras: capture them again.</source>
+        <translation>已拍摄的位姿中，没有一个让两台相机看到基准尺的两个标记：请重新拍摄。</translation>
     </message>
     <message>
         <source>NO DATA</source>

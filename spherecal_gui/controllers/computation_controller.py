@@ -171,5 +171,5 @@ class ComputationController(ControllerPart):
             self.main.update(changes.with_verification(self.project, verdict))
         self.main.result_changed.emit()
         text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
-        open_ones = ("undecided", "no data")  # no alarm: the page and the rail are amber
-        self.main.tell("good" if verdict in changes.VERIFIED else "info" if verdict in open_ones else "bad", text)
+        said_by_page = (*changes.VERIFIED, "undecided", "no data")  # the page and the rail are amber
+        self.main.tell("good" if verdict in said_by_page else "bad", text)

@@ -1,5 +1,6 @@
 """The wizard's controller: projects are opened and closed here, all else is done by its parts. Knows no widgets."""
 
+import threading
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -100,7 +101,7 @@ class Controller(ProjectController):
         state = self.state
         if state is None or self.project is None or step == self.project.step or not state.of(step).open:
             return
-        self.update(replace(self.project, step=step))
+        self.move(replace(self.project, step=step))
 
     # --- projects ----------------------------------------------------------------------------------------------------
 
@@ -181,6 +182,9 @@ class Controller(ProjectController):
             part.close()
         self.runner.close()
         self.cameras.close()
+        for thread in threading.enumerate():
+            if thread.name == "step":  # it still writes at which step the project is
+                thread.join()
         self._held.close()
         if self.project is not None and self._is_new and not self.keeps_empty:
             remove_if_empty(self.project)

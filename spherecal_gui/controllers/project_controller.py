@@ -1,7 +1,10 @@
 """What all parts of the controller build on: the open project and its result, the running work, the messages."""
 
 import logging
+import os
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,6 +45,7 @@ class ProjectController(QObject):
         self.runner.ended.connect(self._work_ended)
         self.project: Project | None = None
         self.outcome: Outcome | None = None
+        self._disk = threading.Lock()  # one project is written after the other
         self.gone = False  # the folder of the open project was deleted or moved while it was open
 
     @property
@@ -65,8 +69,25 @@ class ProjectController(QObject):
         """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""
         self.look_for_folder()
         if not self.gone:
-            self.attempt(lambda: save_project(project))
+            with self._disk:
+                self.attempt(lambda: save_project(project))
         self.project = project
+        self.changed.emit()
+
+    def move(self, project: Project) -> None:
+        """Take over a project that is only at another step: it is written beside the window, which waits for no disk.
+
+        The newest project wins; what the disk refuses is told at the next change.
+        """
+
+        def write() -> None:
+            with self._disk, suppress(SpherecalError, OSError):
+                if self.project is project and not self.gone:
+                    save_project(project)
+
+        self.look_for_folder()
+        self.project = project
+        threading.Thread(target=write, name="step").start()
         self.changed.emit()
 
     def attempt(self, act: Callable[[], object]) -> bool:
@@ -108,6 +129,10 @@ class ProjectController(QObject):
             text, hint = error_text(error)
             log.error("%s", text, exc_info=error)
             if self.project is not None:
+                folder = f"{self.project.folder}{os.sep}"
+                if damaged := next((name for name in self.project.sets if f"{os.sep}{name}{os.sep}" in text), ""):
+                    text = text.replace(folder, "")
+                    hint = translate("Errors", "Retake {name}: what is on disk is damaged.").format(name=damaged)
                 self.update(changes.with_failure(self.project, step, f"{text} {hint}".strip()))
             self.tell("bad", text, hint)
 

@@ -13,7 +13,7 @@ from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing
 from spherecal_gui.standing import Deed, Said
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, set_level
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, named, option, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
 
@@ -26,7 +26,7 @@ class ScalePage(LivePage):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self.column = QVBoxLayout(self)
-        self.message = label("", "huge")
+        self.headline = self.message = label("", "huge")
         self.column.addWidget(self.message)
         self.poses = QHBoxLayout()
         self.poses.setSpacing(18)
@@ -37,8 +37,7 @@ class ScalePage(LivePage):
         self._still_s: float | None = None
         self._put_wall()
         self.row = QHBoxLayout()
-        self.again = button(self.tr("Retake the last pose"), "retake-pose")
-        self.again.clicked.connect(self._retake)
+        self.again = button(self.tr("Retake the last pose"), "retake-pose", act=self._retake)
         if self.by_itself is not None:
             self.row.addWidget(self.by_itself)
         self.row.addStretch(1)
@@ -53,14 +52,8 @@ class ScalePage(LivePage):
         row.addWidget(self.wall, 5)
         row.addWidget(self.space.view, 3)
         self.column.addLayout(row, 1)
-        self.by_itself = option(self.tr("Capture by itself when still"))
-        self.by_itself.setObjectName("automatic-scale")
+        self.by_itself = named(option(self.tr("Capture by itself when still")), "automatic-scale")
         self.by_itself.setToolTip(self.tr("Once the bar was moved and lies still where three cameras see it."))
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.message
 
     def pose_ids(self) -> tuple[str, ...]:
         """The poses of this page."""

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import Problems, print_text
-from spherecal_gui.widgets.basic import Downwards, button, label, set_level
+from spherecal_gui.widgets.basic import Downwards, add, button, label, named, set_level
 from spherecal_gui.widgets.fields import TextField
 
 _BALL = ("name", "diameter", "first", "last", "width", "measured")
@@ -72,9 +72,7 @@ class BallTab(QWidget):
 
     def _library(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.library = QComboBox()
-        self.library.setObjectName("ball-library")
-        self.library.setAccessibleName(self.tr("Ball of the library"))
+        self.library = named(QComboBox(), "ball-library", self.tr("Ball of the library"))
         self.library.activated.connect(self._chosen)
         row.addWidget(label(self.tr("Which ball?"), "big", wrap=False))
         row.addWidget(self.library, 1)
@@ -85,12 +83,10 @@ class BallTab(QWidget):
         """Targets that are not simply numbered."""
         row = QHBoxLayout()
         self.own = label("", "soft")
-        self.from_file = button(self.tr("Targets from a file"), "targets-file")
-        self.from_file.clicked.connect(self._choose_targets)
+        self.from_file = button(self.tr("Targets from a file"), "targets-file", act=self._choose_targets)
         self.by_number = button(self.tr("By number and width"), "targets-number")
         self.by_number.clicked.connect(lambda: self._act(self.desk.own_targets))
-        row.addWidget(self.from_file)
-        row.addWidget(self.by_number)
+        add(row, self.from_file, self.by_number)
         row.addWidget(self.own, 1)
         return row
 
@@ -173,8 +169,7 @@ class RigTab(QWidget):
         column.addWidget(label(self.tr("Limits"), "big", wrap=False))
         self.limit = label("")
         column.addWidget(self.limit)
-        self.open_limits = button(self.tr("Open the limits"), "open-limits")
-        self.open_limits.clicked.connect(self.limits_wanted)
+        self.open_limits = button(self.tr("Open the limits"), "open-limits", act=self.limits_wanted)
         line = QHBoxLayout()
         line.addWidget(self.open_limits)
         line.addStretch(1)

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import BarDraft, LengthDraft, Problems, certificate_state
-from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, button, clear, label, set_level
+from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, add, bare, button, clear, label, named, set_level
 from spherecal_gui.widgets.fields import TextField
 
 _COLUMNS = tuple(one.name for one in fields(LengthDraft))
@@ -50,9 +50,7 @@ class BarsTab(QWidget):
     def _left(self) -> QVBoxLayout:
         column = QVBoxLayout()
         column.addWidget(label(self.tr("Bars of this computer"), "big", wrap=False))
-        self.list = QListWidget()
-        self.list.setObjectName("bars")
-        self.list.setAccessibleName(self.tr("Bars of this computer"))
+        self.list = named(QListWidget(), "bars", self.tr("Bars of this computer"))
         self.list.setMinimumWidth(_LIST_PX)
         self.list.setWordWrap(True)
         self.list.currentRowChanged.connect(self._choose)
@@ -98,9 +96,7 @@ class BarsTab(QWidget):
             "issued": TextField("bar-issued", self.tr("Calibrated on"), day),
             "valid_until": TextField("bar-valid-until", self.tr("Valid until"), day),
         }
-        self.role = QComboBox()
-        self.role.setObjectName("bar-role")
-        self.role.setAccessibleName(self.tr("On this bench"))
+        self.role = named(QComboBox(), "bar-role", self.tr("On this bench"))
         for value, text in (
             ("none", self.tr("is not here")),
             ("scale", self.tr("gives the scale")),
@@ -109,14 +105,10 @@ class BarsTab(QWidget):
             self.role.addItem(text, value)
         self.role.activated.connect(self._role_chosen)
         self.role.installEventFilter(WheelGuard(self.role))
-        self.role_problem = label("")
-        set_level(self.role_problem, "bad")
+        self.role_problem = label("", level="bad")
         role = QWidget()
-        own = QVBoxLayout(role)
-        own.setContentsMargins(0, 0, 0, 0)
-        own.setSpacing(2)
-        for part in (label(self.tr("On this bench"), wrap=False), self.role, self.role_problem):
-            own.addWidget(part)
+        own = bare(QVBoxLayout(role), 2)
+        add(own, label(self.tr("On this bench"), wrap=False), self.role, self.role_problem)
         own.addStretch(1)
         grid.addWidget(self.fields["serial"], 0, 0)
         grid.addWidget(self.fields["description"], 0, 1, 1, 2)
@@ -128,12 +120,10 @@ class BarsTab(QWidget):
         self.lengths = QGridLayout()
         self.lengths.setHorizontalSpacing(6)
         column.addLayout(self.lengths)
-        self.lengths_problem = label("")
-        set_level(self.lengths_problem, "bad")
+        self.lengths_problem = label("", level="bad")
         column.addWidget(self.lengths_problem)
         line = QHBoxLayout()
-        self.more = button(self.tr("Add a length"), "add-length")
-        self.more.clicked.connect(self._more)
+        self.more = button(self.tr("Add a length"), "add-length", act=self._more)
         line.addWidget(self.more)
         line.addStretch(1)
         column.addLayout(line)
@@ -334,9 +324,7 @@ class BarsTab(QWidget):
         for number in range(count):
             row: dict[str, QLineEdit] = {}
             for at, key in enumerate(_COLUMNS):
-                line = QLineEdit()
-                line.setObjectName(f"length-{number}-{key}")
-                line.setAccessibleName(titles[key])
+                line = named(QLineEdit(), f"length-{number}-{key}", titles[key])
                 line.setPlaceholderText(examples.get(key, ""))
                 line.setMinimumWidth(_MARK_PX if key.endswith("mark") or key == "factor" else _STICKER_PX)
                 line.textEdited.connect(self._edit_slot(number, key))
@@ -347,8 +335,7 @@ class BarsTab(QWidget):
             gone.setToolTip(self.tr("Remove this length"))
             gone.clicked.connect(lambda _=False, number=number: self._less(number))
             self.lengths.addWidget(gone, 2 * number + 1, len(_COLUMNS), alignment=Qt.AlignmentFlag.AlignTop)
-            below = label("")
-            set_level(below, "bad")
+            below = label("", level="bad")
             self.lengths.addWidget(below, 2 * number + 2, 0, 1, len(_COLUMNS) + 1)
             self._rows.append(row)
             self._row_problems.append(below)

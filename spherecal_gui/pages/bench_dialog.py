@@ -2,21 +2,13 @@
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence
-from PySide6.QtWidgets import (
-    QDialog,
-    QHBoxLayout,
-    QLineEdit,
-    QMessageBox,
-    QTabWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QLineEdit, QMessageBox, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_ball_page import BallTab, RigTab
 from spherecal_gui.pages.bench_bars_page import BarsTab
 from spherecal_gui.presenters.bench_presenter import warnings
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, set_level
 
 _SIZE = (1180, 720)  # fits 1280 x 800 with the window's frame and a task bar
 _MOST_LINES = 6  # lines of an import that are shown; the dialog must not outgrow the screen
@@ -34,8 +26,7 @@ class BenchDialog(QDialog):
         self.desk, self._holds = desk, holds
         self.setWindowTitle(self.tr("The bench: ball, bars, limits"))
         column = QVBoxLayout(self)
-        self.message = label("")
-        self.message.hide()
+        self.message = label("", hidden=True)
         column.addWidget(self.message)
         self.tabs = QTabWidget()
         self.ball, self.bars, self.rig = BallTab(desk), BarsTab(desk), RigTab(desk)
@@ -64,15 +55,11 @@ class BenchDialog(QDialog):
         self.undo.setToolTip(QKeySequence(QKeySequence.StandardKey.Undo).toString())
         self.undo.clicked.connect(self._undo)
         self.redo.clicked.connect(self._redo)
-        self.save = button(self.tr("Save"), "save-bench", "primary")
-        self.save.clicked.connect(self.save_bench)
-        self.close_button = button(self.tr("Close"), "close-bench")
-        self.close_button.clicked.connect(self.reject)
-        row.addWidget(self.undo)
-        row.addWidget(self.redo)
+        self.save = button(self.tr("Save"), "save-bench", "primary", act=self.save_bench)
+        self.close_button = button(self.tr("Close"), "close-bench", act=self.reject)
+        add(row, self.undo, self.redo)
         row.addStretch(1)
-        row.addWidget(self.save)
-        row.addWidget(self.close_button)
+        add(row, self.save, self.close_button)
         return row
 
     def _watch(self) -> None:

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 from spherecal.base.errors import SpherecalError
 from spherecal_boards.pattern_entry import SQUARED, board_entry, partial_board
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
+from spherecal_gui.widgets.basic import WheelGuard, add, button, enable, label
 
 _MARKED = ("charuco", "aprilgrid")
 
@@ -70,17 +70,13 @@ class BoardDialog(QDialog):
         self.looked.setChecked(images)
         grid.addWidget(self.looked, len(self._parts) + 1, 1)
         column.addLayout(grid)
-        self.problem = label("")
-        set_level(self.problem, "bad")
+        self.problem = label("", level="bad")
         column.addWidget(self.problem)
         last = QHBoxLayout()
-        self.sheet = button(self.tr("Save a sheet to print"), "board-sheet")
-        self.sheet.clicked.connect(self._print)
+        self.sheet = button(self.tr("Save a sheet to print"), "board-sheet", act=self._print)
         begin = self.tr("Images of this board") if images else self.tr("Calibrate with this board")
-        self.begin = button(begin, "board-begin", "primary")
-        self.begin.clicked.connect(self._begin)
-        for one in (self.sheet, self.begin):
-            last.addWidget(one)
+        self.begin = button(begin, "board-begin", "primary", act=self._begin)
+        add(last, self.sheet, self.begin)
         column.addLayout(last)
         self.kind.currentIndexChanged.connect(self._kind_changed)
         self.looked.toggled.connect(self._kind_changed)
@@ -121,28 +117,13 @@ class BoardDialog(QDialog):
 
     def _kind_changed(self) -> None:
         kind = str(self.kind.currentData())
-        corners, tags = kind in ("charuco", "chessboard"), kind == "aprilgrid"
-        rows = (
-            self.tr("Rows of tags")
-            if tags
-            else self.tr("Rows of inner corners")
-            if corners
-            else self.tr("Rows of dots")
-        )
-        columns = (
-            self.tr("Columns of tags")
-            if tags
-            else self.tr("Columns of inner corners")
-            if corners
-            else self.tr("Columns of dots")
-        )
-        pitch = (
-            self.tr("Side of a square")
-            if corners
-            else self.tr("From tag to tag")
-            if tags
-            else self.tr("From row to row")
-        )
+        tags = kind == "aprilgrid"
+        rows, columns, pitch = self.tr("Rows of dots"), self.tr("Columns of dots"), self.tr("From row to row")
+        if kind in ("charuco", "chessboard"):
+            rows, columns = self.tr("Rows of inner corners"), self.tr("Columns of inner corners")
+            pitch = self.tr("Side of a square")
+        elif tags:
+            rows, columns, pitch = self.tr("Rows of tags"), self.tr("Columns of tags"), self.tr("From tag to tag")
         marker, dictionary = self.tr("Side of a marker"), self.tr("OpenCV's name of the markers")
         for name, text in zip(self._labels, (rows, columns, pitch, marker, dictionary), strict=True):
             self._labels[name].setText(text)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import coverage as cov
 from spherecal_gui import theme
@@ -19,9 +19,8 @@ from spherecal_gui.presenters.step_states import CalibrateFacts, calibrate_says
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Deed, Said
 from spherecal_gui.texts import reason_text
-from spherecal_gui.widgets.basic import Card, button, enable, label
+from spherecal_gui.widgets.basic import Card, add, bare, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
-from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Status
 
@@ -39,21 +38,18 @@ class CalibratePage(Page):
         self._was_running = False
         self._drawn_s, self._told = 0.0, 0
         column = QVBoxLayout(self)
-        self.word = label("", "huge")
+        self.headline = self.word = label("", "huge")
         column.addWidget(self.word)
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)
         self.bar.setTextVisible(False)  # no text is legible on both halves of a bar
         column.addWidget(self.bar)
         self.left = label("", "big")
-        self.stop_here = button(self.tr("Stop here"), "stop-here")
-        self.stop_here.clicked.connect(self._stop_here)
+        self.stop_here = button(self.tr("Stop here"), "stop-here", act=self._stop_here)
         line = QHBoxLayout()
         line.addWidget(self.left, 1)
-        self.again = button(self.tr("Calibrate again"), "calibrate-again")
-        self.again.clicked.connect(self.controller.computation.calibrate)
-        line.addWidget(self.stop_here)
-        line.addWidget(self.again)
+        self.again = button(self.tr("Calibrate again"), "calibrate-again", act=self.controller.computation.calibrate)
+        add(line, self.stop_here, self.again)
         column.addLayout(line)
         self._inputs = self._input_card()
         self._inputs.hide()
@@ -69,8 +65,7 @@ class CalibratePage(Page):
     def _make_work(self) -> QWidget:
         """Stages, convergence and log of the running computation."""
         self._work = QWidget()
-        row = QHBoxLayout(self._work)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(self._work))
         stages = Card(self.tr("Stages"))
         self._stages = label("", "", wrap=False)  # one text: a grid of labels is laid out for 50 ms beside the engine
         self._stages.setTextFormat(Qt.TextFormat.RichText)
@@ -82,16 +77,12 @@ class CalibratePage(Page):
         self.plot = ConvergenceChart()
         plot.body.addWidget(self.plot, 1)
         foot = QHBoxLayout()
-        foot.addWidget(
-            label(
-                self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended."), "soft"
-            ),
-            1,
-        )
-        self.details = button(self.tr("Details"), "details")
-        give_icon(self.details, "list-details")
+        text = self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended.")
+        self._plot_key = label(text, "soft")
+        foot.addWidget(self._plot_key, 1)
+        self.details = button(self.tr("Details"), "details", icon="list-details")
         self.details.setCheckable(True)
-        foot.addWidget(self.details)
+        foot.addWidget(self.details, 0, Qt.AlignmentFlag.AlignRight)
         plot.body.addLayout(foot)
         right.addWidget(plot, 3)
         self._log = lines = Card(self.tr("Log"))  # for the person at the desk
@@ -127,8 +118,7 @@ class CalibratePage(Page):
     def _make_method_line(self) -> QWidget:
         """The choice of the method, for those who come from the paper."""
         line = QWidget()
-        row = QHBoxLayout(line)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(line))
         self.method = QComboBox()
         self.method.addItem(self.tr("ours (recommended)"), "")
         self.method.addItem(self.tr("the paper's (Tao et al., 2021)"), "tao2021")
@@ -180,21 +170,10 @@ class CalibratePage(Page):
         self._work.setVisible(not waiting)
         if not waiting:
             return
-        there, lacking = (self.tr("captured"), "good"), (self.tr("not captured"), "caution")
-        rows = []
-        for one in input_rows(
-            (*self.open_project.placements, *self.open_project.scale_poses), self.controller.recording.dots
-        ):
-            word, level = there if one.captured else lacking
-            rows.append(
-                [
-                    (one.name, one.name, ""),
-                    (str(one.cameras), one.cameras, ""),
-                    (str(one.dots), one.dots, ""),
-                    (word, word, level),
-                ]
-            )
-        self.inputs.fill(rows)
+        words = ((self.tr("captured"), "good"), (self.tr("not captured"), "caution"))
+        there, lacking = ((word, word, level) for word, level in words)
+        rows = input_rows(self.open_project.sets, self.controller.recording.dots)
+        self.inputs.fill([[one.name, one.cameras, one.dots, there if one.captured else lacking] for one in rows])
         self._show_coverage()
 
     def _show_coverage(self) -> None:
@@ -223,11 +202,6 @@ class CalibratePage(Page):
         self.left.setText(said.left)
         self.bar.setVisible(self.is_running)
         self.again.setVisible("calibrate-again" in said.also)
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     @property
     def _is_computed(self) -> bool:
@@ -278,7 +252,11 @@ class CalibratePage(Page):
         for line in self.course.said[self._told :]:
             self.lines.appendPlainText(line)
         self._told, self._drawn_s = len(self.course.said), now
+        self._draw_plot()
+
+    def _draw_plot(self) -> None:
         self.plot.show_runs(self.course.runs)
+        self._plot_key.setVisible(bool(self.course.runs))  # else there is no line
 
     @property
     def _was_cut_short(self) -> bool:
@@ -290,7 +268,7 @@ class CalibratePage(Page):
         self.details.setVisible(not far)
         self._log.setVisible(self.details.isChecked() and not far)
         self._draw_stages()
-        self.plot.show_runs(self.course.runs)
+        self._draw_plot()
 
     def _draw_stages(self) -> None:
         """All stages so far; the one that it is at is marked wherever it stands, for the adjustments come twice."""

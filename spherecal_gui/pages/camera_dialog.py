@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.connect_presenter import model_text
 from spherecal_gui.presenters.look_presenter import tile_state
-from spherecal_gui.widgets.basic import button, enable, label, plain, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, plain, set_level
 from spherecal_gui.widgets.tile import CameraTile
 
 _TICK_MS = 100
@@ -42,8 +42,7 @@ class CameraDialog(QDialog):
         side.addWidget(label(self.name, "huge", wrap=False))
         side.addWidget(label(f"{model_text(info.model) if info is not None else ''}  {serial}".strip(), "soft"))
         side.addWidget(label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's.")))
-        self.blink = button(self.tr("Let its light blink"), "blink")
-        self.blink.clicked.connect(self._blink)
+        self.blink = button(self.tr("Let its light blink"), "blink", act=self._blink)
         enable(self.blink, controller.tuning.can_blink(), self.tr("These cameras have no light."))
         side.addWidget(self.blink)
         self.message = label("" if controller.tuning.can_blink() else self.tr("These cameras have no light."), "soft")
@@ -90,9 +89,7 @@ class CameraDialog(QDialog):
         return form
 
     def _trigger_field(self, chosen: str) -> QComboBox:
-        self.trigger = QComboBox()
-        self.trigger.setObjectName("camera-trigger")
-        self.trigger.setAccessibleName(self.tr("Trigger of all cameras"))
+        self.trigger = named(QComboBox(), "camera-trigger", self.tr("Trigger of all cameras"))
         for mode, text in (
             ("software", self.tr("Software, one after the other")),
             ("scheduled", self.tr("Common clock (IEEE 1588), all at once")),
@@ -107,12 +104,9 @@ class CameraDialog(QDialog):
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.apply = button(self.tr("Apply"), "apply-camera")
-        self.apply.clicked.connect(self._apply)
-        close = button(self.tr("Close"), "close-camera")
-        close.clicked.connect(self.accept)
-        row.addWidget(self.apply)
-        row.addWidget(close)
+        self.apply = button(self.tr("Apply"), "apply-camera", act=self._apply)
+        close = button(self.tr("Close"), "close-camera", act=self.accept)
+        add(row, self.apply, close)
         return row
 
     def _tick(self) -> None:

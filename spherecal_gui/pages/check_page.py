@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages
@@ -11,6 +11,7 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.check_presenter import (
+    CheckRow,
     check_notes,
     check_rows,
     check_verdict,
@@ -23,9 +24,9 @@ from spherecal_gui.rig_scenes import check_scene, rig_scene
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
-from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, add, button, enable, label, set_level
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
-from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_gui.workflow import Status
 from spherecal_rigs.check_rig import Check
 from spherecal_rigs.store import open_profile
@@ -39,6 +40,7 @@ class CheckPage(Page):
         column = QVBoxLayout(self)
         head = QHBoxLayout()
         self.word, self.sentence = label("", "huge"), label("", "big")
+        self.headline = self.word
         head.addWidget(self.word, 1)
         head.addSpacing(14)
         head.addWidget(self.sentence, 1)
@@ -48,20 +50,11 @@ class CheckPage(Page):
         set_level(self.why_not, "caution")
         self.why_not.hide()
         column.addWidget(self.why_not)
-        self.table = Table(
-            [
-                self.tr("Camera"),
-                self.tr("state"),
-                self.tr("moved\npx"),
-                self.tr("a point is off\nmm"),
-                self.tr("shift\nmm"),
-                self.tr("turn\ndeg"),
-                self.tr("rms now\npx"),
-                self.tr("rms then\npx"),
-            ],
-            sortable=False,
-            spare=(7, 6, 5, 4, 2),
-        )
+        headings = [
+            self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
+            self.tr("shift\nmm"), self.tr("turn\ndeg"), self.tr("rms now\npx"), self.tr("rms then\npx"),
+        ]  # fmt: skip
+        self.table = Table(headings, sortable=False, spare=(7, 6, 5, 4, 2))
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
         # The profile's folder, and what was found.
@@ -76,24 +69,14 @@ class CheckPage(Page):
         """What can be done where the rig is no longer as it was."""
         row = QHBoxLayout()
         self.mended = label("", "big")
-        self.repair = button(self.tr("Repair"), "repair-cameras")
+        self.repair = button(self.tr("Repair"), "repair-cameras", act=self.controller.checks.repair_cameras)
         self.repair.setToolTip(self.tr("Calibrates only the cameras that moved, from this placement; seconds."))
-        self.repair.clicked.connect(self.controller.checks.repair_cameras)
-        self.use = button(self.tr("Put the repair to use"), "use-repair")
-        self.use.clicked.connect(self.controller.checks.use_repair)
-        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
-        self.calibrate.clicked.connect(self.controller.calibrate_like_this)
+        self.use = button(self.tr("Put the repair to use"), "use-repair", act=self.controller.checks.use_repair)
+        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig", act=self.controller.calibrate_like_this)
         row.addWidget(self.mended, 1)
-        self.again = button(self.tr("Check again"), "check-again")
-        self.again.clicked.connect(self.controller.checks.check)
-        for one in (self.repair, self.use, self.calibrate, self.again):
-            row.addWidget(one)
+        self.again = button(self.tr("Check again"), "check-again", act=self.controller.checks.check)
+        add(row, self.repair, self.use, self.calibrate, self.again)
         return row
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     @property
     def _after(self) -> Check | None:
@@ -155,26 +138,14 @@ class CheckPage(Page):
             self.sentence.setText(self.tr("Check again to see the numbers."))
         elif state is not None and self.controller.runner.running != "check":
             self.sentence.setText(reason_text(state.reason))
+        self.sentence.setVisible(bool(self.sentence.text()))  # else the headline has half of the page
         self.action_changed.emit()
 
     def _fill(self) -> None:
         found = self.controller.checks.after or self.controller.checks.found
         if found is None:
             return
-        rows: list[list[tuple[str, Cell, str]]] = [
-            [
-                (one.camera, one.camera, one.level),
-                (one.word, one.word, one.level),
-                (f"{one.move_px:.3f}", one.move_px, ""),
-                (f"{one.point_mm:.3f}", one.point_mm, one.level),
-                (f"{one.shift_mm:.3f}", one.shift_mm, ""),
-                (f"{one.turn_deg:.4f}", one.turn_deg, ""),
-                (f"{one.rms_px:.3f}", one.rms_px, ""),
-                ("-" if one.before_px is None else f"{one.before_px:.3f}", one.before_px, ""),
-            ]
-            for one in check_rows(found)
-        ]
-        self.table.fill(rows)
+        self.table.fill([_cells(one) for one in check_rows(found)])
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
@@ -214,3 +185,10 @@ class CheckPage(Page):
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
         """Check, or put the repair to use."""
         return {"check": self.controller.checks.check, "use": self.controller.checks.use_repair}
+
+
+def _cells(one: CheckRow) -> list[tuple[str, Cell, str]]:
+    """A camera's row of the table."""
+    named = [(text, text, one.level) for text in (one.camera, one.word)]
+    figures = (one.shift_mm, 3), (one.turn_deg, 4), (one.rms_px, 3), (one.before_px, 3)
+    return [*named, figure(one.move_px, 3), figure(one.point_mm, 3, one.level), *(figure(*each) for each in figures)]

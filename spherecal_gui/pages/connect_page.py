@@ -5,16 +5,7 @@ from dataclasses import replace
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import (
-    QComboBox,
-    QDoubleSpinBox,
-    QFileDialog,
-    QGridLayout,
-    QHBoxLayout,
-    QLabel,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
@@ -43,10 +34,13 @@ from spherecal_gui.widgets.basic import (
     Card,
     Downwards,
     Elided,
+    add,
+    bare,
     button,
     clear,
     enable,
     label,
+    named,
     option,
     plain,
     set_level,
@@ -66,14 +60,11 @@ class CameraRow(QWidget):
     def __init__(self, page: "ConnectPage", line: CameraLine, narrow: bool) -> None:
         super().__init__(page)
         self.line, self._page = line, page
-        row = QGridLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QGridLayout(self))
         row.setHorizontalSpacing(theme.SMALL)
         row.setVerticalSpacing(0)
         row.setColumnStretch(2, 1)
-        self.in_rig = option("")
-        self.in_rig.setObjectName(f"in-rig-{line.name}")
-        self.in_rig.setAccessibleName(self.tr("{name} in this rig").format(name=line.name))
+        self.in_rig = named(option(""), f"in-rig-{line.name}", self.tr("{name} in this rig").format(name=line.name))
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
         self.picture = Thumbnail()
         self.picture.clicked.connect(lambda: page.open_camera(self.line.serial))
@@ -161,19 +152,14 @@ class LensBar(QWidget):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._controller = controller
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        self.focal = QComboBox()
-        self.focal.setObjectName("lens-focal")
-        self.focal.setAccessibleName(self.tr("Focal length of all lenses"))
+        row = bare(QHBoxLayout(self))
+        self.focal = named(QComboBox(), "lens-focal", self.tr("Focal length of all lenses"))
         self.focal.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.focal.setMinimumContentsLength(8)
         self.focal.addItem(self.tr("not known: found from the ball"), None)
         for length in LENSES_MM:
             self.focal.addItem(languages.by_locale(f"{length:g} mm"), length)
-        self.pitch = QDoubleSpinBox()
-        self.pitch.setObjectName("lens-pitch")
-        self.pitch.setAccessibleName(self.tr("Pixel pitch"))
+        self.pitch = named(QDoubleSpinBox(), "lens-pitch", self.tr("Pixel pitch"))
         self.pitch.setRange(0.0, 50.0)
         self.pitch.setSingleStep(0.05)
         self.pitch.setSuffix(" µm")
@@ -229,17 +215,15 @@ class ConnectPage(Page):
         self._columns = 1
         row = QHBoxLayout(self)
         self.cameras = Card(self.tr("Cameras"))
-        self.summary = label("", "big")
-        self.again = button(self.tr("Search again"), "search-again")
-        self.again.clicked.connect(self.controller.cameras.connect_all)
+        self.headline = self.summary = label("", "big")
+        self.again = button(self.tr("Search again"), "search-again", act=self.controller.cameras.connect_all)
         top = QHBoxLayout()
         top.addWidget(self.summary, 1)
         top.addWidget(self.again, 0, Qt.AlignmentFlag.AlignTop)
         self.cameras.body.addLayout(top)
         self.why = label("", "soft")
         self.cameras.body.addWidget(self.why)
-        self.other = button(self.tr("Choose another"), "choose-recording")
-        self.other.clicked.connect(self.recording_wanted)
+        self.other = button(self.tr("Choose another"), "choose-recording", act=self.recording_wanted)
         self.cameras.body.addWidget(self.other, 0, Qt.AlignmentFlag.AlignLeft)
         self.lenses = LensBar(controller)
         self.cameras.body.addWidget(self.lenses)
@@ -251,16 +235,14 @@ class ConnectPage(Page):
         self._grid.setVerticalSpacing(theme.SMALL)
         scroll = Downwards()
         inside = QWidget()
-        column = QVBoxLayout(inside)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = bare(QVBoxLayout(inside))
         self.drivers = DriversPanel()
         self.drivers.allowed.connect(self.controller.cameras.allow_driver)
         self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
         column.addWidget(self.drivers)
         self.network = DriversPanel(of_drivers=False)
         self.network.cured.connect(self.controller.cameras.cure_network)
-        column.addWidget(self.network)
-        column.addWidget(inner)
+        add(column, self.network, inner)
         column.addStretch(1)
         scroll.setWidget(inside)
         self.cameras.body.addWidget(scroll, 2)
@@ -272,11 +254,9 @@ class ConnectPage(Page):
     def _bench(self) -> Card:
         """What should lie on the bench, and how that is chosen."""
         self.bench = Card(self.tr("On the bench"))
-        self.bench.body.addStrut(int(theme.pt(_BENCH_PT)))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
-        column = QVBoxLayout(rows)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = bare(QVBoxLayout(rows))
         column.addWidget(label(hint, "soft"))
         self._bench_rows = QVBoxLayout()
         self._bench_rows.setSpacing(12)
@@ -286,19 +266,11 @@ class ConnectPage(Page):
         scroll = Downwards()
         scroll.setWidget(rows)
         self.bench.body.addWidget(scroll, 1)
-        self.choose = button(self.tr("Choose another description"), "choose-bench")
-        self.choose.clicked.connect(self._choose)
-        self.describe = button(self.tr("Describe the bench"), "describe-bench")
+        self.choose = button(self.tr("Choose another description"), "choose-bench", act=self._choose)
+        self.describe = button(self.tr("Describe the bench"), "describe-bench", act=self.bench_wanted)
         self.describe.setToolTip(self.tr("Ball, targets, bars with their certificates, limits."))
-        self.describe.clicked.connect(self.bench_wanted)
-        self.bench.body.addWidget(self.describe)
-        self.bench.body.addWidget(self.choose)
+        add(self.bench.body, self.describe, self.choose)
         return self.bench
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.summary
 
     def refresh(self) -> None:
         """Show what is there."""
@@ -313,6 +285,7 @@ class ConnectPage(Page):
         self.why.setVisible(bool(wrong))
         self.other.setVisible(bool(wrong))
         self.again.setVisible(not wrong)
+        self.bench.setMinimumWidth(int(theme.pt(_BENCH_PT)) + 2 * theme.PAD)
         self._show_lines(lines)
         taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
         self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))
@@ -418,9 +391,7 @@ class ConnectPage(Page):
         clear(self._bench_rows)
         for row in rows:
             box = QWidget()
-            column = QVBoxLayout(box)
-            column.setContentsMargins(0, 0, 0, 0)
-            column.setSpacing(0)
+            column = bare(QVBoxLayout(box), 0)
             column.addWidget(label(row.title, "soft"))
             value = label(row.value, "big")
             set_level(value, row.level)

@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.drivers_presenter import DriverNote, makers_rows
-from spherecal_gui.widgets.basic import button, clear, details_button, label, plain, set_level
+from spherecal_gui.widgets.basic import bare, button, clear, details_button, label, plain, set_level
 from spherecal_gui.widgets.table import Table
 
 
@@ -21,13 +21,11 @@ class DriversPanel(QWidget):
     def __init__(self, parent: QWidget | None = None, of_drivers: bool = True) -> None:
         super().__init__(parent)
         self._notes: list[DriverNote] | None = None
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = bare(QVBoxLayout(self))
         self._blocks = QVBoxLayout()
         self._blocks.setSpacing(10)
         column.addLayout(self._blocks)
-        self.makers = button(self.tr("Makers and their drivers"), "makers")
-        self.makers.clicked.connect(self.show_makers)
+        self.makers = button(self.tr("Makers and their drivers"), "makers", act=self.show_makers)
         line = QHBoxLayout()
         line.addWidget(self.makers)
         if not of_drivers:
@@ -48,9 +46,7 @@ class DriversPanel(QWidget):
 
     def _block(self, note: DriverNote) -> QWidget:
         box = QWidget()
-        column = QVBoxLayout(box)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(2)
+        column = bare(QVBoxLayout(box), 2)
         if note.title:
             title = label(note.title, "big")
             set_level(title, note.level)
@@ -66,13 +62,11 @@ class DriversPanel(QWidget):
             yes.clicked.connect(self._allow)
             column.addWidget(yes, 0, Qt.AlignmentFlag.AlignLeft)
         if note.builtin:
-            use = button(self.tr("Use the built-in driver"), "builtin-driver")
-            use.clicked.connect(self.builtin)
+            use = button(self.tr("Use the built-in driver"), "builtin-driver", act=self.builtin)
             column.addWidget(use, 0, Qt.AlignmentFlag.AlignLeft)
         if note.cure:
-            cure = button(self.tr("Do it now"), "apply-cure")
+            cure = button(self.tr("Do it now"), "apply-cure", act=lambda _, command=note.cure: self.cured.emit(command))
             cure.setToolTip(plain(note.cure))
-            cure.clicked.connect(lambda _, command=note.cure: self.cured.emit(command))
             column.addWidget(cure, 0, Qt.AlignmentFlag.AlignLeft)
         if note.details:
             said = label(note.details, "soft")
@@ -105,13 +99,12 @@ class MakersDialog(QDialog):
         self.table = Table(
             [self.tr("Maker"), self.tr("Package"), self.tr("Driver's file"), self.tr("Usual folder")], sortable=False
         )
-        self.table.fill([[(cell, cell, "") for cell in row] for row in makers_rows()])
+        self.table.fill(makers_rows())
         self.table.setWordWrap(False)  # else rows are made for columns that are not yet as wide as their texts
         self.table.resizeRowsToContents()
         self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         column.addWidget(self.table, 1)
-        close = button(self.tr("Close"), "close-makers")
-        close.clicked.connect(self.accept)
+        close = button(self.tr("Close"), "close-makers", act=self.accept)
         row = QHBoxLayout()
         row.addStretch(1)
         row.addWidget(close)

@@ -13,7 +13,7 @@ from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData
 from spherecal_gui import theme
 from spherecal_gui.presenters.frame_presenter import FrameChoice, Role, turn_word
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, set_level
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 
 _MOST_MM = 100_000.0
@@ -83,9 +83,7 @@ class FrameDialog(QDialog):
         grid, self.place = QGridLayout(), {}
         titles = (self.tr("Origin"), self.tr("X axis to"), self.tr("XY plane with"))
         for row, (role, title) in enumerate(zip(_ROLES, titles, strict=True)):
-            box = QComboBox()
-            box.setObjectName(f"frame-{role}")
-            box.setAccessibleName(title)
+            box = named(QComboBox(), f"frame-{role}", title)
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
             box.setMinimumContentsLength(14)
             box.addItem(self.tr("the reference camera") if role == "origin" else "-", None)
@@ -127,10 +125,8 @@ class FrameDialog(QDialog):
 
     def _changes(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.undo = button(self.tr("Undo"), "frame-undo")
-        self.undo.clicked.connect(partial(self._do, self.choice.undo))
-        self.reset = button(self.tr("No offset, no turns"), "frame-reset")
-        self.reset.clicked.connect(partial(self._do, self.choice.reset))
+        self.undo = button(self.tr("Undo"), "frame-undo", act=partial(self._do, self.choice.undo))
+        self.reset = button(self.tr("No offset, no turns"), "frame-reset", act=partial(self._do, self.choice.reset))
         row.addWidget(self.undo, 1)
         row.addWidget(self.reset, 2)
         return row
@@ -139,14 +135,11 @@ class FrameDialog(QDialog):
         row = QHBoxLayout()
         self.camera = button(self.tr("Back to the reference camera"), "frame-camera")
         self.camera.clicked.connect(partial(self._do, self.choice.back_to_camera))
-        cancel = button(self.tr("Cancel"), "frame-cancel")
-        cancel.clicked.connect(self.reject)
-        self.ok = button(self.tr("OK"), "frame-ok", "primary")
-        self.ok.clicked.connect(self.accept)
+        cancel = button(self.tr("Cancel"), "frame-cancel", act=self.reject)
+        self.ok = button(self.tr("OK"), "frame-ok", "primary", act=self.accept)
         row.addWidget(self.camera)
         row.addStretch(1)
-        row.addWidget(cancel)
-        row.addWidget(self.ok)
+        add(row, cancel, self.ok)
         return row
 
     def _chosen(self, role: Role, _: int) -> None:

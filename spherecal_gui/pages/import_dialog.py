@@ -15,7 +15,7 @@ from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.project_folder import new_folder
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import button, label, set_level
+from spherecal_gui.widgets.basic import add, button, label, set_level
 
 _NAMED = 8
 _PATIENCE_MS = 3_000
@@ -48,20 +48,16 @@ class ImportDialog(QDialog):
         self.shows_board = QCheckBox(self.tr("They show a board, not the ball"))
         self.shows_board.clicked.connect(self._choose_board)
         row = QHBoxLayout()
-        for one in (label(self.tr("Diameter of the ball"), "soft", wrap=False), self.diameter, self.shows_board):
-            row.addWidget(one)
+        add(row, label(self.tr("Diameter of the ball"), "soft", wrap=False), self.diameter, self.shows_board)
         row.addStretch(1)
         column.addLayout(row)
         self.message = label(self.tr("The images are copied. Lenses that the images do not name are assumed."), "soft")
         column.addWidget(self.message)
         row = QHBoxLayout()
-        self.cancel = button(self.tr("Cancel"), "import-cancel")
-        self.cancel.clicked.connect(self.close)
-        self.begin = button(self.tr("Import"), "import-begin", "primary")
-        self.begin.clicked.connect(self.start)
+        self.cancel = button(self.tr("Cancel"), "import-cancel", act=self.close)
+        self.begin = button(self.tr("Import"), "import-begin", "primary", act=self.start)
         row.addStretch(1)
-        for one in (self.cancel, self.begin):
-            row.addWidget(one)
+        add(row, self.cancel, self.begin)
         column.addLayout(row)
         self.setMinimumWidth(640)
 

@@ -18,14 +18,8 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import theme
-from spherecal_gui.presenters.limits_presenter import (
-    LimitField,
-    LimitsDesk,
-    limit_fields,
-    limit_problems,
-    value_text,
-)
-from spherecal_gui.widgets.basic import Downwards, WheelGuard, button, enable, label, set_level
+from spherecal_gui.presenters.limits_presenter import LimitField, LimitsDesk, limit_fields, limit_problems, value_text
+from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, set_level
 from spherecal_rigs.limits_file import Limits
 
 _SIZE = (940, 540)  # fits 1280 x 800 from afar as well
@@ -50,8 +44,7 @@ class LimitsDialog(QDialog):
         column.setSpacing(10)
         self.state = label("")
         column.addWidget(self.state)
-        self.message = label("")
-        self.message.hide()
+        self.message = label("", hidden=True)
         column.addWidget(self.message)
         column.addWidget(self._scrolled(), 1)
         column.addLayout(self._buttons())
@@ -71,8 +64,7 @@ class LimitsDialog(QDialog):
         for row, field in enumerate(limit_fields()):
             self._add_field(grid, 2 * row, field)
         column.addLayout(grid)
-        self.profile = label("")
-        set_level(self.profile, "caution")
+        self.profile = label("", level="caution")
         column.addWidget(self.profile)
         column.addStretch(1)
         area = Downwards()
@@ -86,9 +78,7 @@ class LimitsDialog(QDialog):
         control.setAccessibleName(f"{field.title} {field.unit}".strip())
         control.setMinimumWidth(round(theme.pt(150)))
         title.setBuddy(control)
-        problem = label("")
-        set_level(problem, "bad")
-        problem.hide()
+        problem = label("", level="bad", hidden=True)
         grid.addWidget(title, row, 0)
         grid.addWidget(control, row, 1)
         grid.addWidget(problem, row + 1, 0, 1, 2)
@@ -119,14 +109,11 @@ class LimitsDialog(QDialog):
         row = QHBoxLayout()
         self.delivered = button(self.tr("Back to the delivered values"), "delivered-limits")
         self.delivered.clicked.connect(lambda: self.show_limits(Limits()))
-        self.save = button(self.tr("Save"), "save-limits")
-        self.save.clicked.connect(self._save)
-        self.close_button = button(self.tr("Close"), "close-limits")
-        self.close_button.clicked.connect(self.accept)
+        self.save = button(self.tr("Save"), "save-limits", act=self._save)
+        self.close_button = button(self.tr("Close"), "close-limits", act=self.accept)
         row.addWidget(self.delivered)
         row.addStretch(1)
-        row.addWidget(self.save)
-        row.addWidget(self.close_button)
+        add(row, self.save, self.close_button)
         return row
 
     # --- values ------------------------------------------------------------------------------------------------------

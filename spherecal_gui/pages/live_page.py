@@ -74,14 +74,7 @@ class LivePage(Page):
         states = []
         for serial, tile in self.wall.tiles.items():
             frame, sight = live.frame(serial), live.sight(serial)
-            state = tile_state(
-                tile.name,
-                statuses.get(serial),
-                sight,
-                expected,
-                frame,
-                live.watch.bumped.get(serial),
-            )
+            state = tile_state(tile.name, statuses.get(serial), sight, expected, frame, live.watch.bumped.get(serial))
             exposure_us = self.controller.tuning.settings_of(serial).exposure_us
             state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))
             states.append(state)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QSignalBlocker
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
@@ -14,7 +14,7 @@ from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_
 from spherecal_gui.presenters.step_states import LookFacts, look_says
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.texts import moved_text
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
@@ -31,12 +31,10 @@ class LookPage(LivePage):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         column = QVBoxLayout(self)
-        self.summary = label("", "huge")
+        self.headline = self.summary = label("", "huge")
         self.summary.setObjectName("huge")
         column.addWidget(self.summary)
-        self.warm_up = label("", "")
-        set_level(self.warm_up, "caution")
-        self.warm_up.hide()
+        self.warm_up = label("", "", level="caution", hidden=True)
         column.addWidget(self.warm_up)
         self.wall = Wall(renames=True)
         self.wall.masked.connect(self.controller.recording.mask)
@@ -45,8 +43,7 @@ class LookPage(LivePage):
         column.addWidget(self.message)
         tools = QHBoxLayout()
         tools.addStretch(1)
-        for one in (*self._for_all(), *self._of_masks()):
-            tools.addWidget(one)
+        add(tools, *self._for_all(), *self._of_masks())
         column.addLayout(tools)
         self.space = RigSpace(controller)
         row = QHBoxLayout()
@@ -57,9 +54,8 @@ class LookPage(LivePage):
 
     def _for_all(self) -> tuple[QWidget, ...]:
         """What is set for all cameras."""
-        self.expose = button(self.tr("Set exposures"), "expose-all")
+        self.expose = button(self.tr("Set exposures"), "expose-all", act=self.controller.tuning.expose_all)
         self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
-        self.expose.clicked.connect(self.controller.tuning.expose_all)
         self.format = QComboBox()
         self.format.setObjectName("pixel-format")
         self.format.addItems(_FORMATS)
@@ -88,24 +84,16 @@ class LookPage(LivePage):
         self.draw.setCheckable(True)
         self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
         self.draw.toggled.connect(self._masking)
-        self.undo = button(self.tr("Undo the last mask"), "undo-mask")
-        self.undo.clicked.connect(self.controller.recording.undo_mask)
-        self.clear = button(self.tr("Clear all masks"), "clear-masks")
-        self.clear.clicked.connect(self.controller.recording.clear_masks)
-        self.fixed = button(self.tr("Fixed again"), "fixed-again")
+        self.undo = button(self.tr("Undo the last mask"), "undo-mask", act=self.controller.recording.undo_mask)
+        self.clear = button(self.tr("Clear all masks"), "clear-masks", act=self.controller.recording.clear_masks)
+        self.fixed = button(self.tr("Fixed again"), "fixed-again", act=self._fixed)
         self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
-        self.fixed.clicked.connect(self._fixed)
         self.fixed.hide()
         self.worst = button(self.tr("Worst first"), "worst-first")
         self.worst.setCheckable(True)
         self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
         return self.fixed, self.worst, self.draw, self.undo, self.clear
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.summary
 
     def _fixed(self) -> None:
         """Somebody has seen to the cameras that were moved."""
@@ -118,7 +106,8 @@ class LookPage(LivePage):
 
     def _show_masks(self) -> None:
         masks = self.project.masks if self.project is not None else ()
-        text = self.tr("Draw rectangles over what is no target, then press the button again.")
+        text = self.tr("Draw rectangles over what is no target, then press “{button}” again.")
+        text = text.format(button=self.draw.text())
         if not self.draw.isChecked():
             text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
         self.message.setText(text)

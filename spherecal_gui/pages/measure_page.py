@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QLabel, QListWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
@@ -31,10 +31,10 @@ from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
 from spherecal_gui.standing import Deed, Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, label, set_level
+from spherecal_gui.widgets.basic import Card, add, label, named, set_level
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.scene_view import make_scene_view
-from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import MeasuredSet
 from spherecal_measuring.measuring_task import Task
@@ -77,8 +77,8 @@ class MeasurePage(Page):
         self._trust: tuple[str, Level] = ("", "none")
         column = QVBoxLayout(self)
         self.trust, self.pace = label("", "big"), label("", "soft")
-        column.addWidget(self.trust)
-        column.addWidget(self.pace)
+        self.headline = self.trust
+        add(column, self.trust, self.pace)
         row = QHBoxLayout()
         column.addLayout(row, 1)
         left = QVBoxLayout()
@@ -93,9 +93,7 @@ class MeasurePage(Page):
 
     def _points(self) -> Card:
         card = Card(self.tr("Points"))
-        self.points = QListWidget()
-        self.points.setObjectName("measured-points")
-        self.points.setAccessibleName(self.tr("Points that are seen now"))
+        self.points = named(QListWidget(), "measured-points", self.tr("Points that are seen now"))
         self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
         self.points.itemSelectionChanged.connect(self._choose)
         self.hint = label(ruler_hint(()), "soft")
@@ -192,17 +190,11 @@ class MeasurePage(Page):
         self._show_points(point_names(measured))
         self._show_space(measured, run.moved)
         rows = value_rows(measured)
-        cells: list[list[tuple[str, Cell, str]]] = [
-            [
-                (one.name, one.name, ""),
-                (one.value, one.value, ""),
-                (one.uncertainty, one.uncertainty, ""),
-                (one.deviation, one.deviation, one.level),
-            ]
-            for one in rows
-        ]
-        self.table.fill(cells)
-        self.large.setText(large_text(rows[0]) if rows else "")
+        off = [(one.deviation, one.deviation, one.level) for one in rows]
+        self.table.fill([[one.name, one.value, one.uncertainty, last] for one, last in zip(rows, off, strict=True)])
+        for part in (self.table, self.chart, self.hint):  # else columns and axes without anything in them
+            part.setVisible(bool(rows))
+        self.large.setText(large_text(rows[0]) if rows else ruler_hint(self._chosen))
         set_level(self.large, rows[0].level if rows else "none")
         self._show_course(history, measured.values[0].name if measured.values else "")
         self.recording.setText(self.said().left)
@@ -229,13 +221,12 @@ class MeasurePage(Page):
         if names == self._names:
             return
         self._names = names
-        self.points.blockSignals(True)
-        self.points.clear()
-        self.points.addItems(list(names))
-        for name in self._chosen:
-            for item in self.points.findItems(name, Qt.MatchFlag.MatchExactly):
-                item.setSelected(True)
-        self.points.blockSignals(False)
+        with QSignalBlocker(self.points):
+            self.points.clear()
+            self.points.addItems(list(names))
+            for name in self._chosen:
+                for item in self.points.findItems(name, Qt.MatchFlag.MatchExactly):
+                    item.setSelected(True)
 
     def _show_course(self, history: list[tuple[float, MeasuredSet]], name: str) -> None:
         found = [(at, v) for at, one in history for v in one.values if v.name == name]
@@ -261,11 +252,6 @@ class MeasurePage(Page):
         run = self._run
         measuring = run is not None and run.problem is None
         return measure_says(MeasureFacts(self._trust, measuring, run.recorded if run is not None else None))
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.trust
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import coverage as cov
@@ -23,7 +23,7 @@ from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
 from spherecal_gui.standing import Deed, Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
-from spherecal_gui.widgets.basic import button, label, option, set_level
+from spherecal_gui.widgets.basic import add, button, label, named, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
@@ -52,15 +52,14 @@ class PlacementPage(LivePage):
         controller.advice.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
+        head.setSpacing(theme.PAD)
         self.ready = label("", "huge", wrap=False)
-        self.advice = label("", "huge")
+        self.headline = self.advice = label("", "huge")
         self.advice.setAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
-        self.hold = QProgressBar()
-        self.hold.setObjectName("hold-still")
-        self.hold.setAccessibleName(self.tr("How long it has lain still"))
+        self.hold = named(QProgressBar(), "hold-still", self.tr("How long it has lain still"))
         self.hold.setTextVisible(False)
         policy = self.hold.sizePolicy()
         policy.setRetainSizeWhenHidden(True)  # the page must not jump when it comes
@@ -80,8 +79,7 @@ class PlacementPage(LivePage):
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.automatic = option(self.tr("Capture by itself when still"))
-        self.automatic.setObjectName("automatic")
+        self.automatic = named(option(self.tr("Capture by itself when still")), "automatic")
         self.automatic.setToolTip(self.tr("Once the ball lies still where it should."))
         row.addWidget(self.automatic)
         row.addStretch(1)
@@ -142,11 +140,11 @@ class PlacementPage(LivePage):
         column = QVBoxLayout(self.guidance)
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.space = make_scene_view()
+        self.space.setMinimumSize(200, 90)  # the words below it need room under an instruction of three lines
         self.guide_key = label(self.tr("Expected error on 500 mm (95 %)."), "soft")
         column.addWidget(self.guide_text)
         column.addWidget(self.space, 1)
-        for one in (self.now, self.then, self.guide_key):
-            column.addWidget(one)
+        add(column, self.now, self.then, self.guide_key)
         return self.tabs
 
     # --- what is shown -----------------------------------------------------------------------------------------------
@@ -160,11 +158,6 @@ class PlacementPage(LivePage):
     def is_taken(self) -> bool:
         """Whether the placement is there."""
         return self.project is not None and self.set_id in self.project.taken
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.advice
 
     @property
     def is_taking(self) -> bool:
@@ -190,7 +183,8 @@ class PlacementPage(LivePage):
     def _show_keys(self) -> None:
         """Room for two lines of instruction, so that the images keep their place when it changes."""
         self.advice.setMinimumHeight(2 * self.advice.fontMetrics().lineSpacing())
-        self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())
+        told = "±" in self.now.text()  # else it would be the key to nothing
+        self.guide_key.setVisible(told and self.height() > _TALL_PX and not theme.is_far())
         self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
     def refresh(self) -> None:
@@ -485,6 +479,7 @@ class PlacementPage(LivePage):
         self.now.setText(text)
         set_level(self.now, level)
         self.then.setText(next_text(shown, self._all_taken) if shown is not None else "")
+        self._show_keys()
         self._show_ghosts()
 
     def _reason(self) -> str:

@@ -13,8 +13,8 @@ from spherecal_gui.presenters.results_presenter import compared_text
 from spherecal_gui.presenters.start_presenter import picture_of, profile_rows, validity_of
 from spherecal_gui.tasks.outcome import Compared
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Chip, button, enable, label, once, set_level
-from spherecal_gui.widgets.table import Table
+from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, set_level
+from spherecal_gui.widgets.table import Table, figure
 from spherecal_rigs.compare_rigs import compare, seen_volume
 from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import apply, open_profile
@@ -61,17 +61,13 @@ class ProfileDialog(QDialog):
         column.addWidget(self.table, 1)
         self.message, self.why_not = label(""), label("")
         set_level(self.why_not, "caution")
-        column.addWidget(self.message)
-        column.addWidget(self.why_not)
+        add(column, self.message, self.why_not)
         buttons = QHBoxLayout()
-        self.compare = button(self.tr("Compare with the one in use"), "compare-profile")
-        self.compare.clicked.connect(self._compare)
+        self.compare = button(self.tr("Compare with the one in use"), "compare-profile", act=self._compare)
         self.use = once(button(self.tr("Put this one to use"), "use-profile"))
         self.use.clicked.connect(self._use)
-        close = button(self.tr("Close"), "close")
-        close.clicked.connect(self.accept)
-        for one in (self.compare, self.use):
-            buttons.addWidget(one)
+        close = button(self.tr("Close"), "close", act=self.accept)
+        add(buttons, self.compare, self.use)
         buttons.addStretch(1)
         buttons.addWidget(close)
         column.addLayout(buttons)
@@ -91,11 +87,11 @@ class ProfileDialog(QDialog):
         self.table.fill(
             [
                 [
-                    (row.number, row.number, ""),
-                    (row.made, row.made, ""),
+                    row.number,
+                    row.made,
                     (row.state, row.state, row.level),
                     (row.verdict, row.verdict, row.verdict_level),
-                    ("-" if row.rms_px is None else f"{row.rms_px:.3f}", row.rms_px, ""),
+                    figure(row.rms_px, 3),
                     ("✓" if row.in_use else "", "", "good"),
                 ]
                 for row in rows

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
-from PySide6.QtCore import QBuffer, QByteArray, QIODevice
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QSignalBlocker
 from PySide6.QtGui import QImage, QPixmap
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
@@ -25,13 +25,13 @@ from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Deed, Said
 from spherecal_gui.tasks.camera_effects import CameraEffect
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.effects_view import EffectsView
 from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
-from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_gui.workflow import Status
 
 # A camera this much worse than the middle one stands out: rig A's differ by a tenth, a blurred one is 2 times worse.
@@ -49,7 +49,7 @@ class ResultsPage(Page):
         controller.saving.draw_rig = self._rig_png
         column = QVBoxLayout(self)
         head = QHBoxLayout()
-        self.word = label("", "huge", wrap=False)
+        self.headline = self.word = label("", "huge", wrap=False)
         self.sentence = label("", "big")
         head.addWidget(self.word)
         head.addSpacing(theme.PAD)
@@ -72,19 +72,11 @@ class ResultsPage(Page):
         self.findings = FindingsList()
         self.findings.asked.connect(self._do)
         self.findings.taken_back.connect(self.controller.computation.take_back)
-        self.table = Table(
-            [
-                self.tr("Camera"),
-                self.tr("rms\npx"),
-                self.tr("dots"),
-                self.tr("left\nout"),
-                self.tr("place ±\nmm"),
-                self.tr("turn ±\ndeg"),
-                self.tr("focal\npx"),
-                self.tr("change\nmm"),
-            ],
-            spare=(6, 5, 3),
-        )
+        headings = [
+            self.tr("Camera"), self.tr("rms\npx"), self.tr("dots"), self.tr("left\nout"), self.tr("place ±\nmm"),
+            self.tr("turn ±\ndeg"), self.tr("focal\npx"), self.tr("change\nmm"),
+        ]  # fmt: skip
+        self.table = Table(headings, spare=(6, 5, 3))
         self.table.itemSelectionChanged.connect(self._selected)
         self.table.itemDoubleClicked.connect(lambda _: self.tabs.setCurrentIndex(2))
         residuals = QWidget()
@@ -108,25 +100,15 @@ class ResultsPage(Page):
         """One image of the camera that is shown, and what can be done about it."""
         # below each other: beside each other they are too wide for large text in German
         column, row = QVBoxLayout(), QHBoxLayout()
-        self.image = QComboBox()
-        self.image.setAccessibleName(self.tr("Which image"))
-        self.image.setObjectName("which-image")
+        self.image = named(QComboBox(), "which-image", self.tr("Which image"))
         self.image.currentIndexChanged.connect(self._image_chosen)
-        self.leave_image = button(self.tr("Leave this image out"), "leave-image")
-        self.leave_image.clicked.connect(self._leave_image)
-        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
-        self.leave_camera.clicked.connect(self._leave_camera)
+        self.leave_image = button(self.tr("Leave this image out"), "leave-image", act=self._leave_image)
+        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera", act=self._leave_camera)
         column.addWidget(self.image)
-        row.addWidget(self.leave_image)
-        row.addWidget(self.leave_camera)
+        add(row, self.leave_image, self.leave_camera)
         row.addStretch(1)
         column.addLayout(row)
         return column
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     def refresh(self) -> None:
         """There may be another result."""
@@ -174,10 +156,9 @@ class ResultsPage(Page):
     def _show_worst(self, accused: tuple[str, str | None] | None, largest: str) -> None:
         """The camera that the findings accuse, in the image they name; else the one with the largest residuals."""
         name, placement = accused or (largest, None)
-        self.table.blockSignals(True)
-        if not self.table.select_name(name):
-            self.table.selectRow(0)
-        self.table.blockSignals(False)
+        with QSignalBlocker(self.table):
+            if not self.table.select_name(name):
+                self.table.selectRow(0)
         self.show_camera(name, placement)
 
     def dress(self) -> None:
@@ -218,14 +199,13 @@ class ResultsPage(Page):
 
     def _list_images(self, shown: CameraResiduals | None) -> None:
         """The camera's images, the one that is shown chosen."""
-        self.image.blockSignals(True)
-        self.image.clear()
-        if shown is not None:
-            self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
-            for name in shown.placements:
-                self.image.addItem(f"{shown.camera} · {name}", name)
-            self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
-        self.image.blockSignals(False)
+        with QSignalBlocker(self.image):
+            self.image.clear()
+            if shown is not None:
+                self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
+                for name in shown.placements:
+                    self.image.addItem(f"{shown.camera} · {name}", name)
+                self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
 
     def _show_repairs(self, shown: CameraResiduals | None) -> None:
         """What can be left out of what is shown."""
@@ -297,7 +277,8 @@ class ResultsPage(Page):
         may_use = calibrated is None or usable(calibrated.verdict)
         accepted = project.accepted == calibrated
         stale = state.status is Status.STALE
-        return results_says(ResultFacts((message.word, message.level, may_use), stale, accepted, running))
+        stopped = any(one.code == "stopped-early" for one in result.rig.quality.findings)
+        return results_says(ResultFacts((message.word, message.level, may_use), stale, accepted, running, stopped))
 
     @property
     def deeds(self) -> Mapping[Deed, Callable[[], object]]:
@@ -320,19 +301,16 @@ class ResultsPage(Page):
 
 
 def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:
-    def cell(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
-        return ("-" if value is None else f"{value:.{digits}f}", value if value is not None else float("inf"), level)
-
     if not row.placed:
         return [(row.camera, row.camera, "bad"), (not_placed, float("inf"), "bad"), *[("-", 0.0, "")] * 6]
     level = "caution" if (row.rms_px or 0.0) > _STANDS_OUT * middle else ""
     return [
         (row.camera, row.camera, "bad" if guilty else level),
-        cell(row.rms_px, 3, level),
+        figure(row.rms_px, 3, level),
         (str(row.observations), row.observations, ""),
         (str(row.left_out), row.left_out, ""),
-        cell(row.sd_centre_mm, 3),
-        cell(row.sd_turn_deg, 4),
-        cell(row.focal_px, 1),
-        cell(row.change_mm, 3, "caution" if row.moved else ""),
+        figure(row.sd_centre_mm, 3),
+        figure(row.sd_turn_deg, 4),
+        figure(row.focal_px, 1),
+        figure(row.change_mm, 3, "caution" if row.moved else ""),
     ]

@@ -9,7 +9,6 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFileDialog,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QPlainTextEdit,
     QProgressBar,
@@ -30,7 +29,19 @@ from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Deed, Said
-from spherecal_gui.widgets.basic import Card, button, details_button, enable, label, open_file, option, set_level
+from spherecal_gui.widgets.basic import (
+    Card,
+    add,
+    bare,
+    button,
+    details_button,
+    enable,
+    label,
+    named,
+    open_file,
+    option,
+    set_level,
+)
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.workflow import Status, Step
 
@@ -41,14 +52,13 @@ class SavePage(Page):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         column = QVBoxLayout(self)
-        self.word = label("", "huge")
+        self.headline = self.word = label("", "huge")
         column.addWidget(self.word)
         self.progress = QProgressBar()
         self.progress.setRange(0, 0)
         self.progress.setTextVisible(False)
         self.progress_words, self.end = label("", "big"), label("", "")
-        for part in (self.progress, self.progress_words, self.end):
-            column.addWidget(part)
+        add(column, self.progress, self.progress_words, self.end)
         self._opens = False  # the report, once it is written
         self._opened: bool | None = None
         column.addWidget(self._profile())
@@ -71,11 +81,8 @@ class SavePage(Page):
         row = QHBoxLayout()
         self.apply = option(self.tr("Put it to use now"))
         self.apply.setChecked(True)
-        self.profile = button(self.tr("Save in the profile"), "save-profile")
-        self.profile.clicked.connect(self._save_profile)
-        self.note = QLineEdit()
-        self.note.setObjectName("note")
-        self.note.setAccessibleName(self.tr("Note: by whom, and why"))
+        self.profile = button(self.tr("Save in the profile"), "save-profile", act=self._save_profile)
+        self.note = named(QLineEdit(), "note", self.tr("Note: by whom, and why"))
         self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
         self.note.textChanged.connect(self._enable)
         self.note.editingFinished.connect(lambda: self.controller.saving.set_note(self.note.text().strip()))
@@ -85,13 +92,11 @@ class SavePage(Page):
             self.tr("The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.")
         )
         self.discard.clicked.connect(self.controller.discard)
-        row.addWidget(self.profile)
-        row.addWidget(self.apply)
+        add(row, self.profile, self.apply)
         row.addWidget(self.note, 1)
         row.addWidget(self.discard)
         card.body.addLayout(row)
-        self.why_not = label("", "")
-        set_level(self.why_not, "caution")
+        self.why_not = label("", "", level="caution")
         card.body.addWidget(self.why_not)
         return card
 
@@ -128,6 +133,8 @@ class SavePage(Page):
         """Why a reason is needed to put it to use; empty where none is."""
         if self._failed:
             return self.tr("Its verification failed: write in the note why it is put to use all the same.")
+        if self._doubtful and self.open_project.verified is not None:
+            return self.tr("Its verification decided nothing: write in the note why it is put to use.")
         if self._doubtful:
             return self.tr("It was not verified: write in the note why it is put to use.")
         if self._calibration == "use with care":
@@ -192,26 +199,20 @@ class SavePage(Page):
         self.folder = label("", "soft")
         card.body.addWidget(self.folder)
         row = QHBoxLayout()
-        self.open = button(self.tr("Open the folder"), "open-folder")
-        self.open.clicked.connect(self._open)
-        self.report = button(self.tr("Open the report"), "open-report")
-        self.report.clicked.connect(self._open_report)
+        self.open = button(self.tr("Open the folder"), "open-folder", act=self._open)
+        self.report = button(self.tr("Open the report"), "open-report", act=self._open_report)
         self.form = QComboBox()
         self.form.setAccessibleName(self.tr("Format of the export"))
         self.form.addItems(sorted(FORMATS))
-        self.export = button(self.tr("Export"), "export")
-        self.export.clicked.connect(self._export)
-        row.addWidget(self.open)
-        row.addWidget(self.report)
+        self.export = button(self.tr("Export"), "export", act=self._export)
+        add(row, self.open, self.report)
         row.addStretch(1)
         row.addWidget(label(self.tr("For another program:"), wrap=False))
-        row.addWidget(self.form)
-        row.addWidget(self.export)
+        add(row, self.form, self.export)
         card.body.addLayout(row)
         row = QHBoxLayout()
         self.given_in = label("")
-        self.axes = button(self.tr("Origin and axes"), "origin-and-axes")
-        self.axes.clicked.connect(self._choose_axes)
+        self.axes = button(self.tr("Origin and axes"), "origin-and-axes", act=self._choose_axes)
         row.addWidget(self.given_in, 1)
         row.addWidget(self.axes)
         card.body.addLayout(row)
@@ -219,20 +220,17 @@ class SavePage(Page):
 
     def _commands(self) -> QWidget:
         inner = QWidget()
-        column = QVBoxLayout(inner)
-        column.setContentsMargins(0, 0, 0, 0)
+        column = bare(QVBoxLayout(inner))
         column.addWidget(label(self.tr("The same on the command line"), "soft"))
         self.commands = QPlainTextEdit()
         self.commands.setReadOnly(True)
         self.commands.setAccessibleName(self.tr("The same on the command line"))
         self.commands.setMaximumHeight(66)
         column.addWidget(self.commands)
-        copy = button(self.tr("Copy as command"), "copy-command")
-        copy.clicked.connect(self._copy)
+        copy = button(self.tr("Copy as command"), "copy-command", act=self._copy)
         column.addWidget(copy, 0, Qt.AlignmentFlag.AlignLeft)
         whole = QWidget()
-        outer = QVBoxLayout(whole)
-        outer.setContentsMargins(0, 0, 0, 0)
+        outer = bare(QVBoxLayout(whole))
         outer.addWidget(details_button(inner), 0, Qt.AlignmentFlag.AlignLeft)
         outer.addWidget(inner)
         return whole
@@ -288,11 +286,6 @@ class SavePage(Page):
         shown = outcome is not None and not theme.is_far()  # large text needs its room
         self.scene.setVisible(shown)
         self._room.setVisible(not shown)
-
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page."""
-        return self.word
 
     def _save_profile(self) -> None:
         self.controller.saving.set_note(self.note.text().strip())
@@ -371,6 +364,7 @@ class SavePage(Page):
                 self.controller.runner.running or "",
                 task is not None and task.stopping,
                 self.controller.progress_text(),
+                self._doubtful and self.open_project.verified is not None,
             )
         )
 

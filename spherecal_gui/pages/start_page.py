@@ -25,7 +25,7 @@ from spherecal_gui.presenters.start_presenter import (
 )
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, plain, set_level
+from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, set_level
 from spherecal_gui.widgets.drawing import Drawing
 from spherecal_gui.widgets.icons import give_icon
 
@@ -64,9 +64,7 @@ class StartPage(QWidget):
         outer.addStretch(1)
         outer.addWidget(middle, 100)
         outer.addStretch(1)
-        column = QVBoxLayout(middle)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(theme.PAD)
+        column = bare(QVBoxLayout(middle), theme.PAD)
         column.addWidget(self._rig())
         row = QHBoxLayout()
         row.setSpacing(theme.PAD)
@@ -86,11 +84,8 @@ class StartPage(QWidget):
         self.validity.show_state(self.tr("no calibration in use"), "none")
         self.validity.clicked.connect(self.show_profile)
         self.age, self.newest, self.due = label("", ""), label("", "soft"), label("", "soft")
-        self.certificates = label("")
-        self.certificates.hide()
-        self.profile = button(self.tr("The rig's profile"), "profile")
-        give_icon(self.profile, "camera")
-        self.profile.clicked.connect(self.show_profile)
+        self.certificates = label("", hidden=True)
+        self.profile = button(self.tr("The rig's profile"), "profile", act=self.show_profile, icon="camera")
         words = QVBoxLayout()
         words.setSpacing(theme.TIGHT)
         line = QHBoxLayout()
@@ -100,8 +95,7 @@ class StartPage(QWidget):
         line.addStretch(1)
         words.addStretch(1)
         words.addLayout(line)
-        for one in (self.age, self.newest, self.due, self.certificates):
-            words.addWidget(one)
+        add(words, self.age, self.newest, self.due, self.certificates)
         words.addStretch(1)
         card.body.setSpacing(theme.PAD)
         card.body.addWidget(self.picture)
@@ -118,9 +112,7 @@ class StartPage(QWidget):
         return card
 
     def _check(self) -> Card:
-        self.check = button(self.tr("Check the rig"), "check", "card")
-        give_icon(self.check, "zoom-check")
-        self.check.clicked.connect(self._check_newest)
+        self.check = button(self.tr("Check the rig"), "check", "card", act=self._check_newest, icon="zoom-check")
         text = self.tr("Has a camera moved since? One minute, one placement of the ball.")
         return self._card(self.tr("Check"), text, "check", self.check)
 
@@ -133,27 +125,22 @@ class StartPage(QWidget):
         self.board_dialog.show()
 
     def _calibrate(self) -> Card:
-        self.live = button(self.tr("Calibrate the rig"), "new-live", "card")
+        self.live = button(self.tr("Calibrate the rig"), "new-live", "card", act=lambda: self.wanted.emit("genicam"))
         give_icon(self.live, "sphere")
-        self.live.clicked.connect(lambda: self.wanted.emit("genicam"))
-        self.board = button(self.tr("Calibrate with a board"), "new-board")
+        self.board = button(self.tr("Calibrate with a board"), "new-board", act=self._choose_board)
         self.board.setToolTip(plain(self.tr("ChArUco, AprilGrid, chessboard or circles; no ball is needed.")))
-        self.board.clicked.connect(self._choose_board)
         text = self.tr("A new calibration of the whole rig, from the cameras to the report.")
         return self._card(self.tr("Calibrate"), text, "calibrate", self.board, self.live)
 
     def _verify(self) -> Card:
-        self.verify = button(self.tr("Verify the rig"), "verify", "card")
-        give_icon(self.verify, "ruler-2")
-        self.verify.clicked.connect(self._verify_newest)
+        self.verify = button(self.tr("Verify the rig"), "verify", "card", act=self._verify_newest, icon="ruler-2")
         text = self.tr("Does the rig measure right? The check bar is measured, and the result printed.")
         return self._card(self.tr("Verify"), text, "verify", self.verify)
 
     def _recent(self) -> Card:
         self.recent = Card()
-        self.training = button(self.tr("Train on a simulated rig"), "new-simulated")
+        self.training = button(self.tr("Train on a simulated rig"), "new-simulated", act=lambda: self.train(""))
         give_icon(self.training, "school")
-        self.training.clicked.connect(lambda: self.train(""))
         head = QHBoxLayout()
         head.addWidget(label(self.tr("Recent"), "big", wrap=False))
         head.addStretch(1)
@@ -163,18 +150,12 @@ class StartPage(QWidget):
         self._rows.setSpacing(theme.TIGHT)
         self.recent.body.addLayout(self._rows)
         self.recent.body.addStretch(1)
-        other = button(self.tr("Open another folder"), "open-project")
-        give_icon(other, "folder-open")
-        other.clicked.connect(self._open_other)
-        self.replay = button(self.tr("Replay a recorded session"), "new-replay")
+        other = button(self.tr("Open another folder"), "open-project", act=self._open_other, icon="folder-open")
+        self.replay = button(self.tr("Replay a recorded session"), "new-replay", act=self.choose_recording)
         give_icon(self.replay, "player-record")
-        self.replay.clicked.connect(self.choose_recording)
-        self.bars = button(self.tr("Bench, bars and balls"), "bench")
-        give_icon(self.bars, "ruler-2")
-        self.bars.clicked.connect(self.bench_wanted)
+        self.bars = button(self.tr("Bench, bars and balls"), "bench", act=self.bench_wanted, icon="ruler-2")
         line = QHBoxLayout()
-        for one in (other, self.replay, self.bars):
-            line.addWidget(one)
+        add(line, other, self.replay, self.bars)
         line.addStretch(1)
         self.recent.body.addLayout(line)
         return self.recent
@@ -239,8 +220,7 @@ class StartPage(QWidget):
 
     def _row(self, line: ProjectLine) -> QWidget:
         box = QWidget()
-        row = QHBoxLayout(box)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(box))
         go = button(line.title, f"open-{line.folder.name}")
         go.setProperty("folder", str(line.folder))
         go.clicked.connect(self._open_row)

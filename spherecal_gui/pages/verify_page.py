@@ -6,15 +6,7 @@ from dataclasses import replace
 from datetime import date
 
 import numpy as np
-from PySide6.QtWidgets import (
-    QDoubleSpinBox,
-    QGridLayout,
-    QHBoxLayout,
-    QLabel,
-    QLineEdit,
-    QTabWidget,
-    QWidget,
-)
+from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui import theme
@@ -29,7 +21,7 @@ from spherecal_gui.project import Artefacts
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
 from spherecal_gui.standing import Deed, Part, Said
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
+from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, named, option, plain, set_level
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step, StepState
@@ -69,26 +61,21 @@ class VerifyPage(ScalePage):
         self._add_buttons()
         self.lengths = label("", "soft")
         self.column.insertWidget(1, self.lengths)
-        self.certificates = label("")
-        self.certificates.hide()
+        self.certificates = label("", hidden=True)
         self.column.insertWidget(2, self.certificates)
 
     def _add_buttons(self) -> None:
-        self.automatic = option(self.tr("Capture by itself when it lies right"))
-        self.automatic.setObjectName("automatic-bar")
-        self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway")
-        self.as_it_lies.clicked.connect(self._take)
-        self.enough = button(self.tr("Enough: measure now"), "measure-now")
-        self.enough.clicked.connect(self._measure)
-        self.more = button(self.tr("More poses"), "more-poses")
-        self.more.clicked.connect(self._more_poses)
+        self.automatic = named(option(self.tr("Capture by itself when it lies right")), "automatic-bar")
+        self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway", act=self._take)
+        self.enough = button(self.tr("Enough: measure now"), "measure-now", act=self._measure)
+        self.more = button(self.tr("More poses"), "more-poses", act=self._more_poses)
         limit = QHBoxLayout()
         self.limit_label = label(self.tr("Permitted length error (mm)"))
         self.limit_label.setFixedWidth(_LIMIT_PX)
         self.limit = QLineEdit()
         self.limit.setObjectName("limit")
         self.limit.setPlaceholderText(self.tr("e.g. 0.03+L/20000"))
-        self.limit.setMinimumWidth(150)
+        self.limit.setMinimumWidth(self.limit.fontMetrics().horizontalAdvance(self.limit.placeholderText()) + 24)
         self.limit.setMaximumWidth(220)
         self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
         self._limit_tip = self.tr(
@@ -105,15 +92,12 @@ class VerifyPage(ScalePage):
         self.celsius.setToolTip(self.tr("Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree."))
         self.celsius.editingFinished.connect(self._celsius_given)
         self.celsius_label = label(self.tr("Bar"), wrap=False)
-        limit.addWidget(self.celsius_label)
-        limit.addWidget(self.celsius)
+        add(limit, self.celsius_label, self.celsius)
         limit.addSpacing(14)
-        limit.addWidget(self.limit_label)
-        limit.addWidget(self.limit)
+        add(limit, self.limit_label, self.limit)
         self.poses.addLayout(limit)
         self.row.insertWidget(0, self.automatic)
-        for one in (self.as_it_lies, self.enough, self.more):
-            self.row.addWidget(one)
+        add(self.row, self.as_it_lies, self.enough, self.more)
 
     def _put_wall(self) -> None:
         """In a tab, beside the scene with the pose that is asked for; it has its own way to capture by itself."""
@@ -140,10 +124,10 @@ class VerifyPage(ScalePage):
         guide = self.controller.bars.guide
         return guide if guide is not None and guide.pose == self.current else None
 
-    @property
-    def headline(self) -> QLabel:
-        """The label with the state of the page: where the bar goes, or what was measured."""
-        return self.outcome.word if self.shows_outcome else self.message
+    def show_standing(self) -> None:
+        """Where the bar goes, or what was measured."""
+        self.headline = self.outcome.word if self.project is not None and self.shows_outcome else self.message
+        super().show_standing()
 
     @property
     def shows_outcome(self) -> bool:
@@ -181,6 +165,11 @@ class VerifyPage(ScalePage):
             self._chosen, self._accepted_s = str(sender.property("pose")), None
             self._stage()
             self.refresh()
+
+    def _retake_all(self) -> None:
+        """From the first pose on: nothing was measured in those that are there."""
+        self._chosen = self.pose_ids()[0]
+        self._more_poses()
 
     def _more_poses(self) -> None:
         self._again = True
@@ -378,10 +367,13 @@ class VerifyPage(ScalePage):
             bars = replace(bars, guide=(lay_text(planned), "none", False))
         outcome = self.outcome.words if self.shows_outcome else None
         outdated = state is not None and state.reason is not None and state.reason.code == "calibration stale"
-        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated))
+        empty = self.project.verified is not None and self.project.verified.verdict == "no data"
+        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated, empty))
 
     def _step_part(self, state: StepState) -> Part:
-        """While poses are laid where the bar goes comes first, and not that others were measured before."""
+        """While poses are laid where the bar goes comes first, and not what was measured before."""
+        if not self.shows_outcome and state.status is Status.CARE:
+            return Part("caution")
         stale = state.status is Status.STALE and state.reason is not None and state.reason.code == "changed"
         return Part("none") if stale and not self.shows_outcome else super()._step_part(state)
 
@@ -395,5 +387,6 @@ class VerifyPage(ScalePage):
         return {
             "capture": self._take,
             "measure": self._measure,
+            "retake": self._retake_all,
             "results": lambda: self.controller.go("calibrate"),
         }

@@ -36,6 +36,7 @@ class Page(QWidget):
         self.step: Step | None = None
         self.alarmed = False  # a red message is on the screen
         self._standing: Standing | None = None
+        self.headline: QLabel | None = None  # the label with the state of the page
 
     def enter(self, step: Step) -> None:
         """The page is shown for this step."""
@@ -80,11 +81,6 @@ class Page(QWidget):
 
     # --- its state ---------------------------------------------------------------------------------------------------
 
-    @property
-    def headline(self) -> QLabel | None:
-        """The label with the state of the page."""
-        return None
-
     def said(self) -> Said:
         """What the page's step says of itself (presenters/step_states.py)."""
         return Said("none", "")
@@ -122,7 +118,7 @@ class Page(QWidget):
         running, kind = self.controller.running, self.step.kind if self.step is not None else "connect"
         found = []
         if running.moved and kind != "connect":
-            found.append(Part("bad", moved_text(running.moved)))
+            found.append(Part("bad", moved_text(running.moved, kind in ("look", "placement"))))
         if running.lost and kind in NEEDS_CAMERAS:
             found.append(Part("bad", reason_text(lost_reason(running.lost))))
         return tuple(found)

@@ -23,8 +23,9 @@ def now_text(shown: GuidanceView) -> tuple[str, Level]:
     if shown.now_mm is None or not np.isfinite(shown.now_mm) or shown.now_mm > NOT_YET_MM:
         return translate("Guidance", "If you stop now: not determined yet"), "bad"
     text = translate("Guidance", "If you stop now: 500 ± {mm:.3f} mm").format(mm=shown.now_mm)
-    gain = shown.next_mm is not None and shown.next_mm < (1 - WORTH) * shown.now_mm
-    return text, "caution" if gain else "good"
+    if shown.next_mm is None:  # whether that is enough is not known: a placement more may halve it
+        return text, "none"
+    return text, "caution" if shown.next_mm < (1 - WORTH) * shown.now_mm else "good"
 
 
 def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:

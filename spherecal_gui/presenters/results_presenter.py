@@ -142,18 +142,20 @@ def bar_verdict(bars: "BarReport") -> VerdictText:
         text = translate("Verify", "Used all the same by {by}: {reason}")
         sentence = f"{sentence} {text.format(by=bars.override.by, reason=bars.override.reason)}"
     elif bars.failed:
-        sentence = f"{sentence} {_why_failed(bars)}".strip()
+        sentence = f"{_why_failed(bars)} {sentence}".strip()  # what to do comes first
     if acceptance is not None and acceptance.verdict == "fail":
         return VerdictText(translate("Verify", "FAIL"), "bad", sentence)
     if bars.failed:
         return VerdictText(translate("Verify", "INCONSISTENT"), "bad", sentence)
     if acceptance is not None and acceptance.verdict == "cannot tell":
-        return VerdictText(translate("Verify", "UNDECIDED"), "caution", sentence)
+        why = translate("Verify", "The uncertainty is too large for the limit: “Budget” says what helps most.")
+        return VerdictText(translate("Verify", "UNDECIDED"), "caution", f"{why} {sentence}")
     if acceptance is not None and acceptance.verdict == "pass":
         return VerdictText(translate("Verify", "PASS"), "good", sentence)
     if bars.verdict == "consistent":
         return VerdictText(translate("Verify", "CONSISTENT"), "caution" if unseen else "good", sentence)
-    return VerdictText(translate("Verify", "NO DATA"), "caution", sentence)
+    missing = translate("Verify", "No captured pose shows two marks of the bar to two cameras: capture them again.")
+    return VerdictText(translate("Verify", "NO DATA"), "caution", sentence or missing)
 
 
 def _why_failed(bars: "BarReport") -> str:

@@ -349,6 +349,7 @@ class VerifyFacts:
     current: bool = True  # what was measured is of the poses, the calibration and the limit of now
     taken: bool = False
     outdated: bool = False  # the calibration itself is out of date
+    empty: bool = False  # nothing could be measured in the poses that are there
 
 
 def verify_says(f: VerifyFacts) -> Said:
@@ -360,20 +361,26 @@ def verify_says(f: VerifyFacts) -> Said:
         )
         return Said("none", translate("State", "Measuring"), busy)
     if f.outcome is not None:
-        level = f.outcome[1]
-        if f.bar.work:
-            return Said(level, f.outcome[0], Button(words, "measure", False, _busy()))
-        if f.outdated:  # to measure with it would be in vain
-            return Said(level, f.outcome[0], Button(translate("State", "See what has changed"), "results"))
-        again = translate("State", "It is measured; retake a pose to measure again.")
-        button = Button(words, "measure", False, again, done=True) if f.current else Button(words, "measure")
-        return Said(level, f.outcome[0], button)
+        text, level = f.outcome
+        return Said(level, text, _measured_button(f, words))
     said = bar_says(f.bar)
     if f.bar.pose is None and not f.bar.work:
         return replace(said, button=Button(words, "measure"))
     idle = not f.bar.work
     anyway = idle and f.bar.guide is not None and f.bar.connected
     return replace(said, also=_also({"measure-now": idle and f.taken, "take-anyway": anyway}))
+
+
+def _measured_button(f: VerifyFacts, words: str) -> Button:
+    """What can be done about what was measured."""
+    if f.bar.work:
+        return Button(words, "measure", False, _busy())
+    if f.outdated:  # to measure with it would be in vain
+        return Button(translate("State", "See what has changed"), "results")
+    if f.empty and f.current:
+        return Button(translate("State", "Retake  (space)"), "retake")
+    again = translate("State", "It is measured; retake a pose to measure again.")
+    return Button(words, "measure", False, again, done=True) if f.current else Button(words, "measure")
 
 
 # --- calibrate and results -------------------------------------------------------------------------------------------
@@ -436,12 +443,16 @@ def _computed(f: CalibrateFacts) -> Said:
 
 @dataclass(frozen=True)
 class ResultFacts:
-    """`verdict`: its word, level, and whether it may be used; None while the result is being read."""
+    """`verdict`: its word, level, and whether it may be used; None while the result is being read.
+
+    `stopped`: before its end, by somebody.
+    """
 
     verdict: tuple[str, Level, bool] | None = None
     stale: bool = False
     accepted: bool = False
     running: str = ""
+    stopped: bool = False
 
 
 def results_says(f: ResultFacts) -> Said:
@@ -454,9 +465,9 @@ def results_says(f: ResultFacts) -> Said:
     if f.running == "calibrate":
         why = translate("State", "A calibration is running: wait for what comes of it.")
         return Said("none", translate("State", "Being computed again"), Button(words, "accept", False, why))
-    if f.stale:
-        again = Button(translate("State", "Calibrate again"), "calibrate", not f.running, _busy() if f.running else "")
-        return Said("caution", translate("State", "OUT OF DATE"), again)
+    again = Button(translate("State", "Calibrate again"), "calibrate", not f.running, _busy() if f.running else "")
+    if f.stale or f.stopped:
+        return Said("caution", translate("State", "OUT OF DATE"), again) if f.stale else Said(level, word, again)
     if f.accepted:
         done = Button(words, "accept", False, translate("State", "It was accepted already."), done=True)
         return Said(level, word, done)
@@ -473,8 +484,9 @@ def results_says(f: ResultFacts) -> Said:
 class SaveFacts:
     """What Save shows: whether the calibration is kept, and how good it is.
 
-    `calibration`: its verdict; `verified`, `failed`: a bar has verified or contradicted it; `kept`: it is in the rig's
-    profile as it is now; `status` is the step's; `apply`: it is put to use at once; `why_not`: what is in the way.
+    `calibration`: its verdict; `verified`, `failed`, `undecided`: a bar has verified or contradicted it, or neither;
+    `kept`: it is in the rig's profile as it is now; `status` is the step's; `apply`: it is put to use at once;
+    `why_not`: what is in the way.
     """
 
     status: Status = Status.READY
@@ -489,6 +501,7 @@ class SaveFacts:
     running: str = ""
     stopping: bool = False
     left: str = ""
+    undecided: bool = False
 
     @property
     def saves_first(self) -> bool:
@@ -528,9 +541,11 @@ def _saved(f: SaveFacts) -> tuple[Level, str]:
         (f.status is Status.STALE, "caution", translate("State", "What was saved is out of date")),
         (not done and f.failed, "bad", translate("State", "Not saved yet; its verification failed")),
         (not done and f.verified, "none", translate("State", "Not saved yet")),
+        (not done and f.undecided, "caution", translate("State", "Not saved yet; its verification decided nothing")),
         (not done, "caution", translate("State", "Not saved yet; not verified")),
         (f.calibration == "not valid", "bad", translate("State", "Saved; it is not valid")),
         (f.failed, "bad", translate("State", "Saved; its verification failed")),
+        (f.undecided, "caution", translate("State", "Saved; its verification decided nothing")),
         (not f.verified, "caution", translate("State", "Saved; not verified")),
         (f.calibration != "valid", "caution", translate("State", "Saved; to be used with care")),
         (True, "good", translate("State", "Saved")),

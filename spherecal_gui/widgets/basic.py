@@ -1,9 +1,11 @@
 """Small parts that every page uses: cards, labels with a state, buttons that say why they are disabled."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal, SignalInstance
 from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -14,6 +16,7 @@ from PySide6.QtWidgets import (
     QLayout,
     QPushButton,
     QScrollArea,
+    QSplitter,
     QVBoxLayout,
     QWidget,
 )
@@ -22,6 +25,9 @@ from spherecal_gui import languages, theme
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.icons import give_icon, level_pixmap
 
+Act = Callable[..., object] | SignalInstance | None
+L = TypeVar("L", bound=QLayout)
+W = TypeVar("W", bound=QWidget)
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
 _BANNER_PX = 960
 _FOOTER_PX = 72.0  # the height of the large buttons' bar at the normal text size
@@ -59,12 +65,16 @@ class Words(QLabel):
         self.setText("")
 
 
-def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
-    """A label in one of the style sheet's kinds."""
+def label(text: str = "", name: str = "", wrap: bool = True, level: str = "", hidden: bool = False) -> QLabel:
+    """A label in one of the style sheet's kinds, in the colour of a level where one is given."""
     made = Words(text)
     made.setObjectName(name)
     made.setWordWrap(wrap)
     made.setTextFormat(Qt.TextFormat.PlainText)
+    if level:
+        made.setProperty("level", level)
+    if hidden:
+        made.hide()
     return made
 
 
@@ -76,9 +86,36 @@ def set_level(widget: QWidget, level: str) -> None:
         widget.style().polish(widget)
 
 
-def button(text: str, name: str, kind: str = "") -> QPushButton:
-    """A button."""
+def named(made: W, name: str, says: str = "", tip: str = "") -> W:
+    """A field with its name, what a screen reader says of it, and its tooltip."""
+    made.setObjectName(name)
+    made.setAccessibleName(says)
+    made.setToolTip(tip)
+    return made
+
+
+def bare(layout: L, spacing: int | None = None) -> L:
+    """The layout without margins; `spacing` None: the style's."""
+    layout.setContentsMargins(0, 0, 0, 0)
+    if spacing is not None:
+        layout.setSpacing(spacing)
+    return layout
+
+
+def add(layout: QLayout | QSplitter, *widgets: QWidget) -> None:
+    """Put widgets into a layout or a splitter, one after the other."""
+    for widget in widgets:
+        layout.addWidget(widget)
+
+
+def button(text: str, name: str, kind: str = "", act: Act = None, tip: str = "", icon: str = "") -> QPushButton:
+    """A button; `act`: what a click does, where that is one thing."""
     made = QPushButton(text)
+    made.setToolTip(tip)
+    if act is not None:
+        made.clicked.connect(act)
+    if icon:
+        give_icon(made, icon)
     made.setObjectName(kind or name)
     made.setProperty("key", name)
     made.setAccessibleName(text)
@@ -320,12 +357,16 @@ class Banner(QFrame):
         """Whether a red message is shown."""
         return not self.isHidden() and self._kind == "bad"
 
+    def dress(self) -> None:
+        """The mark is a picture in the colours of now."""
+        tint = theme.now().text if self._kind == "info" else None
+        self._mark.setPixmap(level_pixmap(self._kind, theme.pt(22), tint))
+
     def tell(self, kind: str, text: str, hint: str = "") -> None:
         """Show a message."""
         self._kind = kind
         set_level(self, kind)
-        tint = theme.now().text if kind == "info" else None
-        self._mark.setPixmap(level_pixmap(kind, theme.pt(22), tint))
+        self.dress()
         set_level(self._what, kind)
         self._what.setText(text)
         self._hint.setText(hint)

@@ -180,6 +180,8 @@ class PairMatrix(Chart):
         picture = np.empty((count, count, 3), np.uint8)
         picture[:] = _rgb(c.window)
         size = 12 if count <= 8 else 9
+        while size > 7 and (count + 1) * QFontMetricsF(_font(size, True)).horizontalAdvance("0000") > self.width():
+            size -= 1
         levels: dict[tuple[int, int], str] = {}
         for i in range(count):
             for j in range(count):

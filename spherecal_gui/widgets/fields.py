@@ -3,7 +3,7 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLineEdit, QSizePolicy, QVBoxLayout, QWidget
 
-from spherecal_gui.widgets.basic import label, set_level
+from spherecal_gui.widgets.basic import add, bare, label
 
 _LONGEST = 200
 
@@ -16,9 +16,7 @@ class TextField(QWidget):
     def __init__(self, key: str, title: str, example: str = "", tip: str = "", parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.key, self.title = key, title
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(2)
+        column = bare(QVBoxLayout(self), 2)
         caption = label(title, wrap=False)
         self.line = QLineEdit()
         self.line.setObjectName(key)
@@ -28,11 +26,8 @@ class TextField(QWidget):
         self.line.setMaxLength(_LONGEST)
         self.line.textEdited.connect(lambda text: self.edited.emit(self.key, text))
         caption.setBuddy(self.line)
-        self.problem = label("")
-        set_level(self.problem, "bad")
-        self.problem.hide()
-        for part in (caption, self.line, self.problem):
-            column.addWidget(part)
+        self.problem = label("", level="bad", hidden=True)
+        add(column, caption, self.line, self.problem)
         column.addStretch(1)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
 

@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.results_presenter import Action, FindingAdvice, repair_text
-from spherecal_gui.widgets.basic import button, clear, details_button, label, set_level
+from spherecal_gui.widgets.basic import bare, button, clear, details_button, label, set_level
 from spherecal_gui.widgets.icons import level_pixmap
 
 
@@ -35,9 +35,8 @@ class FindingsList(QScrollArea):
         clear(self._column)
         for option, value in repairs:
             self._column.addWidget(self._repair(option, value))
-        if not advice:
-            nothing = label(self.tr("Nothing to complain about."), "big")
-            set_level(nothing, "good")
+        if not repairs and all(one.level == "none" for one in advice):
+            nothing = label(self.tr("Nothing to complain about."), "big", level="good")
             self._column.addWidget(nothing)
         for one in advice:
             self._column.addWidget(self._row(one))
@@ -45,8 +44,7 @@ class FindingsList(QScrollArea):
 
     def _row(self, one: FindingAdvice) -> QWidget:
         box = QWidget()
-        row = QHBoxLayout(box)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(box))
         mark = label("", "", wrap=False)
         tint = theme.now().soft if one.level == "none" else None
         mark.setPixmap(level_pixmap(one.level, theme.pt(20), tint))
@@ -54,9 +52,7 @@ class FindingsList(QScrollArea):
         row.addSpacing(theme.SMALL)
         words, folded = QVBoxLayout(), QWidget()
         words.setSpacing(2)
-        more = QVBoxLayout(folded)
-        more.setContentsMargins(0, 0, 0, 0)
-        more.setSpacing(2)
+        more = bare(QVBoxLayout(folded), 2)
         named = self.tr("{title}: {where}").format(title=one.title, where=one.where) if one.where else one.title
         title = label(named, "big" if one.level != "none" else "")
         set_level(title, one.level)
@@ -91,8 +87,7 @@ class FindingsList(QScrollArea):
 
     def _repair(self, option: str, value: str) -> QWidget:
         box = QWidget()
-        row = QHBoxLayout(box)
-        row.setContentsMargins(0, 0, 0, 0)
+        row = bare(QHBoxLayout(box))
         message = label(self.tr("Asked for: {repair}").format(repair=repair_text(option, value)), "big")
         set_level(message, "caution")
         row.addWidget(message, 1)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy,
 from spherecal_gui import theme
 from spherecal_gui.standing import Level, Standing, level_of, status_shown
 from spherecal_gui.texts import reason_text, status_word, step_title
-from spherecal_gui.widgets.basic import plain
+from spherecal_gui.widgets.basic import bare, plain
 from spherecal_gui.widgets.icons import pixmap
 from spherecal_gui.workflow import Status, StepState, WorkflowState
 
@@ -141,8 +141,7 @@ class Rail(QFrame):
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setWidget(inner)
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
+        outer = bare(QVBoxLayout(self))
         outer.addWidget(scroll)
         self.fit()
 

@@ -117,5 +117,7 @@ class ResidualView(QWidget):
         if out:
             text += self.tr("; {out} left out").format(out=out)
         at = QRectF(0, field.bottom(), self.width(), foot)
-        text = painter.fontMetrics().elidedText(languages.by_locale(text), Qt.TextElideMode.ElideRight, self.width())
+        text, wide = languages.by_locale(text), painter.fontMetrics().horizontalAdvance(text)
+        if wide > self.width():  # letters that are a little smaller say more than those that are left out
+            painter.setFont(theme.font(theme.CAPTION * self.width() / wide))
         painter.drawText(at, Qt.AlignmentFlag.AlignCenter, text)

@@ -127,16 +127,15 @@ class Overlay:
             for i, tint in enumerate(tints):
                 fill.setColorAt(i / 4, QColor(*tint))
             painter.fillRect(box, fill)
-            painter.setPen(theme.colour("soft"))
             above = QRectF(box.left(), box.top() - metrics.height() - 2, box.width(), metrics.height())
-            painter.drawText(above, Qt.AlignmentFlag.AlignLeft, least)
-            painter.drawText(above, Qt.AlignmentFlag.AlignRight, most)
+            _outlined(painter, above, least, theme.colour("soft"), Qt.AlignmentFlag.AlignLeft)
+            _outlined(painter, above, most, theme.colour("soft"), Qt.AlignmentFlag.AlignRight)
             low = above.top() - 2
             lines.append(words)
-        painter.setPen(theme.colour("soft"))
         for text in reversed(lines):
             low -= metrics.height()
-            painter.drawText(QRectF(0, low, right, metrics.height()), Qt.AlignmentFlag.AlignRight, text)
+            box = QRectF(0, low, right, metrics.height())
+            _outlined(painter, box, text, theme.colour("soft"), Qt.AlignmentFlag.AlignRight)
 
     @staticmethod
     def _bar_title(data: SceneData, layers: frozenset[str]) -> tuple[str, str, str] | None:
@@ -165,7 +164,8 @@ class Overlay:
     def _cube(self, painter: QPainter, eye: Eye) -> None:
         c = theme.now()
         faces = sorted(self._faces(eye), key=lambda face: face[2])
-        painter.setFont(theme.font(7.0 * self._cube_px / _CUBE_PX, bold=True))
+        points = 14.0 if all(len(side_word(face[0])) == 1 for face in faces) else 7.0  # Chinese has one sign for each
+        painter.setFont(theme.font(points * self._cube_px / _CUBE_PX, bold=True))
         for side, corners, depth, (right, up, middle) in faces:
             if depth <= 0.02:
                 continue
@@ -253,13 +253,15 @@ def _axis_letters(data: SceneData) -> list[tuple[tuple[FloatArray, FloatArray], 
     )
 
 
-def _outlined(painter: QPainter, box: QRectF, text: str, tint: QColor) -> None:
+def _outlined(
+    painter: QPainter, box: QRectF, text: str, tint: QColor, where: Qt.AlignmentFlag = Qt.AlignmentFlag.AlignCenter
+) -> None:
     """Letters with an edge in the ground's colour, to be read over anything."""
     edge = QColor(theme.now().scene)
     edge.setAlpha(200)
     text = languages.by_locale(text)
     painter.setPen(edge)
     for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        painter.drawText(box.translated(dx, dy), Qt.AlignmentFlag.AlignCenter, text)
+        painter.drawText(box.translated(dx, dy), where, text)
     painter.setPen(tint)
-    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
+    painter.drawText(box, where, text)

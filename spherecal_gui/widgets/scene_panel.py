@@ -13,7 +13,7 @@ from spherecal_documents.scene.shapes import SHOWN_AT_FIRST
 from spherecal_gui import theme
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import button
+from spherecal_gui.widgets.basic import add, bare, button
 from spherecal_gui.widgets.icons import give_icon, menu_icon
 from spherecal_gui.widgets.scene_view import make_scene_view
 
@@ -27,8 +27,7 @@ class SceneSplit(QSplitter):
     def __init__(self, scene: QWidget, beside: QWidget, least_px: tuple[int, int]) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self._least_px, self._moved = least_px, False
-        self.addWidget(scene)
-        self.addWidget(beside)
+        add(self, scene, beside)
         self.setSizes(list(least_px))
         self.splitterMoved.connect(self._keep)
 
@@ -52,14 +51,11 @@ class ScenePanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(theme.SMALL)
+        column = bare(QVBoxLayout(self), theme.SMALL)
         self.view = make_scene_view()
         self.view.camera_chosen.connect(self.camera_chosen)
         column.addWidget(self.view, 1)
-        self.show_what = button(self.tr("Show"), "scene-layers")
-        give_icon(self.show_what, "cube")
+        self.show_what = button(self.tr("Show"), "scene-layers", icon="cube")
         menu = QMenu(self)
         self.layers: dict[str, QAction] = {}
         for layer, text in (
@@ -75,19 +71,16 @@ class ScenePanel(QWidget):
             menu.addAction(action)
             self.layers[layer] = action
         self.show_what.setMenu(menu)
-        self.whole = button(self.tr("Show all"), "scene-whole")
+        self.whole = button(self.tr("Show all"), "scene-whole", act=lambda: self.view.look_from("oblique"))
         give_icon(self.whole, "arrows-maximize")
-        self.whole.clicked.connect(lambda: self.view.look_from("oblique"))
-        self.save = button(self.tr("Save"), "scene-save")
-        give_icon(self.save, "photo-down")
+        self.save = button(self.tr("Save"), "scene-save", icon="photo-down")
         saving = QMenu(self)
         saving.addAction(menu_icon("photo-down"), self.tr("As a picture (PNG)"), self.save_picture)
         saving.addAction(menu_icon("cube"), self.tr("As a 3-D model (glTF)"), self.save_model)
         self.save.setMenu(saving)
         row = QHBoxLayout()
         row.setSpacing(theme.SMALL)
-        for one in (self.show_what, self.whole, self.save):
-            row.addWidget(one)
+        add(row, self.show_what, self.whole, self.save)
         row.addStretch(1)
         column.addLayout(row)
         self._offer()

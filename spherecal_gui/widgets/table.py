@@ -12,6 +12,11 @@ _PADDING_PX, _ARROW_PX = 9.0, 14.0
 Cell = str | float | int | None
 
 
+def figure(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
+    """The cell of a number; a dash, sorted as the largest, where there is none."""
+    return ("-", float("inf"), level) if value is None else (f"{value:.{digits}f}", value, level)
+
+
 class _Item(QTableWidgetItem):
     """Sorts by its value, not by its text."""
 
@@ -61,15 +66,16 @@ class Table(QTableWidget):
         self.horizontalHeader().setHighlightSections(False)
         self._sortable = sortable
 
-    def fill(self, rows: Sequence[Sequence[tuple[str, Cell, str]]], sort_by: int | None = None) -> None:
-        """Fill the table; the first cell names the row.
+    def fill(self, rows: Sequence[Sequence[Cell | tuple[str, Cell, str]]], sort_by: int | None = None) -> None:
+        """Fill the table; the first cell names the row. A cell is a value, or its text, value and level.
 
         `sort_by` None: by the first column, the smallest first.
         """
         self.setSortingEnabled(False)
         self.setRowCount(len(rows))
         for i, row in enumerate(rows):
-            for j, (text, value, level) in enumerate(row):
+            for j, cell in enumerate(row):
+                text, value, level = cell if isinstance(cell, tuple) else (str(cell), cell, "")
                 item = _Item(languages.by_locale(text))
                 item.setData(Qt.ItemDataRole.UserRole, value)
                 words = j == 0 or (isinstance(value, str) and value != "-")

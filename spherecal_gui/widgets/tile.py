@@ -31,6 +31,7 @@ if TYPE_CHECKING:  # imports scipy
 _LEAST_MASK_PX = 6.0  # of the widget: less is a click with a trembling hand
 _TWO_LINES_PT = 175  # a tile that is less high keeps its room for the image
 _LONGEST_NAME = 30
+_DASHES_PX = 5  # the outline of a camera that needs more is drawn within the tile's own, around its words
 _LASTING_S = 3.0  # a camera that is in trouble for a moment moves no tile
 _TROUBLE = {"bad": 0, "caution": 1}  # all others keep the rig's order
 _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a tenth of a proper scaling
@@ -188,7 +189,7 @@ class CameraTile(QWidget):
     @property
     def _foot(self) -> float:
         """The height of the lines below the image."""
-        return theme.pt(40 if self._has_two_lines else 22)
+        return theme.pt(40 if self._has_two_lines else 22) + (_DASHES_PX if self._need else 0)
 
     def _room(self) -> QRectF:
         """Where the image may be."""
@@ -385,7 +386,7 @@ class CameraTile(QWidget):
         if metrics.horizontalAdvance(f"{state.name}  {count}") > top.width():
             count = f"{state.dots} {mark}"
         painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, count)
-        line = theme.pt(19) if self._has_two_lines else foot
+        line = theme.pt(19 if self._has_two_lines else 22)
         bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, line)
         painter.setFont(theme.font(theme.CAPTION, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))

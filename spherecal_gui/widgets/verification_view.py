@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
 
 from spherecal_documents.scene.model import SceneData
@@ -17,7 +17,7 @@ from spherecal_gui.presenters.bars_presenter import (
 )
 from spherecal_gui.presenters.results_presenter import bar_verdict
 from spherecal_gui.standing import Level
-from spherecal_gui.widgets.basic import Card, label
+from spherecal_gui.widgets.basic import Card, add, label
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
@@ -25,6 +25,7 @@ from spherecal_gui.widgets.table import Table
 if TYPE_CHECKING:  # imports scipy
     from spherecal.verify.verification_file import BarReport
 
+_LEAST_PX = 40  # of the plot
 _MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; the plot gives way to the cameras
 
 
@@ -34,10 +35,16 @@ class VerificationView(QSplitter):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Vertical, parent)
         self.words = ("", "none")  # verdict and level
+        self._explained, self._low_px, self._rows_px = (
+            False,
+            _LEAST_PX,
+            (0, 0),
+        )  # the tables' height with one row, and with all that matter
         outcome = Card()
-        self.word = label("", "huge")
+        self.word = label("", "huge", wrap=False)
         self.word.setMinimumWidth(240)
         self.sentence = label("", "big")
+        self.sentence.installEventFilter(self)
         self.rule = label("", "soft")
         words = QHBoxLayout()
         words.addWidget(self.word)
@@ -52,28 +59,16 @@ class VerificationView(QSplitter):
         outcome.body.addWidget(self.pictures, 1)
         outcome.body.addWidget(self.rule)
         self.tables = QTabWidget()
-        self.table = Table(
-            [
-                self.tr("Length"),
-                self.tr("n"),
-                self.tr("mean error, mm"),
-                self.tr("sd, mm"),
-                self.tr("largest, mm"),
-                self.tr("±, mm"),
-                self.tr("limit, mm"),
-                self.tr("decision"),
-            ]
-        )
-        self.budget = Table(
-            [
-                self.tr("Length"),
-                self.tr("contribution"),
-                self.tr("u, mm"),
-                self.tr("share"),
-                self.tr("what would help most"),
-            ],
-            sortable=False,
-        )
+        headings = [
+            self.tr("Length"), self.tr("n"), self.tr("mean error, mm"), self.tr("sd, mm"), self.tr("largest, mm"),
+            self.tr("±, mm"), self.tr("limit, mm"), self.tr("decision"),
+        ]  # fmt: skip
+        self.table = Table(headings)
+        headings = [
+            self.tr("Length"), self.tr("contribution"), self.tr("u, mm"), self.tr("share"),
+            self.tr("what would help most"),
+        ]  # fmt: skip
+        self.budget = Table(headings, sortable=False)
         self.cameras = Table(
             [self.tr("Camera"), self.tr("views of marks"), self.tr("used"), self.tr("rms, px"), self.tr("state")]
         )
@@ -81,10 +76,26 @@ class VerificationView(QSplitter):
         self.tables.addTab(self.cameras, self.tr("Cameras"))
         self.tables.addTab(self.budget, self.tr("Budget"))
         self.tables.currentChanged.connect(self._fit_tables)
-        self.addWidget(outcome)
-        self.addWidget(self.tables)
+        add(self, outcome, self.tables)
         self.setStretchFactor(0, 3)
         self.setStretchFactor(1, 2)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """A splitter does not ask how high a sentence is in its width; without this its first line was cut off."""
+        if watched is self.sentence and event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):
+            self._give_room()
+        return super().eventFilter(watched, event)
+
+    def _give_room(self) -> None:
+        self.sentence.setMinimumHeight(max(self.sentence.heightForWidth(self.sentence.width()), 0))
+        few = self.sentence.minimumHeight() < 3 * self.sentence.fontMetrics().lineSpacing()
+        self.rule.setVisible((few or not theme.is_far()) and self._explained)
+        more = max(self.sentence.minimumHeight() - self.sentence.fontMetrics().lineSpacing(), 0)
+        far = theme.is_far()  # then the tables scroll, else the plot is lower
+        self.tables.setMinimumHeight(max(self._rows_px[0], self._rows_px[1] - (more if far else 0)))
+        low = max(self._low_px - (0 if far else more), _LEAST_PX)
+        self.errors.setMinimumHeight(low)
+        self.panel.view.setMinimumSize(200, low)
 
     def show_rig(self, data: SceneData | None) -> None:
         """The bars in the rig."""
@@ -94,20 +105,18 @@ class VerificationView(QSplitter):
     def show_bars(self, bars: "BarReport", stale: bool) -> None:
         """Show a verification."""
         verdict = bar_verdict(bars)
-        word = "  ".join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
+        between = "\n" if theme.is_far() else "  "  # in one line it would leave the sentence no room
+        word = between.join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
         self.sentence.setText(verdict.sentence)
+        self._give_room()
+        self.pictures.setVisible(bool(bars.measured))  # else axes without anything on them
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))
-        self.table.fill([[(cell, _value(cell), "") for cell in row] for row in length_cells(bars)])
-        levels = camera_levels(bars)
-        self.cameras.fill(
-            [
-                [*((cell, _value(cell), "") for cell in row[:-1]), (row[-1], row[-1], level)]
-                for row, level in zip(camera_cells(bars), levels, strict=True)
-            ]
-        )
-        self.budget.fill([[(cell, cell, "") for cell in row] for row in budget_cells(bars)])
+        self.table.fill([[*map(_cell, row)] for row in length_cells(bars)])
+        cameras = zip(camera_cells(bars), camera_levels(bars), strict=True)
+        self.cameras.fill([[*map(_cell, row[:-1]), (row[-1], row[-1], level)] for row, level in cameras])
+        self.budget.fill(budget_cells(bars))
         self._fit_tables()
 
     def _fit_tables(self) -> None:
@@ -115,15 +124,16 @@ class VerificationView(QSplitter):
         most = _MOST_FROM_AFAR if theme.is_far() else _MOST_CAMERAS if self.tables.currentIndex() == 1 else _MOST
         rows = min(self.cameras.rowCount() if self.tables.currentIndex() == 1 else self.table.rowCount(), most)
         low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
-        self.errors.setMinimumHeight(low)
-        self.panel.view.setMinimumSize(200, low)
-        self.rule.setVisible(low == 100)
+        self._low_px, self._explained = low, low == 100 and not self.pictures.isHidden()
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
-        self.tables.setMinimumHeight(self.tables.tabBar().sizeHint().height() + head + rows * row + 6)
+        none = self.tables.tabBar().sizeHint().height() + head + 6
+        self._rows_px = none + min(rows, 1) * row, none + rows * row
+        self._give_room()
 
 
-def _value(cell: str) -> float | str:
+def _cell(text: str) -> tuple[str, float | str, str]:
+    """A number is sorted by its value."""
     try:
-        return float(cell)
+        return text, float(text), ""
     except ValueError:
-        return cell
+        return text, text, ""

@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QW
 from spherecal_gui import theme
 from spherecal_gui.standing import Button, Standing
 from spherecal_gui.texts import reason_text
-from spherecal_gui.widgets.basic import button, enable, label, once
+from spherecal_gui.widgets.basic import add, button, enable, label, once
 from spherecal_gui.workflow import WorkflowState
 
 QUIET_S = 0.35  # a finger on its way cannot be called back: so long a press is not heard after a change of meaning
@@ -28,8 +28,7 @@ class Footer(QFrame):
         row.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
         self.back = once(button(self.tr("Back"), "back"))
         self.why = label("", "soft")
-        self.show_me = button(self.tr("Show me"), "show-me", "link")
-        self.show_me.clicked.connect(self._show_me)
+        self.show_me = button(self.tr("Show me"), "show-me", "link", act=self._show_me)
         self.action = once(button("", "action", "primary"))
         self.action.clicked.connect(self._pressed)
         self.action.pressed.connect(self._finger_down)
@@ -47,9 +46,7 @@ class Footer(QFrame):
         row.addWidget(self.back)
         row.addSpacing(12)
         row.addWidget(self.why, 1)
-        row.addWidget(self.show_me)
-        row.addWidget(self.action)
-        row.addWidget(self.next)
+        add(row, self.show_me, self.action, self.next)
 
     def _show_me(self) -> None:
         goal = str(self.show_me.property("goal"))

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.start_page import StartPage
 from spherecal_gui.sounds import Sounds
-from spherecal_gui.widgets.basic import Banner, label
+from spherecal_gui.widgets.basic import Banner, bare, label
 from spherecal_gui.widgets.icons import dress_icons
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.wizard.dialogs import about_dialog
@@ -92,17 +92,13 @@ class WindowFrame(QMainWindow):
 
     def _build(self) -> None:
         middle = QWidget()
-        outer = QVBoxLayout(middle)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.setSpacing(0)
+        outer = bare(QVBoxLayout(middle), 0)
         outer.addWidget(self._header())
         row = QHBoxLayout()
         row.setSpacing(0)
         self.rail = Rail()
         row.addWidget(self.rail)
-        column = QVBoxLayout()
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(0)
+        column = bare(QVBoxLayout(), 0)
         column.addLayout(self._head())
         self.stack = _Pages()
         self.start = StartPage(self.projects)
@@ -133,8 +129,7 @@ class WindowFrame(QMainWindow):
         head.setSpacing(theme.SMALL)
         self.title, self.task = label("", "title", wrap=False), label("", "task")
         self._heading = QWidget()
-        heading = QHBoxLayout(self._heading)
-        heading.setContentsMargins(0, 0, 0, 0)
+        heading = bare(QHBoxLayout(self._heading))
         heading.addWidget(self.title)
         heading.addSpacing(16)
         heading.addWidget(self.task, 1)
@@ -197,6 +192,7 @@ class WindowFrame(QMainWindow):
         self.rail.fit()
         dress_icons(self)
         self.header.dress()
+        self.banner.dress()
         self.redraw()
 
     def redraw(self) -> None:

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QWidget
 from spherecal_gui import theme
 from spherecal_gui.languages import LANGUAGES
 from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, fault_text
-from spherecal_gui.widgets.basic import Chip, Elided, button
+from spherecal_gui.widgets.basic import Chip, Elided, add, button
 from spherecal_gui.widgets.icons import give_icon, menu_icon
 
 
@@ -45,20 +45,15 @@ class Header(QFrame):
         row.addSpacing(theme.SMALL)
         row.addWidget(self.name, 3)
         row.addWidget(self.doing, 2)
-        row.addWidget(self.compiling)
-        row.addWidget(self.source)
-        row.addWidget(self.validity)
-        self.help = button(self.tr("Help  F1"), "help")
-        give_icon(self.help, "help")
-        self.more = button(self.tr("Menu"), "menu")
-        give_icon(self.more, "menu-2")
+        add(row, self.compiling, self.source, self.validity)
+        self.help = button(self.tr("Help  F1"), "help", icon="help")
+        self.more = button(self.tr("Menu"), "menu", icon="menu-2")
         self.menu = QMenu(self)
         self.menu.setToolTipsVisible(True)
         self._icons: dict[QAction, str] = {}
         self._fill(language)
         self.more.setMenu(self.menu)
-        row.addWidget(self.help)
-        row.addWidget(self.more)
+        add(row, self.help, self.more)
         self.dress()
 
     def dress(self) -> None:

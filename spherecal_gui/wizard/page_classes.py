@@ -5,12 +5,21 @@ from collections.abc import Callable
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
+from spherecal_gui.workflow import StepKind
+
+loaded: list[StepKind] = []  # kinds of step whose pages are imported, of those that `load_pages` imports
 
 
 def load_pages() -> None:
     """Import the later steps' pages in a thread of its own: the window would stand still for it, at each a little."""
-    kinds = ("placement", "calibrate", "results", "verify", "save")
-    threading.Thread(target=lambda: [page_class(kind) for kind in kinds], name="pages", daemon=True).start()
+    kinds: tuple[StepKind, ...] = ("placement", "scale", "calibrate", "results", "verify", "save")
+
+    def load() -> None:
+        for kind in kinds:
+            page_class(kind)
+            loaded.append(kind)
+
+    threading.Thread(target=load, name="pages", daemon=True).start()
 
 
 def page_class(kind: str) -> Callable[[Controller], Page]:

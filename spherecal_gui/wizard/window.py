@@ -25,8 +25,8 @@ from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dial
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys, Onward
 from spherecal_gui.wizard.limits_viewer import show_limits, take_over_limits
-from spherecal_gui.wizard.page_classes import load_pages, page_class
-from spherecal_gui.workflow import Status, Step
+from spherecal_gui.wizard.page_classes import load_pages, loaded, page_class
+from spherecal_gui.workflow import Status, Step, StepKind
 
 _TICK_MS = 100
 _LOOK_EVERY = 10  # ticks between two looks for the project's folder
@@ -255,21 +255,35 @@ class WizardWindow(WindowFrame):
         self.start.close_profile()
         self.title.setText(step_title(step))
         self.task.setText(step_task(step))
-        page = self.pages.get(step.kind)
+        self.page = page = self._page_of(step.kind)
+        self.stack.setCurrentWidget(page)
+        page.enter(step)
+        self.setFocus()
+
+    def _page_of(self, kind: StepKind) -> Page:
+        """The page of a kind of step, made where it is not there yet."""
+        page = self.pages.get(kind)
         if page is None:
-            page = page_class(step.kind)(self.controller)
+            page = self.pages[kind] = page_class(kind)(self.controller)
             page.action_changed.connect(self._show_buttons)
             page.finished.connect(self.show_start)
             page.bench_wanted.connect(self.edit_bench)
             page.recording_wanted.connect(self.start.choose_recording)
-            self.pages[step.kind] = page
             if (layout := page.layout()) is not None:  # in one line with heading and footer
                 layout.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
             self.stack.addWidget(page)
-        self.page = page
-        self.stack.setCurrentWidget(page)
-        page.enter(step)
-        self.setFocus()
+        return page
+
+    def _make_ahead(self) -> None:
+        """One of the pages to come, while images are captured or computed with: nobody presses anything then."""
+        state = self.controller.state
+        if state is None or self.controller.runner.running is None:
+            return
+        for kind in (one.step.kind for one in state.steps):
+            if kind not in self.pages and kind in loaded:
+                for one in self._page_of(kind).findChildren(QWidget):
+                    one.ensurePolished()
+                return
 
     def _show_buttons(self) -> None:
         state = self.controller.state
@@ -344,6 +358,7 @@ class WizardWindow(WindowFrame):
         self._ticks += 1
         if self._ticks % _LOOK_EVERY == 0:
             self.controller.look_for_folder()
+            self._make_ahead()
         if self.page is not None:
             self.page.tick()
         if (lost := self.controller.cameras.lost()) != self._lost:
@@ -379,7 +394,8 @@ class WizardWindow(WindowFrame):
             if task is not None:
                 task.usual_s = expected_s(read_durations(self.settings.text(f"pace-{kind_of(task.name)}")))
         self.controller.computation.follow()
-        shown = self.page is not None and self.page.said().left  # the page says it, large
+        here = task is not None and self._shown_step is not None and task.name == self._shown_step.id
+        shown = here or (self.page is not None and self.page.said().left)  # the page says it, large
         self._tell_doing("" if shown else self.controller.progress_text())
 
     def _tell_doing(self, text: str) -> None:

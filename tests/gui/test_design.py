@@ -11,9 +11,9 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtCore import QEvent, QSize
+from PySide6.QtCore import QEvent, QSize, Qt
 from PySide6.QtGui import QFontInfo
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QAbstractButton, QFileDialog, QLabel, QWidget
 
 from spherecal.base.resources import resource_path
 from spherecal_documents.scene.model import ramp
@@ -152,3 +152,25 @@ def test_a_look_that_is_on_already_is_not_put_on_again(qapp, qtbot):
     assert qapp.palette().window().color().name() == theme.DARK.window
     theme.apply(qapp, dark=False)
     assert theme.font(theme.BODY) == small
+
+
+@pytest.mark.parametrize(("dark", "far"), list(product((False, True), repeat=2)))
+def test_every_button_of_the_file_dialog_shows_what_it_does(qapp, qtbot, tmp_path, dark, far):
+    """The padding of our buttons once left no room for Qt's icons: six blank buttons."""
+    theme.apply(qapp, dark, far)
+    dialog = QFileDialog(None, "", str(tmp_path))
+    dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
+    qtbot.addWidget(dialog)
+    dialog.show()
+    shown = [one for one in dialog.findChildren(QAbstractButton) if one.isVisible()]
+    assert len(shown) >= 8
+    for one in shown:
+        assert one.text().strip() or not one.icon().isNull(), one.objectName()
+        one.setEnabled(True)
+        for focused in (False, True):
+            one.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+            (one if focused else dialog).setFocus()
+            qapp.processEvents()
+            inner = one.grab(one.rect().adjusted(5, 5, -5, -5)).toImage()
+            tints = {inner.pixel(x, y) for x in range(inner.width()) for y in range(inner.height())}
+            assert len(tints) > 5, f"{one.objectName() or one.text()} is blank, focused: {focused}"

@@ -122,7 +122,7 @@ def test_a_calibration_that_fails_names_the_file_and_keeps_everything(wizard, sa
     assert wizard.computation.calibrate()
     settle(wizard)
     assert status(wizard, "calibrate") is Status.FAILED
-    assert "C03.png" in said[-1][1]
+    assert "C03.png" in said[-1][1] and "Retake P2" in said[-1][2]
     assert not wizard.project.result_folder.exists()
     assert set(wizard.project.taken) == {"P1", "P2", "P3", *wizard.project.scale_poses}
     image.write_bytes(kept)

@@ -284,8 +284,13 @@ def test_a_bar_that_is_not_there_is_said_before_and_after_measuring(opened):
     assert controller.project.verified.verdict == "no data"
     assert status(controller, "verify") is Status.CARE
     assert page.outcome.word.text() == "NO DATA"
+    assert page.outcome.sentence.text().endswith("capture them again.") and page.outcome.pictures.isHidden()
+    assert opened.banner.isHidden(), "the page says it"
     found = json.loads((controller.project.result_folder / "verification.json").read_text())["findings"]
     assert "mark-not-found" in {one["code"] for one in found}
+    assert page.standing().default == "action" and page.action().does == "retake"
+    page.act()
+    assert page.current == pose and page.outcome.isHidden()
 
 
 @pytest.mark.parametrize("opened", ["placement:P2"], indirect=True)

@@ -85,5 +85,6 @@ BASE = GuidanceView(0.2, 0.1)
 def test_the_forecast_turns_green_when_more_would_not_help():
     assert now_text(BASE) == ("If you stop now: 500 ± 0.200 mm", "caution")
     assert now_text(replace(BASE, next_mm=0.19))[1] == "good"
+    assert now_text(replace(BASE, next_mm=None))[1] == "none", "green under the order to move the ball"
     assert next_text(BASE) == "With this placement: 500 ± 0.100 mm"
     assert next_text(replace(BASE, next_mm=None)) == ""

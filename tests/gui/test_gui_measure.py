@@ -103,6 +103,18 @@ def test_two_chosen_points_give_their_distance(qtbot, page):
     assert page._shown.values[0].kind == "distance"
 
 
+def test_points_alone_ask_for_a_choice_in_place_of_empty_axes(qtbot, page):
+    page.controller.cameras.connection.source.show("P1")
+    qtbot.waitUntil(
+        lambda: ticking(page, lambda: page.points.count() > 20 and not page._shown.values), timeout=PATIENCE_MS
+    )
+    assert page.table.isHidden() and page.chart.isHidden()
+    assert page.large.text().startswith("Choose two points")
+    page.controller.cameras.connection.source.show("A-01")
+    qtbot.waitUntil(lambda: ticking(page, lambda: bool(page._shown.values)), timeout=PATIENCE_MS)
+    assert not page.table.isHidden() and not page.chart.isHidden()
+
+
 def test_leaving_the_page_ends_the_measurement_and_writes_what_was_recorded(qtbot, page, tmp_path):
     qtbot.waitUntil(lambda: ticking(page, lambda: page._shown is not None), timeout=PATIENCE_MS)
     page.act()

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,24 +16,32 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtWidgets import QLabel, QPushButton
 
 from spherecal_cameras.protocol import CameraState, CameraStatus, Counters
 from spherecal_cameras.simulated.camera_faults import SimulatedFault
+from spherecal_gui.controllers import project_controller
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.import_dialog import ImportDialog
+from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.verify_page import VerifyPage
 from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.connect_presenter import connect_summary
 from spherecal_gui.presenters.drivers_presenter import DriverNote
 from spherecal_gui.presenters.look_presenter import summary, tile_state
+from spherecal_gui.presenters.results_presenter import FindingAdvice
 from spherecal_gui.presenters.start_presenter import project_lines
+from spherecal_gui.presenters.step_states import ResultFacts, SaveFacts, results_says, save_says
 from spherecal_gui.project import Project
-from spherecal_gui.project_folder import is_project
+from spherecal_gui.project_folder import is_project, load_project
+from spherecal_gui.standing import Part
 from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
-from spherecal_gui.texts import reason_text, status_word
+from spherecal_gui.texts import moved_text, reason_text, status_word
+from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.thumbnail import Thumbnail
+from spherecal_gui.widgets.verification_view import VerificationView
+from spherecal_gui.wizard import page_classes
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Reason, Running, Status, Step, StepState, resolve
 from tests.gui_walking import begun, pump, settle, take, words_shown
@@ -310,8 +319,6 @@ def test_the_footer_does_not_jump(window):
 
 
 def test_writing_the_report_shows_that_it_writes_and_can_be_cancelled(window, monkeypatch):
-    from spherecal_gui.presenters.step_states import SaveFacts, save_says
-
     said = save_says(SaveFacts(running="save", left="3 s"))
     assert said.button is not None and said.button.does == "cancel" and said.left == "3 s"
 
@@ -351,6 +358,105 @@ def test_where_the_bar_goes_is_said_before_what_was_measured_once(window, monkey
     monkeypatch.setattr(VerifyPage, "shows_outcome", False)
     stale = StepState(Step("verify", "verify"), Status.STALE, Reason("changed", ("L1-1",), "verify"))
     assert page._step_part(stale).level == "none"
+    undecided = StepState(Step("verify", "verify"), Status.CARE, Reason("undecided", (), "verify"))
+    assert page._step_part(undecided) == Part("caution"), "its colour, and the words of the pose"
     monkeypatch.setattr(VerifyPage, "shows_outcome", True)
     assert page._step_part(stale).level == "caution"
+    assert page._step_part(undecided).text
     page.close_page()
+
+
+# seen in the pictures of every page
+
+
+def test_a_computation_that_was_stopped_is_computed_again_by_the_large_button():
+    said = results_says(ResultFacts(("NOT VALID", "bad", False), stopped=True))
+    assert said.button is not None and said.button.does == "calibrate" and said.button.enabled
+
+
+def test_a_verification_that_decided_nothing_is_not_called_missing():
+    said = save_says(SaveFacts(verified=False, undecided=True, why_not="A reason."))
+    assert said.text == "Not saved yet; its verification decided nothing" and said.level == "caution"
+    assert save_says(SaveFacts(verified=False)).text == "Not saved yet; not verified"
+
+
+def test_a_button_is_named_with_its_page_where_it_is_not_on_this_one():
+    """Check said "press Fixed again" and had no such button."""
+    assert moved_text(("C05",)).endswith("press “Fixed again”.")
+    assert moved_text(("C05",), here=False).endswith("press “Fixed again” at Camera check.")
+
+
+def test_what_to_do_about_a_verification_that_failed_is_not_cut_off(qtbot):
+    """With large text the first and the last line of it were out of sight."""
+    view = VerificationView()
+    qtbot.addWidget(view)
+    view.resize(700, 420)
+    view.show()
+    view.sentence.setText("Do not use the rig. Compare the lengths of both bars with their certificates. " * 3)
+    pump(lambda: view.sentence.minimumHeight() > 3 * view.sentence.fontMetrics().lineSpacing())
+    assert view.sentence.height() >= view.sentence.heightForWidth(view.sentence.width())
+
+
+def test_the_bar_of_a_capture_lies_over_nothing(window):
+    """The style's least height was more than the page's fixed one: it covered the tops of the images."""
+    page = PlacementPage(window.controller)
+    page.resize(1000, 620)
+    page.show()
+    page.hold.show()
+    pump(lambda: page.hold.width() > 900)
+    assert page.hold.height() <= page.hold.maximumHeight() == 8
+    page.close_page()
+
+
+def test_what_is_no_advice_stands_under_nothing_to_complain_about(qtbot):
+    shown = FindingsList()
+    qtbot.addWidget(shown)
+    shown.show_advice([FindingAdvice("none", "Some dots were left out", "", "")])
+    assert "Nothing to complain about." in words_of(shown)
+    shown.show_advice([FindingAdvice("bad", "The computation was stopped", "", "")])
+    assert "Nothing to complain about." not in words_of(shown)
+
+
+def words_of(widget: Any) -> list[str]:
+    return [one.text() for one in widget.findChildren(QLabel) if not one.isHidden()]
+
+
+def test_a_key_without_figures_is_not_shown(window):
+    page = PlacementPage(window.controller)
+    page.resize(1600, 1000)
+    page.now.setText("If you stop now: being worked out")
+    page._show_keys()
+    assert page.guide_key.isHidden()
+    page.now.setText("If you stop now: 500 ± 0.200 mm")
+    page._show_keys()
+    assert not page.guide_key.isHidden()
+    page.close_page()
+
+
+def test_pages_to_come_are_made_while_images_are_captured(window):
+    """Opening Results or Verify for the first time held the window for half a second."""
+    at_placement(window)
+    pump(lambda: {"calibrate", "results", "verify", "save"} <= set(page_classes.loaded))
+    assert "verify" not in window.pages
+    release = threading.Event()
+    window.controller.runner.start("waiting", lambda _: release.wait(), lambda _: None, lambda _: None)
+    shown = window.page
+    pump(lambda: {"scale", "calibrate", "results", "verify", "save"} <= set(window.pages))
+    assert window.page is shown and window.stack.currentWidget() is shown
+    release.set()
+    settle(window.controller)
+
+
+def test_a_step_is_written_beside_the_window_and_the_newest_project_wins(window, monkeypatch):
+    controller = at_placement(window)
+    folder, slow = controller.project.folder, threading.Event()
+    writes = project_controller.save_project
+    monkeypatch.setattr(project_controller, "save_project", lambda project: (slow.wait(), writes(project)))
+    controller.go("placement:P2")  # does not wait for the disk
+    assert controller.project.step == "placement:P2" and load_project(folder).step != "placement:P2"
+    slow.set()
+    pump(lambda: load_project(folder).step == "placement:P2")
+    controller.go("placement:P3")
+    controller.go("placement:P4")
+    controller.close_project()
+    assert load_project(folder).step == "placement:P4"

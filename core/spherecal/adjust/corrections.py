@@ -242,7 +242,7 @@ def _part(
         if problem.n_placements:
             theirs = np.concatenate([theirs, linear.by_placement[k]], axis=2)
         at, others = np.searchsorted(effects, met_here), np.searchsorted(columns, moved_here)
-        flat, flat_x = values.reshape(-1, len(at)), theirs.reshape(-1, len(others))
+        flat, flat_x = values.reshape(2 * len(k), len(at)), theirs.reshape(2 * len(k), len(others))
         own[np.ix_(at, at)] += flat.T @ flat
         by_columns[np.ix_(others, at)] += flat_x.T @ flat
         residual = linear.residual[k]
@@ -256,13 +256,13 @@ def _part(
     known = inverse[:, 0, 0] > 0  # observed, and not kept
     root = np.linalg.cholesky(np.where(known[:, None, None], inverse, np.eye(3))) * known[:, None, None]
     across = root.transpose(0, 2, 1)
-    white, white_x = (across @ by_effects).reshape(-1, s), (across @ by_others).reshape(-1, t)
+    white, white_x = (across @ by_effects).reshape(3 * len(points), s), (across @ by_others).reshape(-1, t)
     white_g = (across @ of_points[:, :, None]).ravel()
     own -= white.T @ white
     by_columns -= white_x.T @ white
     gradient -= white.T @ white_g
     of_columns -= white_x.T @ white_g
-    shifts = -(root @ white.reshape(-1, 3, s)).reshape(-1, s)
+    shifts = -(root @ white.reshape(len(points), 3, s)).reshape(3 * len(points), s)
     for number, at in zip(kept, np.searchsorted(columns, ends), strict=True):
         by_columns[at] += by_effects[np.flatnonzero(points == problem.kept_points[number])[0]]
     own_rows = (3 * points[:, None] + np.arange(3)).ravel()

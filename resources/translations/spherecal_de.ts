@@ -4767,7 +4767,7 @@ mm</translation>
     </message>
     <message>
         <source>More poses</source>
-        <translation>Weitere Lagen</translation>
+        <translation>Mehr Lagen</translation>
     </message>
     <message>
         <source>Permitted length error (mm)</source>

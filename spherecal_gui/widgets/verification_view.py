@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # imports scipy
     from spherecal.verify.verification_file import BarReport
 
 _LEAST_PX = 40  # of the plot
+_LOWEST_PX = -20  # two lines more, and it leaves its room to the tables
 _MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; the plot gives way to the cameras
 
 
@@ -35,11 +36,8 @@ class VerificationView(QSplitter):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Vertical, parent)
         self.words = ("", "none")  # verdict and level
-        self._explained, self._low_px, self._rows_px = (
-            False,
-            _LEAST_PX,
-            (0, 0),
-        )  # the tables' height with one row, and with all that matter
+        self._explained = self._measured = False
+        self._low_px, self._rows_px = _LEAST_PX, (0, 0)  # the tables' height with one row, and with all that matter
         outcome = Card()
         self.word = label("", "huge", wrap=False)
         self.word.setMinimumWidth(240)
@@ -94,6 +92,7 @@ class VerificationView(QSplitter):
         far = theme.is_far()  # then the tables scroll, else the plot is lower
         self.tables.setMinimumHeight(max(self._rows_px[0], self._rows_px[1] - (more if far else 0)))
         low = max(self._low_px - (0 if far else more), _LEAST_PX)
+        self.pictures.setVisible(self._measured and (far or self._low_px - more >= _LOWEST_PX))
         self.errors.setMinimumHeight(low)
         self.panel.view.setMinimumSize(200, low)
 
@@ -109,8 +108,8 @@ class VerificationView(QSplitter):
         word = between.join([verdict.word, self.tr("(out of date)")]) if stale else verdict.word
         self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
         self.sentence.setText(verdict.sentence)
+        self._measured = bool(bars.measured)  # else axes without anything on them
         self._give_room()
-        self.pictures.setVisible(bool(bars.measured))  # else axes without anything on them
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))
         self.table.fill([[*map(_cell, row)] for row in length_cells(bars)])
@@ -124,7 +123,7 @@ class VerificationView(QSplitter):
         most = _MOST_FROM_AFAR if theme.is_far() else _MOST_CAMERAS if self.tables.currentIndex() == 1 else _MOST
         rows = min(self.cameras.rowCount() if self.tables.currentIndex() == 1 else self.table.rowCount(), most)
         low = 60 if most == _MOST_CAMERAS else 100  # the tables need room at 800 px
-        self._low_px, self._explained = low, low == 100 and not self.pictures.isHidden()
+        self._low_px, self._explained = low, low == 100 and self._measured
         row, head = self.table.verticalHeader().defaultSectionSize(), self.table.horizontalHeader().sizeHint().height()
         none = self.tables.tabBar().sizeHint().height() + head + 6
         self._rows_px = none + min(rows, 1) * row, none + rows * row

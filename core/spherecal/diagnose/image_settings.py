@@ -25,12 +25,12 @@ def image_settings(session: Session) -> list[Finding]:
             for place in (*session.placements, *session.bar_poses)
             if camera.id in place.images and (facts := _facts(place.images[camera.id])) is not None
         ]
-        for kind in ("serial", "size", "offset"):
-            change = _change([(place, getattr(facts, kind)) for place, facts in shown])
+        for kind in ("image-serial", "image-size", "image-offset"):
+            change = _change([(place, getattr(facts, kind.removeprefix("image-"))) for place, facts in shown])
             if change is not None:
                 place, before, now = change
                 what = {"before": _words(before), "now": _words(now)}
-                values = {"camera": camera.id, "place": place, "what": Phrase(f"image-{kind}", what)}
+                values = {"camera": camera.id, "place": place, "what": Phrase(kind, what)}
                 found.append(Finding("image-settings", "warning", values, (camera.id, place)))
                 break
     return found

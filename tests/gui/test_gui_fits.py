@@ -189,6 +189,7 @@ def faults_at(window: WizardWindow, large: bool) -> list[str]:
         if tabs is not None:
             tabs.setCurrentIndex(index)
         here = f"{'large text, ' if large else ''}tab {index}: "
+        now: list[str] = []
         for _ in range(2):  # an instruction that comes between layout and look has its room at the second look
             settled(window)
             now = [here + one for one in (both_ways(window) if large else incomplete(window))]

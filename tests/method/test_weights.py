@@ -150,5 +150,4 @@ def test_a_whole_calibration_bears_a_blurred_camera() -> None:
         if b.sigma is not None and c.sigma is not None
     ]
     assert ratio[BLURRED] > 1.2
-    # fields that may be there are as large for all, and larger where one camera says little of them
-    assert ratio[BLURRED] > 1.05 * max(np.delete(ratio, BLURRED))
+    assert ratio[BLURRED] > 1.1 * max(np.delete(ratio, BLURRED))

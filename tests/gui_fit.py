@@ -1,6 +1,6 @@
 """What does not fit on the screen: scrolled, cut short, out of sight, or over something else."""
 
-from PySide6.QtCore import QCoreApplication, QPoint, QRect, Qt
+from PySide6.QtCore import QCoreApplication, QEvent, QPoint, QRect, Qt
 from PySide6.QtGui import QFontMetrics
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -23,6 +23,7 @@ def settled(window: QWidget) -> None:
     """A layout asks for its size round after round."""
     for _ in range(6):
         QCoreApplication.processEvents()
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.LayoutRequest.value)  # of words that came as the last event
 
 
 def scrolled(window: QWidget) -> list[tuple[str, bool, bool]]:

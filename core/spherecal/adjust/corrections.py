@@ -393,8 +393,8 @@ def _not_excluded(design: Design, effects: Effects, variances: FloatArray, adjus
     """The variances (parts,) with fields of the largest common amplitude that the data hardly speak against.
 
     Long lenses whose balls covered 23 % of the images (seed 1093) had fields of 0.03 px, which lowered -2 log of the
-    likelihood by 23: a camera was 3.9 times its U off. What
-    gains more than fields that are taken, and was not taken, is something else: a ball that bends by 0.02 mm, 159.
+    likelihood by 23: a camera was 3.9 times its U off. What gains more than fields that are taken, and was not taken,
+    is something else: a ball that bends by 0.02 mm, 159.
     """
     squared = (design.kind == FIELD) / max(adjusted.variance, LEAST_VARIANCE)
     px, before, least = 0.0, 0.0, np.inf

@@ -42,7 +42,8 @@ class VerificationView(QSplitter):
         self.word = label("", "huge", wrap=False)
         self.word.setMinimumWidth(240)
         self.sentence = label("", "big")
-        self.sentence.installEventFilter(self)
+        for watched in (outcome, self.sentence):  # another text is asked of the card, another width of the label
+            watched.installEventFilter(self)
         self.rule = label("", "soft")
         words = QHBoxLayout()
         words.addWidget(self.word)
@@ -80,7 +81,7 @@ class VerificationView(QSplitter):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """A splitter does not ask how high a sentence is in its width; without this its first line was cut off."""
-        if watched is self.sentence and event.type() in (QEvent.Type.Resize, QEvent.Type.LayoutRequest):
+        if event.type() == (QEvent.Type.Resize if watched is self.sentence else QEvent.Type.LayoutRequest):
             self._give_room()
         return super().eventFilter(watched, event)
 

@@ -76,6 +76,11 @@ def has_fewer_faults(one: Calibration, other: Calibration) -> bool:
     return one.rig.quality.valid or _faults(one) < _faults(other)
 
 
+def moves_are_all(calibration: Calibration) -> bool:
+    """Whether a calibration is not valid by moved cameras, and by nothing else."""
+    return {code for code, _ in _named(calibration)} == {"camera-moved"}
+
+
 def _named(calibration: Calibration) -> set[tuple[str, tuple[str, ...]]]:
     """What makes a calibration not valid, and where."""
     return {(f.code, f.where) for f in calibration.rig.quality.findings if effect(f) == "not-valid"}

@@ -177,6 +177,8 @@ def test_link_that_leaves_the_folder(tmp_path: Path) -> None:
 BAD_LINES = [
     # line of the table (0 is the header), its text, what the message must name
     (0, "placement,camera,target,point,v,u", ["line 1", "placement,camera,target,point,u,v"]),
+    (0, "placement;camera;target;point;u;v", ["line 1", "commas between the columns and decimal points"]),
+    (0, "u,v,placement,camera,target,point", ["line 1", "placement,camera,target,point,u,v"]),
     (0, "", ["line 1"]),
     (1, "P9,C01,1,A,100,200,0.04,0.04", ["line 2", "column placement", "P9"]),
     (2, "P1,C09,1,A,100,200,0.04,0.04", ["line 3", "column camera", "C09"]),
@@ -194,7 +196,7 @@ BAD_LINES = [
     (2, "P1,C02,1,A,100,200", ["line 3", "6 fields"]),
     (2, "", ["line 3", "empty"]),
     (2, "P1,C01,1,A,100,200,0.04,0.04", ["line 3", "line 2", "same dot"]),
-    (2, "P1,C02,1,A,1\x000,200,0.04,0.04", ["line 3", "null"]),
+    (2, "P1,C02,1,A,1\x000,200,0.04,0.04", ["line 3", "not UTF-8"]),
     (2, "P1,C02,1,A,1" + "0" * 500 + ",200,0.04,0.04", ["line 3", "bytes"]),
 ]
 

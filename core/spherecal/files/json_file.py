@@ -294,12 +294,13 @@ def check_lines(path: Path, data: bytes) -> None:
 
 
 def decode(path: Path, data: bytes) -> str:
-    """The text of UTF-8 data, a byte order mark dropped."""
+    """The text of UTF-8 data, a byte order mark dropped; no text has zeros, but UTF-16 and packed arrays do."""
     try:
-        return data.decode("utf-8-sig")
+        if (wrong := data.find(b"\0")) < 0:
+            return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(Phrase("error-not-utf8", {"file": path, "line": line})) from None
+        wrong = error.start
+    raise InputError(Phrase("error-not-utf8", {"file": path, "line": data.count(b"\n", 0, wrong) + 1}))
 
 
 def parse_json(data: bytes) -> object:

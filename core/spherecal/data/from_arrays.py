@@ -320,7 +320,7 @@ def _rows(places: Places) -> Mapping[str, Sequence[Any]]:
 
 def _table(given: Any, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]:
     if missing := [name for name in ("camera", "target", "u", "v") if name not in keys]:
-        raise InputError(f"The table of observations lacks the column {' and '.join(missing)}.", _FORMS)
+        raise InputError(f"The table of observations has no column {' and no column '.join(missing)}.", _FORMS)
     if len(set(SIGMA_COLUMNS) & set(keys)) == 1:
         raise InputError("The table of observations has only one of the columns sigma_u and sigma_v.", "Give both.")
     n = len(given["u"])

@@ -138,6 +138,13 @@ def test_bad_json(tmp_path: Path, text: str, words: list[str]) -> None:
         assert word in message
 
 
+def test_what_never_was_json_is_not_cut_off(tmp_path: Path) -> None:
+    make_session(tmp_path)
+    (tmp_path / "session.json").write_text("import numpy\n")
+    message = complaint(lambda: read_session(tmp_path))
+    assert "not valid JSON" in message and "cut off" not in message
+
+
 def test_no_utf8_names_the_line(tmp_path: Path) -> None:
     make_session(tmp_path)
     (tmp_path / "session.json").write_bytes(b'{\n"format": "\xff"}')

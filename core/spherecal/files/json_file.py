@@ -329,7 +329,7 @@ def read_json(path: Path, format_name: str, version: int, below: Path | None = N
             _check_strict(document)  # finds the place
     except json.JSONDecodeError as error:
         values = {"file": path, "line": error.lineno, "column": error.colno, "why": error.msg}
-        whole = text.rstrip().endswith("}")
+        whole = text.rstrip().endswith("}") or text.lstrip()[:1] not in ("{", "[", "")  # or something else altogether
         raise InputError(Phrase("error-not-json" if whole else "error-json-cut-off", values)) from None
     except RecursionError:
         raise InputError(Phrase("error-nested-json", {"file": path})) from None

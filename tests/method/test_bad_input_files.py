@@ -153,7 +153,7 @@ def test_no_utf8_names_the_line(tmp_path: Path) -> None:
 
 def test_missing_things(tmp_path: Path) -> None:
     assert "nowhere" in complaint(lambda: read_session(tmp_path / "nowhere"))
-    assert "session.json" in complaint(lambda: read_session(tmp_path))
+    assert "contains no session.json. spherecal session new makes" in complaint(lambda: read_session(tmp_path))
     (tmp_path / "session.json").mkdir()
     assert "session.json" in complaint(lambda: read_session(tmp_path))
 

@@ -406,15 +406,10 @@ def _numbers(values: Sequence[Any], name: str) -> FloatArray:
     try:
         return np.asarray(values, dtype=float).reshape(len(values))
     except (TypeError, ValueError):
-        wrong = next((value for value in values if not _is_number(value)), values)
-        raise InputError(f"The column {name} has {_shown(wrong)}, which is not a number.") from None
-
-
-def _is_number(value: Any) -> bool:
-    try:
-        return np.ndim(float(value)) == 0
-    except (TypeError, ValueError):
-        return False
+        if len(values) > 1:  # which one it is
+            for value in values:
+                _numbers([value], name)
+        raise InputError(f"The column {name} has {_shown(values[0])}, which is not a number.") from None
 
 
 def _whole_numbers(values: Sequence[Any]) -> IntArray:

@@ -88,9 +88,11 @@ SYSTEM_LIBRARIES = {
 }
 
 
-# Program -> Debian package: for the test that clicks in a real window (gui/test_gui_end_to_end.py), and fonts for
-# the pictures of the window in Chinese. Without them that test is skipped and says so.
-TEST_PROGRAMS = {"Xvfb": "xvfb", "xdotool": "xdotool", "nft": "nftables", "tc": "iproute2", "pkg-config": "pkg-config"}
+# Program -> Debian package: for tests in a real window, on a simulated network and with compiled drivers, and fonts for
+# the pictures of the window in Chinese. Without them those tests are skipped and say so.
+TEST_PROGRAMS = {
+    "Xvfb": "xvfb", "xdotool": "xdotool", "nft": "nftables", "tc": "iproute2", "pkg-config": "pkg-config", "g++": "g++",
+}  # fmt: skip
 TEST_HEADERS = {"/usr/include/aravis-0.8/arv.h": "libaravis-dev"}
 CJK_FONTS = "fonts-noto-cjk"
 
@@ -482,7 +484,7 @@ def ensure_test_programs() -> None:
     if not sys.platform.startswith("linux") or not missing or apt_install(missing):
         return
     if shutil.which("apt-get"):
-        say(f"Tests in a real window or on a simulated network are skipped; they need:\n\n    {apt_line(missing)}\n")
+        say(f"Some tests are skipped (windows, networks, compiled drivers); they need:\n\n    {apt_line(missing)}\n")
 
 
 def kernels_wanted() -> str:

@@ -3,6 +3,7 @@
 Arrays, and what else an annotation leaves open, are checked where they are used, with their shapes.
 """
 
+import contextlib
 import functools
 import inspect
 import os
@@ -18,28 +19,23 @@ from spherecal.data.from_arrays import of_kind
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_NUMBERS: dict[Any, tuple[type, ...]] = {
-    float: (int, float, np.integer, np.floating),
-    int: (int, np.integer),
-    bool: (bool, np.bool_),
-}
+_KINDS: dict[Any, tuple[type, ...]] = {
+    bool: (bool, np.bool_), int: (int, np.integer), float: (int, float, np.integer, np.floating),
+    tuple: (tuple, list, np.ndarray), Literal: (str,),
+}  # fmt: skip
 _WORDS = {
     bool: "True or False", int: "a whole number", float: "a number", str: "a string", Mapping: "a dict",
     os.PathLike: "a path (a string or Path)", NoneType: "None", datetime: "a datetime",
 }  # fmt: skip
 _BY_NAME = {"image_size": "(width, height) in px, for all cameras or by camera"}
-_FILES = {
-    "Rig": "a Rig, or the path of a rig.json or result folder",
-    "Session": "a Session, or the path of its folder",
-    "TargetSet": "a TargetSet, or the path of a targets.json",
-}
+_FILES = {"Rig": "a rig.json or result folder", "Session": "its folder", "TargetSet": "a targets.json"}
 _MADE_BY = {
     "BallProfile": "load_ball reads one", "Body": "load_body reads one", "Calibration": "calibrate_session gives one",
     "CalibrationSettings": "such as CalibrationSettings(method='rigid')", "Context": "such as Context(on_progress)",
     "LengthLimit": "also as '0.03+L/20000'", "RegisteredBar": "load_bars reads them", "Rig": "load_rig reads one",
     "Scale": "such as Scale('bar', bar='B1'); the ball's diameter is sphere_diameter_mm",
-    "SimulationOptions": "such as SimulationOptions(targets=80)", "TargetSet": "load_targets reads one",
-    "UserFrame": "load_frame reads one", "Verification": "verify_rig gives one",
+    "Session": "load_session reads one", "SimulationOptions": "such as SimulationOptions(targets=80)",
+    "TargetSet": "load_targets reads one", "UserFrame": "load_frame reads one", "Verification": "verify_rig gives one",
 }  # fmt: skip
 
 
@@ -51,59 +47,26 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(function)
     def inner(*args: P.args, **kwargs: P.kwargs) -> R:
         hints.update({} if hints else get_type_hints(function))
-        try:
-            given = signature.bind_partial(*args, **kwargs).arguments
-        except TypeError:
-            return function(*args, **kwargs)  # Python says which argument is unknown
-        for name, value in given.items():
-            _check(name, value, hints[name])
+        with contextlib.suppress(TypeError):  # Python says which argument is unknown
+            for name, value in signature.bind_partial(*args, **kwargs).arguments.items():
+                _check(name, value, hints[name])
         return function(*args, **kwargs)
 
     return inner
 
 
 def _check(name: str, value: Any, hint: Any) -> None:
-    members = _members(hint)
-    if not all(_is_known(one) for one in members):
-        return
-    of_kind(name, value, tuple(kind for one in members for kind in _kinds(one)), _BY_NAME.get(name) or _wanted(members))
-    for one in members:
-        item = get_args(one)[0] if get_origin(one) is Sequence else str
-        if isinstance(item, type) and item is not str and isinstance(value, Sequence):
-            for each in value:
-                of_kind(f"Each item of {name}", each, item, _word(item))
-
-
-def _kinds(hint: Any) -> tuple[type, ...]:
-    origin = get_origin(hint) or hint
-    also: dict[Any, tuple[type, ...]] = {tuple: (tuple, list, np.ndarray), Literal: (str,), **_NUMBERS}
-    return also.get(origin, (origin,))
-
-
-def _members(hint: Any) -> tuple[Any, ...]:
-    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-
-
-def _is_known(hint: Any) -> bool:
-    """Whether isinstance can tell: arrays, protocols and type variables are left to the function."""
-    origin = get_origin(hint) or hint
-    if origin is Literal:
-        return True
-    return (
-        isinstance(origin, type) and origin not in (object, np.ndarray) and not getattr(origin, "_is_protocol", False)
-    )
-
-
-def _wanted(members: Sequence[Any]) -> str:
-    """The kinds in words: "a Rig, or the path of a rig.json or result folder"."""
+    members = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     origins = [get_origin(one) or one for one in members]
-    paths = os.PathLike in origins
-    said = []
-    of_file = any(origin.__name__ in _FILES for origin in origins)
-    for one, origin in zip(members, origins, strict=True):
-        if not (paths and (origin is str or (origin is os.PathLike and of_file))):
-            said.append(_FILES[origin.__name__] if paths and origin.__name__ in _FILES else _word(one))
-    return " or ".join(said)
+    if any(o in (object, np.ndarray, Any) or getattr(o, "_is_protocol", isinstance(o, TypeVar)) for o in origins):
+        return  # isinstance cannot tell: left to the function
+    said = " or ".join(map(_word, members)).replace("a string or a path", "a path")
+    for made, place in _FILES.items():
+        said = said.replace(f" ({_MADE_BY[made]}) or {_WORDS[os.PathLike]}", f", or the path of {place}")
+    of_kind(name, value, tuple(kind for o in origins for kind in _KINDS.get(o, (o,))), _BY_NAME.get(name, said))
+    for item in [get_args(one)[0] for one in members if get_origin(one) is Sequence and isinstance(value, Sequence)]:
+        for each in value if isinstance(item, type) and item is not str else ():
+            of_kind(f"Each item of {name}", each, item, _word(item))
 
 
 def _word(hint: Any) -> str:

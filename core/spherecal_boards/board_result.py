@@ -59,7 +59,7 @@ def assemble_fit(
     ordered = ruled(
         [replace(f, values={**f.values, **_on_a_length(scale)}) if f.code in of_scale else f for f in findings]
     )
-    size = np.linalg.norm(fit.residual[fit.used], axis=1)
+    size = np.linalg.norm(fit.residual[fit.used & np.isfinite(fit.residual[:, 0])], axis=1)  # NaN behind a camera
     quality = Quality(
         valid=is_valid(ordered),
         rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
@@ -138,6 +138,7 @@ def _on_a_length(scale: RigScale) -> dict[str, float]:
 def _camera(session: Session, fit: Fit, c: int, wider: float) -> RigCamera:
     spec, state = session.cameras[c], fit.state
     own = fit.used & (fit.observations.camera == c)
+    known = own & np.isfinite(fit.residual[:, 0])
     return RigCamera(
         spec.id,
         spec.serial,
@@ -145,7 +146,7 @@ def _camera(session: Session, fit: Fit, c: int, wider: float) -> RigCamera:
         state.intrinsics[c],
         state.rotation[c],
         state.translation[c],
-        rms_px=float(np.sqrt((fit.residual[own] ** 2).sum(axis=1).mean())) if own.any() else None,
+        rms_px=float(np.sqrt((fit.residual[known] ** 2).sum(axis=1).mean())) if known.any() else None,
         observations=int(own.sum()),
         sigma=_sigma(fit, c, wider),
     )

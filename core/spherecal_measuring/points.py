@@ -175,6 +175,8 @@ def triangulate_points(
     of_kind("frame", frame, (UserFrame, type(None)), "a UserFrame (load_frame reads one) or None")
     rig = rig if frame is None else in_frame(rig, frame)
     sigma_px = above_zero("sigma_px", sigma_px)
+    if isinstance(image_points, Mapping):
+        image_points = {name: seen for name, seen in image_points.items() if seen is not None}
     with_ids = points_by_ids(image_points) if isinstance(image_points, Mapping) else None
     arrays, shape = _image_points(rig, image_points if with_ids is None else with_ids[1])
     n = int(np.prod(shape))

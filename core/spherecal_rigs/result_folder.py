@@ -97,8 +97,8 @@ class Result:
 
 def read_result(folder: Path) -> Result:
     """Read a result folder."""
-    if not folder.is_dir():
-        raise InputError(Phrase("error-no-result-folder", {"folder": folder}))
+    if not (folder / "rig.json").exists():
+        raise InputError(Phrase("error-no-rig" if folder.is_dir() else "error-no-result-folder", {"folder": folder}))
     return read_unchanged(folder, _read_result)
 
 

@@ -151,11 +151,11 @@ ROW = {"camera": ["C1"], "target": [1], "u": [1.0], "v": [1.0]}
         ({"C1": [UV], "C2": [UV, UV]}, "different shapes"),
         ({"C1": [[1, 2, 3]]}, r"\(n, 2\) or \(placements, n, 2\)"),
         ({"C1": "text"}, "image points of C1 must be an array of numbers"),
-        ([UV, UV[:1]], "image points of P1 must be an array of numbers"),
+        ([UV, UV[:1]], "observations must be an array of numbers. Give "),
         (ROW | {"sigma_u": [0.1]}, "only one of the columns sigma_u and sigma_v"),
         ({"C1": [[5000.0, 20.0]]}, r"outside the image of 1000 x 800 pixels"),
         (np.zeros((3, 5, 2)), r"\(2, n, 2\)"),
-        ({"u": [1.0], "v": [1.0]}, "lacks the column camera"),
+        ({"u": [1.0], "v": [1.0]}, "has no column camera"),
         (ROW | {"camera": ["C7"]}, 'names "C7"'),
         (ROW | {"target": [1.5]}, "not a whole number"),
         (ROW | {"v": ["x"]}, "not a number"),
@@ -421,15 +421,45 @@ def test_one_matrix_serves_all_cameras() -> None:
 @pytest.mark.parametrize(
     ("observations", "cameras", "more", "message"),
     [
-        ({"C1": {"P1": (["x"], [[1.0, 2.0]])}}, {"C1": K}, {}, r"C1, P1 are not \(ids, uv\).*Give \{camera: \{frame"),
+        (
+            {"C1": {"P1": (["x"], [[1.0, 2.0]])}},
+            {"C1": K},
+            {},
+            r"C1, P1 must be \(ids, uv\).*\['x'\].*Give \{camera: \{frame",
+        ),
         ({"C1": {"P1": ([1, 2], [[1.0, 2.0]])}}, {"C1": K}, {}, "C1, P1: 2 ids, but 1 image point"),
-        ({"C1": {"P1": ([1], [[1, 2]])}, "C9": {"P1": ([1], [[1, 2]])}}, {"C1": K}, {}, '"C9" is not a camera'),
+        (
+            {"C1": {"P1": ([1], [[1, 2]])}, "C9": {"P1": ([1], [[1, 2]])}},
+            {"C1": K},
+            {},
+            '"C9" is not in cameras. It has C1',
+        ),
         ({"C9": UV}, {"C1": K}, {}, '"C9" is neither a camera nor a column.*Give '),
+        ({"C1": {"P1": {1: (1, 2), 2: ("3,5", 4)}}}, {"C1": K}, {}, r"C1, P1 must be .* but are \{2: \('3,5', 4\)"),
+        ({"C1": {"P1": {"dot1": (1, 2)}}}, {"C1": K}, {}, r"C1, P1 must be .* but are \{'dot1': \(1, 2\)"),
+        ({"C1": {"P1": np.zeros((500, 2))}}, {"C1": K}, {}, r"C1, P1 must be .* but are an array \(500, 2\)"),
+        (
+            [{"camera": "C1", "target": 1, "u": 3.0, "v": 4.0}],
+            {"C1": K},
+            {},
+            "must be an array of numbers. Give .*table",
+        ),
+        ({"camera": ["C1"], "target": [1], "x": [3.0], "y": [4.0]}, {"C1": K}, {}, "has no column u and no column v"),
+        ({"camera": ["C1"], "id": [1], "u": [3.0], "v": [4.0]}, K, {}, "has no column target.*Give "),
+        (ROW | {"u": ["388,66"]}, {"C1": K}, {}, "The column u has '388,66', which is not a number"),
+        (ROW | {"target": [np.nan]}, {"C1": K}, {}, "The column target has nan, which is not a whole number"),
+        (None, K, {}, "observations are None, which names no cameras.*Give "),
+        (
+            {"C1": UV},
+            {"C1": {"K": K, "dist": [0, 0, 0, 0]}},
+            {},
+            r'lens of camera "C1" must be K \(3, 3\), \(K, dist\)',
+        ),
         (7, {"C1": K}, {}, "observations are 7, which holds no image points.*Give "),
         ({}, {"C1": K}, {}, "no image points.*Give "),
         ({"C1": UV}, 1000.0, {}, r"cameras must be \{camera: K\}.*but is 1000.0"),
         ({"C1": UV}, "lens.json", {}, r"cameras must be \{camera: K\}"),
-        ({"P1": {"C1": UV}}, K, {}, "One matrix for all cameras: .* which of their names.*name: K for"),
+        ({"P1": {"C1": UV}}, K, {}, "One K for all cameras.*which are frames.*name: K for"),
         ({"C1": UV}, {"C1": K}, {"scale": 500.0}, "scale must be a Scale.*sphere_diameter_mm.*, but is 500.0"),
         ({"C1": UV}, {"C1": K}, {"target_set": "targets.json"}, "target_set must be a TargetSet.*load_targets"),
         ({"C1": UV}, {"C1": K}, {"bars": [400.0]}, "Each item of bars must be a Bar, but is 400.0"),
@@ -445,6 +475,18 @@ def test_what_cannot_be_taken_says_what_can(
     with pytest.raises(spherecal.InputError) as refused:
         spherecal.calibrate_points(observations, cameras, (1000, 800), **more)
     assert re.search(message, str(refused.value), re.DOTALL), str(refused.value)
+
+
+def test_what_was_not_seen_may_be_none() -> None:
+    """Of detectors that give None for a frame or an id that they do not find, and tables with a column "frame"."""
+    seen = {1: (10.0, 20.0), 2: None, 3: (30.0, 40.0)}
+    given = {"C1": {"f1": seen, "f2": None}, "C2": {"f1": None, "f2": {1: [1.0, 2.0]}}, "C3": None}
+    made = spherecal.Session.from_arrays(given, dict.fromkeys(given, K), (1000, 800)).observations
+    assert made is not None and made.placements == ("f1", "f2")
+    assert made.target.tolist() == [1, 3, 1] and made.camera.tolist() == [0, 0, 1]
+    table = {name: values * 2 for name, values in ROW.items()} | {"frame": [7, 8]}
+    made = spherecal.Session.from_arrays(table, {"C1": K}, (1000, 800)).observations
+    assert made is not None and made.placements == ("7", "8")
 
 
 @pytest.mark.parametrize("sigma", [{}, "0.1", None, 0, -1, float("nan"), [0.1, 0.2], True])

@@ -1,5 +1,6 @@
 """Standard output in place of a file, completion in shells, and a rig drawn in space."""
 
+import io
 import json
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3D
+from rich.console import Console
 
 import spherecal
 from spherecal.base.errors import InputError, MissingPackage
@@ -178,3 +180,27 @@ def test_a_package_that_is_missing_is_told_by_the_exit_code(monkeypatch, capsys)
     monkeypatch.setitem(__import__("sys").modules, "harvesters.core", None)
     assert main(["cameras", "list", "--source", "genicam"]) == 3
     assert "pip install 'spherecal[cameras]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("variable", "value"), [("NO_COLOR", "1"), ("TERM", "dumb")])
+def test_no_colour_where_none_is_wanted(monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
+    """On a terminal; our console is one of rich's, made with the same settings."""
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    for name in ("NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+
+    def printed() -> str:
+        from spherecal_app.cli.console import out
+
+        stream = Terminal()
+        type(out)(file=stream, highlight=False, soft_wrap=True).print("[green]VALID[/]")
+        return stream.getvalue()
+
+    assert isinstance(Console(), Console) and "\x1b[32m" in printed()
+    monkeypatch.setenv(variable, value)
+    assert "\x1b[32m" not in printed()

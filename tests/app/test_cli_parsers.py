@@ -328,6 +328,24 @@ def test_a_result_folder_stands_for_its_rig(session_folder: Path, result_folder:
     assert run("bars", "plan", result_folder, "--session", session_folder) == DONE
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("session", "new", "s", "--images", "i", "--sphere", "50cm"), "--sphere: a number is needed, not '50cm'"),
+        (("targets", "export", "--count", "2.5", "-o", "t"), "--count: a whole number is needed, not '2.5'"),
+    ],
+)
+def test_what_is_no_number_is_said_without_the_names_of_types(words: tuple[str, ...], said: str, capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(list(words))
+    assert said in capsys.readouterr().err
+
+
+def test_a_report_of_what_is_no_result_says_what_one_is(session_folder: Path, tmp_path: Path, capsys) -> None:
+    assert run("report", session_folder, "-o", tmp_path / "report.pdf") == BAD_INPUT
+    assert f"{session_folder}: contains no rig.json. A result is the folder that" in capsys.readouterr().err
+
+
 def test_a_folder_without_a_rig_is_named(session_folder: Path, tmp_path: Path, capsys) -> None:
     assert run("export", session_folder, "--to", "csv", "-o", tmp_path / "csv") == BAD_INPUT
     assert f"{session_folder / 'rig.json'}: there is no such file" in capsys.readouterr().err

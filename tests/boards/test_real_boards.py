@@ -285,6 +285,21 @@ def test_a_board_by_its_kind_and_the_size_of_a_square(shared_data: Path, tmp_pat
     assert rig.scale.source == "board"
 
 
+def test_videos_that_contradict_each_other_are_not_valid_with_residuals_that_are_numbers(
+    shared_data: Path, tmp_path: Path, capsys
+) -> None:
+    """Of points behind a camera there is none: "rms nan px" was printed."""
+    videos = shared_data / "foreign" / "video-rates" / "v_fps"
+    if not videos.is_dir():
+        pytest.skip(f"no videos in {videos}")
+    session, result = str(tmp_path / "session"), str(tmp_path / "result")
+    assert main(["session", "new", session, "--images", str(videos), "--board", "charuco,pitch_mm=40"]) == 0
+    capsys.readouterr()
+    assert main(["calibrate", session, "-o", result]) == 3
+    said = capsys.readouterr().out
+    assert "NOT VALID: 3 of 3 cameras placed, rms 4" in said and "nan" not in said
+
+
 def test_the_first_twenty_without_a_board_are_the_end(tmp_path: Path) -> None:
     """What was seen and what would fit is said after 20 of 31 images, counted while it looks."""
     text = "chessboard,rows=6,columns=9,pitch_mm=20"

@@ -155,7 +155,7 @@ HOSTILE = {
     "nan.yml": (MATRIX.format(".nan, 0, 1, 0, 1, 1, 0, 0, 1"), "must be"),
     "skew.yml": (MATRIX.format("9., 1., 5., 0., 9., 5., 0., 0., 1."), "skewed by 1 px"),
     "tilt.yml": (MATRIX.format("9., 0., 5., 0., 9., 5., 0., 0., 1.") + "D: [" + "0," * 12 + "0.1, 0]\n", "tilted"),
-    "binary.yaml": ("cam0: \x00", "not valid YAML"),
+    "binary.yaml": ("cam0: \x00", "not UTF-8 text"),
     "pic.png": ("x", "from which lenses"),
 }
 

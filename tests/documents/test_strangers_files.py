@@ -1,6 +1,7 @@
 """Files as other programs and other people write them: read right, or refused in one plain line."""
 
 import json
+import pickle
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,7 @@ from spherecal.base.errors import InputError
 from spherecal.data.rig import Rig
 from spherecal_app.cli.main import main
 from spherecal_documents.export.import_rig import import_rig
-from spherecal_documents.export.write_export import export_rig
+from spherecal_documents.export.write_export import FORMATS, export_rig
 from tests.export_rigs import make_rig
 
 # --- the shared table, row by row ------------------------------------------------------------------------------------
@@ -461,6 +462,75 @@ def test_more_kinds(kind: str, tmp_path: Path) -> None:
         assert len(done.rig.cameras) == 3 and done.left_out == {"C1": "has no pose"}
     elif expected is not None:
         assert done.farthest_mm == pytest.approx(expected, rel=1e-6)
+
+
+ENCODED = {
+    "kalibr": "", "anipose": "", "caliscope": "", "mc-calib": "", "multical": "", "metashape": "", "csv": "",
+    "opencv": "C1.yml", "ros": "C1.yaml", "colmap": "cameras.txt", "mrcal": "C1.cameramodel",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", ENCODED)
+def test_text_as_other_editors_save_it(form: str, tmp_path: Path) -> None:
+    """Line ends of Windows and a byte order mark change nothing; UTF-16 (read as XML alone) is refused in one line."""
+    export_rig(RIG, form, tmp_path / "x", max_loss_px=1e3)
+    path = tmp_path / "x" / ENCODED[form] if ENCODED[form] else tmp_path / "x"
+    text, expected = path.read_text(encoding="utf-8"), import_rig(tmp_path / "x", form).rig
+    for data in (text.replace("\n", "\r\n").encode(), text.encode("utf-8-sig")):
+        path.write_bytes(data)
+        assert import_rig(tmp_path / "x", form).rig == expected
+    for encoding in ("utf-16", "utf-16-le", "utf-16-be"):
+        path.write_bytes(text.encode(encoding))
+        if form == "metashape":
+            assert import_rig(path, form).rig == expected
+            continue
+        with pytest.raises(InputError) as refused:
+            import_rig(tmp_path / "x", form)
+        assert str(refused.value).endswith("line 1 is not UTF-8 text. Save the file with the encoding UTF-8.")
+
+
+OTHERS = ("cal.npz", "cal.pkl", "detections.jsonl", "calib.io.json", "camera_info.yaml", "empty.txt")
+
+
+def others(folder: Path, name: str) -> Path:
+    """A file of a kind that is not read: numpy's, a pickle, JSON Lines, calib.io's JSON, a lens alone."""
+    path = folder / name
+    model = {
+        "polymorphic_name": "libCalib::CameraModelOpenCV",
+        "ptr_wrapper": {"data": {"parameters": {"f": {"val": 9}}}},
+    }
+    if name == "cal.npz":
+        np.savez(path, mtx=np.eye(3), dist=np.zeros(5), rvecs=np.zeros((2, 3)), tvecs=np.zeros((2, 3)))
+        return path
+    row = {"camera": "cam1", "frame": 0, "ids": [1], "uv": [[3.0, 4.0]]}
+    info = INFO.format(model="plumb_bob", n=5, data=[-0.28, 0.07, 0, 0, 0]).partition("\nR: ")[0]
+    texts = {
+        "detections.jsonl": f"{json.dumps(row)}\n{json.dumps(row)}\n", "camera_info.yaml": info, "empty.txt": "",
+        "calib.io.json": json.dumps({"Calibration": {"cameras": [{"model": model, "transform": {"rotation": {}}}]}}),
+    }  # fmt: skip
+    path.write_bytes(pickle.dumps({"mtx": np.eye(3)}) if name == "cal.pkl" else texts[name].encode())
+    return path
+
+
+@pytest.mark.parametrize("form", [*FORMATS, "matlab"])
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_no_format_reads_is_refused_in_one_line(name: str, form: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        import_rig(others(tmp_path, name), form)
+    said = str(refused.value)
+    assert ("cameras.txt" if form == "colmap" else name) in said and "\n" not in said and "Error" not in said
+
+
+def test_a_metashape_file_with_decimal_commas(tmp_path: Path) -> None:
+    path = exported(tmp_path, "metashape")
+    path.write_text(path.read_text().replace(".", ","))
+    with pytest.raises(InputError, match=r"not a number: '\d+,\d+'"):
+        import_rig(path, "metashape")
+
+
+def test_one_file_of_a_colmap_model_is_the_model(tmp_path: Path) -> None:
+    path = exported(tmp_path, "colmap")
+    assert import_rig(path / "cameras.txt", "colmap").rig == import_rig(path, "colmap").rig
 
 
 def test_colmaps_own_binary_model(tmp_path: Path) -> None:

@@ -138,6 +138,13 @@ def test_bad_json(tmp_path: Path, text: str, words: list[str]) -> None:
         assert word in message
 
 
+def test_what_never_was_json_is_not_cut_off(tmp_path: Path) -> None:
+    make_session(tmp_path)
+    (tmp_path / "session.json").write_text("import numpy\n")
+    message = complaint(lambda: read_session(tmp_path))
+    assert "not valid JSON" in message and "cut off" not in message
+
+
 def test_no_utf8_names_the_line(tmp_path: Path) -> None:
     make_session(tmp_path)
     (tmp_path / "session.json").write_bytes(b'{\n"format": "\xff"}')
@@ -146,7 +153,7 @@ def test_no_utf8_names_the_line(tmp_path: Path) -> None:
 
 def test_missing_things(tmp_path: Path) -> None:
     assert "nowhere" in complaint(lambda: read_session(tmp_path / "nowhere"))
-    assert "session.json" in complaint(lambda: read_session(tmp_path))
+    assert "contains no session.json. spherecal session new makes" in complaint(lambda: read_session(tmp_path))
     (tmp_path / "session.json").mkdir()
     assert "session.json" in complaint(lambda: read_session(tmp_path))
 
@@ -177,6 +184,8 @@ def test_link_that_leaves_the_folder(tmp_path: Path) -> None:
 BAD_LINES = [
     # line of the table (0 is the header), its text, what the message must name
     (0, "placement,camera,target,point,v,u", ["line 1", "placement,camera,target,point,u,v"]),
+    (0, "placement;camera;target;point;u;v", ["line 1", "commas between the columns and decimal points"]),
+    (0, "u,v,placement,camera,target,point", ["line 1", "placement,camera,target,point,u,v"]),
     (0, "", ["line 1"]),
     (1, "P9,C01,1,A,100,200,0.04,0.04", ["line 2", "column placement", "P9"]),
     (2, "P1,C09,1,A,100,200,0.04,0.04", ["line 3", "column camera", "C09"]),
@@ -194,7 +203,7 @@ BAD_LINES = [
     (2, "P1,C02,1,A,100,200", ["line 3", "6 fields"]),
     (2, "", ["line 3", "empty"]),
     (2, "P1,C01,1,A,100,200,0.04,0.04", ["line 3", "line 2", "same dot"]),
-    (2, "P1,C02,1,A,1\x000,200,0.04,0.04", ["line 3", "null"]),
+    (2, "P1,C02,1,A,1\x000,200,0.04,0.04", ["line 3", "not UTF-8"]),
     (2, "P1,C02,1,A,1" + "0" * 500 + ",200,0.04,0.04", ["line 3", "bytes"]),
 ]
 

@@ -308,7 +308,7 @@ def test_hostile_profiles_are_refused(profile: Profile, name: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("[" * 100_000, "nested too deeply"), ("{", "not valid JSON"), ("\x00", "not valid JSON"), ("{}", "is not a"),
+    [("[" * 100_000, "nested too deeply"), ("{", "not valid JSON"), ("\x00", "not UTF-8 text"), ("{}", "is not a"),
      ('{"format": "spherecal/profile", "version": ' + "9" * 5000 + "}", "too many digits")],
 )  # fmt: skip
 def test_broken_profiles_are_refused(profile: Profile, text: str, expected: str) -> None:

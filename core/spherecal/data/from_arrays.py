@@ -46,7 +46,9 @@ def above_zero(name: str, value: Any) -> float:
 
 def _shown(value: Any) -> str:
     text = repr(value)
-    return text if len(text) <= 60 and "\n" not in text else f"a value of type {type(value).__name__}"
+    if len(text) <= 60 and "\n" not in text:
+        return text
+    return f"an array {value.shape}" if isinstance(value, np.ndarray) else f"a value of type {type(value).__name__}"
 
 
 def lenses_by_camera(cameras: Any, observations: Any) -> Mapping[str, Lens]:
@@ -58,23 +60,17 @@ def lenses_by_camera(cameras: Any, observations: Any) -> Mapping[str, Lens]:
     if shape != (3, 3):
         wanted = "{camera: K}, {camera: (K, dist)} or one K (3, 3) or (K, dist) for all cameras"
         raise InputError(f"cameras must be {wanted}, but is {_shown(cameras)}.")
-    names = _named_cameras(observations)
-    if not names:
+    keys = list(observations.keys()) if hasattr(observations, "keys") else []
+    if _is_table(observations, keys):
+        return dict.fromkeys(map(str, _table(observations, keys)["camera"]), cameras)
+    if not keys:
+        raise InputError(f"observations are {_shown(observations)}, which names no cameras.", _FORMS)
+    if any(hasattr(observations[key], "keys") for key in keys):  # the outer names may be those of frames
         raise InputError(
-            "One matrix for all cameras: the observations do not say which of their names are those of cameras.",
-            "Give cameras={name: K for name in (...)}, with the names of all cameras.",
+            "One K for all cameras does not say which names of observations are cameras, and which are frames.",
+            "Give cameras={name: K for name in observations} if its outer names are the cameras.",
         )
-    return dict.fromkeys(names, cameras)
-
-
-def _named_cameras(given: Any) -> list[str]:
-    """The cameras that observations name beyond doubt; none where the outer keys may be frames."""
-    keys = list(given.keys()) if hasattr(given, "keys") else []
-    if {"u", "v"} <= set(keys):
-        return list(dict.fromkeys(map(str, given["camera"]))) if "camera" in keys else []
-    if any(hasattr(given[key], "keys") for key in keys):
-        return []
-    return list(map(str, keys))
+    return dict.fromkeys(map(str, keys), cameras)
 
 
 def camera_specs(
@@ -99,6 +95,8 @@ def _camera(name: str, given: Any, image_size: ImageSize | None, fisheye: bool |
         return given
     if image_size is None:
         raise InputError(f"The image size of {what} is not given.", "Give image_size=(width, height).")
+    if isinstance(given, str | Mapping):
+        raise InputError(f"The lens of {what} must be K (3, 3), (K, dist) or a CameraSpec, but is {_shown(given)}.")
     pair = isinstance(given, tuple | list) and len(given) == 2
     K, dist = given if pair else (given, None)
     wide = is_wide(name, fisheye)
@@ -181,13 +179,17 @@ def _columns(given: Any, cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
     if isinstance(given, Observations):
         raise InputError("Observations must be a table of columns or arrays by camera.", _FORMS)
     keys = list(given.keys()) if hasattr(given, "keys") else []
-    if {"u", "v"} <= set(keys):
+    if _is_table(given, keys):
         return _table(given, keys)
     if not keys:
-        if isinstance(given, str | Mapping) or not hasattr(given, "__len__"):
+        try:
+            stack = np.zeros(()) if isinstance(given, Mapping) else float_array(given, "observations")
+        except InputError as error:
+            raise InputError(error.message, _FORMS) from None
+        if not stack.ndim:
             raise InputError(f"observations are {_shown(given)}, which holds no image points.", _FORMS)
-        return _written_out({"P1": given}, cameras)
-    by_name = {str(key): given[key] for key in keys}
+        return _written_out({"P1": stack}, cameras)
+    by_name = {str(key): given[key] for key in keys if given[key] is not None}
     if (places := _with_ids(by_name, cameras)) is not None:
         return _rows(places)
     if any(key in cameras for key in by_name):
@@ -216,10 +218,11 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
             if pair is None:
                 if not by_camera and not found:  # arrays by placement
                     return None
-                raise InputError(f"The image points of {outer}, {key} are not (ids, uv) or {{id: (u, v)}}.", _FORMS)
+                given_there = f"The image points of {outer}, {key}"
+                raise InputError(f"{given_there} must be (ids, uv) or {{id: (u, v)}}, but are {_wrong(one)}.", _FORMS)
             frame, camera = (key, outer) if by_camera else (outer, key)
             if camera not in cameras:
-                raise InputError(f'"{camera}" is not a camera.', f"Cameras: {', '.join(cameras)}.")
+                raise InputError(f'"{camera}" is not in cameras.', f"It has {', '.join(cameras)}.")
             if len(pair[0]) != len(pair[1]):
                 raise InputError(f"{camera}, {frame}: {len(pair[0])} ids, but {len(pair[1])} image points.")
             found.setdefault(frame, {})[camera] = pair
@@ -262,8 +265,11 @@ def points_by_ids(given: Mapping[str, Any]) -> tuple[IntArray, dict[str, FloatAr
 
 def _pair(one: Any) -> tuple[IntArray, FloatArray] | None:
     """Ids (n,) and image points (n, k, 2) of (ids, uv) or {id: (u, v)}, in OpenCV's shapes too; None for others."""
-    if hasattr(one, "keys"):
-        ids, uv = list(one.keys()), list(one.values())
+    if one is None:
+        ids, uv = None, None
+    elif hasattr(one, "keys"):
+        seen = [(key, place) for key, place in one.items() if place is not None]
+        ids, uv = [key for key, _ in seen], [place for _, place in seen]
     elif isinstance(one, tuple | list) and len(one) == 2:
         ids, uv = one
     else:
@@ -279,6 +285,22 @@ def _pair(one: Any) -> tuple[IntArray, FloatArray] | None:
     if not column or points.ndim not in dimensions or points.shape[-1] != 2:
         return None
     return _whole_numbers(numbers.ravel().tolist()), points.reshape(len(points), -1, 2)
+
+
+def _wrong(one: Any) -> str:
+    """What is not (ids, uv) or {id: (u, v)}, for a message: the first wrong item of a dict, the shapes of a pair."""
+    if hasattr(one, "keys"):
+        items = list(one.items())
+        key, place = next((item for item in items if _pair(dict([item])) is None), items[0])
+        return f"{{{key!r}: {_shown(place)}, ...}}"
+    if isinstance(one, tuple | list) and len(one) == 2:
+        return f"({_shown(one[0])}, {_shown(one[1])})"
+    return _shown(one)
+
+
+def _is_table(given: Any, keys: Sequence[str]) -> bool:
+    """Whether observations are columns: by their names, or as a data frame."""
+    return bool(keys) and ({"u", "v"} <= set(keys) or {"camera", "target"} <= set(keys) or hasattr(given, "columns"))
 
 
 def _rows(places: Places) -> Mapping[str, Sequence[Any]]:
@@ -297,13 +319,13 @@ def _rows(places: Places) -> Mapping[str, Sequence[Any]]:
 
 
 def _table(given: Any, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]:
-    missing = [name for name in ("camera", "target") if name not in keys]
-    if missing:
-        raise InputError(f"The table of observations lacks the column {missing[0]}.", _FORMS)
+    if missing := [name for name in ("camera", "target", "u", "v") if name not in keys]:
+        raise InputError(f"The table of observations has no column {' and no column '.join(missing)}.", _FORMS)
     if len(set(SIGMA_COLUMNS) & set(keys)) == 1:
         raise InputError("The table of observations has only one of the columns sigma_u and sigma_v.", "Give both.")
     n = len(given["u"])
-    columns: dict[str, Any] = {"placement": ["P1"] * n, "point": [POINT] * n}
+    frames = list(given["frame"]) if "frame" in keys else ["P1"] * n
+    columns: dict[str, Any] = {"placement": frames, "point": [POINT] * n}
     wanted = ("placement", "camera", "target", "point", "u", "v")
     columns |= {name: list(given[name]) for name in wanted if name in keys}
     if set(SIGMA_COLUMNS) <= set(keys):
@@ -384,13 +406,17 @@ def _numbers(values: Sequence[Any], name: str) -> FloatArray:
     try:
         return np.asarray(values, dtype=float).reshape(len(values))
     except (TypeError, ValueError):
-        raise InputError(f"The column {name} holds something that is not a number.") from None
+        if len(values) > 1:  # which one it is
+            for value in values:
+                _numbers([value], name)
+        raise InputError(f"The column {name} has {_shown(values[0])}, which is not a number.") from None
 
 
 def _whole_numbers(values: Sequence[Any]) -> IntArray:
     numbers = _numbers(values, "target")
-    if not (np.isfinite(numbers) & (numbers == np.floor(numbers)) & (np.abs(numbers) < 2**53)).all():
-        raise InputError("The column target holds something that is not a whole number.")
+    whole = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (np.abs(numbers) < 2**53)
+    if not whole.all():
+        raise InputError(f"The column target has {numbers[~whole][0]:g}, which is not a whole number.")
     return numbers.astype(np.int64)
 
 

@@ -158,8 +158,7 @@ def last_axis(values: ArrayLike, width: int, what: Words) -> FloatArray:
     """The values as an array (..., width) of numbers."""
     array = float_array(values, what)
     if array.ndim < 1 or array.shape[-1] != width:
-        expected = f"({width},) | (..., {width})"
-        problem = Phrase("problem-shape", {"expected": expected, "found": str(array.shape)})
+        problem = Phrase("problem-shape", {"expected": f"(..., {width})", "found": str(array.shape)})
         raise InputError(Phrase("error-of", {"what": what, "problem": problem}))
     return array
 

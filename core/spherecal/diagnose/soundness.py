@@ -160,7 +160,7 @@ def _contradicting(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
     others = [f.code for f in reported if f.code in _FAIL_WITH_LENSES and f.severity == "warning"]
     if (e.choice.ratio or 0.0) < CHANGED_BY_LENSES:
         others = [code for code in others if code not in ("ball-shape-changed", "rigid-form-misfit")]
-    size = np.linalg.norm(e.residual_px[e.used], axis=1)
+    size = np.linalg.norm(e.residual_px[e.used & np.isfinite(e.residual_px[:, 0])], axis=1)
     rms = float(np.sqrt((size**2).mean())) if len(size) else 0.0
     if not others and rms <= max(LARGE_PX, LARGE * np.sqrt(2) * _neighbours_noise_px(e)):
         return []

@@ -294,12 +294,13 @@ def check_lines(path: Path, data: bytes) -> None:
 
 
 def decode(path: Path, data: bytes) -> str:
-    """The text of UTF-8 data, a byte order mark dropped."""
+    """The text of UTF-8 data, a byte order mark dropped; no text has zeros, but UTF-16 and packed arrays do."""
     try:
-        return data.decode("utf-8-sig")
+        if (wrong := data.find(b"\0")) < 0:
+            return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(Phrase("error-not-utf8", {"file": path, "line": line})) from None
+        wrong = error.start
+    raise InputError(Phrase("error-not-utf8", {"file": path, "line": data.count(b"\n", 0, wrong) + 1}))
 
 
 def parse_json(data: bytes) -> object:
@@ -328,7 +329,7 @@ def read_json(path: Path, format_name: str, version: int, below: Path | None = N
             _check_strict(document)  # finds the place
     except json.JSONDecodeError as error:
         values = {"file": path, "line": error.lineno, "column": error.colno, "why": error.msg}
-        whole = text.rstrip().endswith("}")
+        whole = text.rstrip().endswith("}") or text.lstrip()[:1] not in ("{", "[", "")  # or something else altogether
         raise InputError(Phrase("error-not-json" if whole else "error-json-cut-off", values)) from None
     except RecursionError:
         raise InputError(Phrase("error-nested-json", {"file": path})) from None

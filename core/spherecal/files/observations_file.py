@@ -159,9 +159,6 @@ def _split(path: Path, data: bytes) -> _Table:
     line_end = body == ord("\n")
     stop = np.flatnonzero(line_end | (body == ord(",")))
     _check_shape(path, len(header), np.flatnonzero(line_end[stop]) + 1)
-    if (body == 0).any():
-        line = 2 + int(line_end[: np.argmin(body)].sum())
-        raise InputError(Phrase("error-null-in-table", {"file": path, "line": line}))
     start = np.concatenate([[0], stop[:-1] + 1]) if len(stop) else stop
     columns = [_fields(path, body, start[k :: len(header)], stop[k :: len(header)]) for k in range(len(header))]
     return _Table(path, header, columns)

@@ -36,8 +36,9 @@ def read_session(folder: Path) -> Session:
 
     With observations.csv the images only serve for display: one that is named and missing is then left out.
     """
-    if not folder.is_dir():
-        raise InputError(Phrase("error-no-session-folder", {"folder": folder}))
+    if not (folder / SESSION_FILE).exists():
+        missing = "error-no-session" if folder.is_dir() else "error-no-session-folder"
+        raise InputError(Phrase(missing, {"folder": folder}))
     f = read_json(folder / SESSION_FILE, FORMAT, VERSION).fields(("cameras",), _OPTIONAL)
     files = _NamedFiles(folder)
     cameras = CAMERAS.read(f["cameras"])

@@ -76,6 +76,8 @@ class Parser(argparse.ArgumentParser):
             if isinstance(action, argparse._SubParsersAction):
                 named = f"one of {', '.join(action.choices)}"
                 message = message.replace(f"required: {action.metavar}", f"required: {named}")
+        for word, wanted in (("float", "a number"), ("int", "a whole number")):
+            message = message.replace(f"invalid {word} value:", f"{wanted} is needed, not")
         end = "" if message.endswith(("?", ".")) else "."
         self.exit(2, f"{self.prog}: error: {message}{end} Help: {self.prog} --help\n")
 

@@ -121,10 +121,11 @@ def read_colmap_lenses(folder: Path) -> list[FileCamera]:
 
 
 def read_colmap(folder: Path) -> Reading:
-    """The cameras of a model, posed by its rig, else by the images of one moment.
+    """The cameras of a model, posed by its rig, else by the images of one moment; of any of its files too.
 
     InputError where moments contradict each other, since then its images are not those of a rig.
     """
+    folder = folder.parent if folder.is_file() else folder
     rows, images = read_model_cameras(folder, _COUNTS), list(read_model_images(folder))
     numbers = [row.number for row in rows]
     poses, why = _by_rig(folder, numbers, images) or _by_moments(folder, numbers, images)

@@ -100,7 +100,8 @@ def _read(path: Path) -> Reading:
     try:
         return _cameras_of(path, chunks[0])
     except ValueError as error:
-        raise InputError(f"{path}: is not a Metashape file that can be read ({error}).") from None
+        problem = str(error).replace("could not convert string to float:", "not a number:")
+        raise InputError(f"{path}: is not a Metashape file that can be read ({problem}).") from None
 
 
 def _cameras_of(path: Path, chunk: ElementTree.Element) -> Reading:

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -38,6 +39,14 @@ ASTRAY_BY, ASTRAY_SD = 0.2, 0.01
 TRIED_FACTORS = np.geomspace(1 / 3, 3.0, 24)
 TRIED_PX, TRIED_SHARE, TRIED_POINTS = 12.0, 0.7, 30
 TRIED_IMAGES = 2  # of a camera without a pose, whether a mirror shows more: a second each
+# What may have been done to all image points of a camera: left and right exchanged, or u and v.
+Flip = Literal["camera", "axes"]
+FLIPS: tuple[Flip, ...] = ("camera", "axes")
+
+
+def flipped(uv: FloatArray, how: Flip, width: int | IntArray) -> FloatArray:
+    """Image points (n,2) px with left and right, or u and v, exchanged."""
+    return uv[:, ::-1] if how == "axes" else np.column_stack([width - 1 - uv[:, 0], uv[:, 1]])
 
 
 def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
@@ -196,8 +205,9 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:
             continue
-        if _share_with(e, int(c), rows, points[rows], 1.0, mirrored=True) >= TRIED_SHARE:
-            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
+        how = next((flip for flip in FLIPS if _share_with(e, int(c), rows, points[rows], 1.0, flip) >= TRIED_SHARE), "")
+        if how:
+            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind=how))
             continue
         shares = [_share_with(e, int(c), rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
         best = int(np.argmax(shares))
@@ -221,14 +231,14 @@ def _images_mirrored(e: Evidence, camera: str) -> bool:
 
 
 def _share_with(
-    e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float, mirrored: bool = False
+    e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float, flip: Flip | None = None
 ) -> float:
     """The share of a camera's points that agree with a pose for a focal length `factor` times its prior's."""
     intrinsics = e.session.cameras[c].prior.copy()
     intrinsics[:2] *= factor
     uv = e.observations.uv[rows]
-    if mirrored:
-        uv = np.column_stack([e.session.cameras[c].image_size[0] - 1 - uv[:, 0], uv[:, 1]])
+    if flip is not None:
+        uv = flipped(uv, flip, e.session.cameras[c].image_size[0])
     xy, usable = undistort(uv, intrinsics)
     pose = resect(points[usable], xy[usable], TRIED_PX / intrinsics[0])
     return 0.0 if pose is None else pose[2] / len(rows)

@@ -1,8 +1,12 @@
 """Mischief: what goes wrong with a recording, in sizes from invisible to gross, and what ought to be blamed."""
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from PIL import Image
 
 from benchmarks.studies.mischief_case import (
     IMAGE,
@@ -282,6 +286,24 @@ def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
     return excusing(make_case(with_lens(world, c, change), rng, blame, (world.ids[c],)), world.ids[c])
 
 
+_FILES = TemporaryDirectory()
+
+
+def stated_roi(world: World, size: float, rng: np.random.Generator) -> Case:
+    """The same, where the camera's files state where their region lies."""
+    c, t = seen_placement(world, deepcopy(rng))
+    case = shifted_roi(world, size, rng)
+    places = []
+    for k, place in enumerate(case.session.placements):
+        tags = Image.Exif()
+        tags.update({0x011A: 1.0, 0x011B: 1.0, 0x011E: 100 + size * (k >= t), 0x011F: 100 - size / 2 * (k >= t)})
+        path = Path(_FILES.name) / f"{place.id}.png"
+        Image.new("L", (8, 8), k).save(path, exif=tags)
+        places.append(replace(place, images={world.ids[c]: path}))
+    session = replace(case.session, placements=tuple(places))
+    return replace(case, session=session, blame=("image-settings",))
+
+
 def refocused(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera is focused again before a placement: its focal length changes by a share."""
     c, t = seen_placement(world, rng)
@@ -458,4 +480,5 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("camera at another rate", other_rate, (0.02, 0.1), "x", methods=_FRAMES),
     Mischief("frames repeated", repeated_frames, (0.05, 0.3), "x", methods=_FRAMES),
     Mischief("figure turned for a camera", turned_figure, (1,), "camera", methods=_FRAMES),
+    Mischief("region stated by its files", stated_roi, (2, 64), "px", methods=_SHOWN),
 )

@@ -118,8 +118,8 @@ def _result(
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
         step = bar_step(network, recording, adjusted)
-        changed = 0.0 if step is None else step.relative / 2  # which of its two lengths is right is not known
-        findings = findings if step is None else [*findings, step.finding(recording.bar.id)]
+        changed = 0.0 if step is None else step[1] / 2  # which of its two lengths is right is not known
+        findings = findings if step is None else [*findings, step[0]]
         scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     cut = _in_stretches(session, recording)

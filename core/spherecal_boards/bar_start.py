@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.camera_findings import FLIPS, flipped
+from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
 from spherecal.geometry.camera import undistort
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
@@ -91,7 +91,9 @@ def lags_of(
     xy, table, common = _seen(recording, intrinsics)
 
     o = recording.observations
-    flips = {how: undistort(flipped(o.uv, how, widths[o.camera]), intrinsics[o.camera])[0] for how in FLIPS}
+    flips: dict[Flip, FloatArray] = {
+        how: undistort(flipped(o.uv, how, widths[o.camera]), intrinsics[o.camera])[0] for how in FLIPS
+    }
 
     def compare(a: int, b: int, shifted: bool) -> Compared:
         best: Compared = np.inf, np.zeros(recording.n_frames, dtype=np.int64), None

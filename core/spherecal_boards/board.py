@@ -141,11 +141,13 @@ def _in_step(
         found = compare_views(views, (start.poses, start.poses), start.intrinsics, a, b, shifted)
         if not shifted or found[0] <= AGREE_PX:
             return found
-        for how in sorted(FLIPS, key=lambda how: put_back(b, how)[1]):  # turned by 90 degrees the other one fits too
-            back = compare_views(views, (start.poses, put_back(b, how)[0]), start.intrinsics, a, b, False)
-            if back[0] < min(found[0], AGREE_PX):
-                return (*back[:2], how)
-        return found
+        fits = []
+        for how in FLIPS:  # turned by 90 degrees the wrong one may fit too, with another principal point
+            seen, off_px = put_back(b, how)
+            error = compare_views(views, (start.poses, seen), start.intrinsics, a, b, False)[0]
+            if error < min(found[0], AGREE_PX):
+                fits.append((off_px, error, how))
+        return (min(fits)[1], np.zeros_like(found[1]), min(fits)[2]) if fits else found
 
     lags = find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)
     if not lags:

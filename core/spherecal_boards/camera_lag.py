@@ -63,13 +63,14 @@ def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -
     for pair, error in as_is.items():
         linked[pair] = error <= AGREE_PX
     label = connected_components(csr_array(linked), directed=False)[1]
-    largest = np.argmax(np.bincount(label))  # of equals that with the first camera
+    group = (np.bincount(label) - np.arange(label.max() + 1) / n)[label]  # the larger is right, of equals the first
     lags: dict[int, Lag] = {}
-    for (a, b), (after, frames, flip) in late.items():
+    for (a, b), (after, frames, flip) in sorted(late.items(), key=lambda pair: pair[1][0]):
         as_first = -frames[np.clip(np.arange(len(frames)) + frames[-1], 0, len(frames) - 1)]
         for partner, camera, own in ((a, b, frames), (b, a, as_first)):
-            if label[partner] == largest and label[camera] != largest and camera not in lags:
-                lags[camera] = Lag(camera, partner, own, flip, after)
+            if group[partner] > group[camera] and camera not in lags:
+                own_flip = flip and (compare(partner, camera, True)[2] or flip)
+                lags[camera] = Lag(camera, partner, own, own_flip, after)
     return list(lags.values())
 
 

@@ -546,7 +546,7 @@ def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["serial", "size", "offset"])
 def test_images_of_another_region_or_camera_are_named_by_their_files(tmp_path: Path, kind: str) -> None:
-    """A region that was shifted in mid-recording passed for a move of the camera, which was split: nothing said so then."""
+    """A region that was shifted in mid-recording passed for a move: the camera was split, and nothing was said."""
     session, _ = recording()
     placements = []
     for t, placement in enumerate(session.placements):

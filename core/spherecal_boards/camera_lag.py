@@ -102,7 +102,8 @@ def lag_findings(observations: Observations, lags: list[Lag], names: tuple[str, 
     for lag in lags:
         camera, partner = (observations.cameras[c] for c in (lag.camera, lag.partner))
         if lag.flip is not None:
-            found.append(Finding("mirrored", "error", where=(camera,), kind=lag.flip))
+            kind = "axes" if lag.flip == "axes" else "camera"
+            found.append(Finding("mirrored", "error", where=(camera,), kind=kind))
             continue
         number = int(lag.frames[-1])
         changed = np.flatnonzero(np.diff(lag.frames) != 0)

@@ -197,24 +197,25 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
     points = e.solution.state.points[e.features.of_observation]
     seen, used = (np.bincount(e.observations.camera[some], minlength=len(prior)) for some in (slice(None), e.used))
     for c in np.flatnonzero((~e.placed | (2 * used < seen)) & ~e.is_earlier_pose):
+        where = (e.camera_ids[c],)
         if _images_mirrored(e, e.camera_ids[c]):
-            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
+            found.append(Finding("mirrored", "error", where=where, kind="camera"))
             continue
         if e.placed[c]:
             continue
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:
             continue
-        how = next((flip for flip in FLIPS if _share_with(e, int(c), rows, points[rows], 1.0, flip) >= TRIED_SHARE), "")
-        if how:
-            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind=how))
+        share, how = max((_share_with(e, int(c), rows, points[rows], 1.0, how), how) for how in FLIPS)
+        if share >= TRIED_SHARE:
+            found.append(Finding("mirrored", "error", where=where, kind="camera" if how == "camera" else "axes"))
             continue
         shares = [_share_with(e, int(c), rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
         best = int(np.argmax(shares))
         factor = float(TRIED_FACTORS[best])
         if shares[best] >= TRIED_SHARE and abs(factor - 1) > WRONG_FOCAL:
             values = _prior_values(prior[c], prior[c] * factor) | {"fit_percent": 100 * shares[best]}
-            found.append(Finding("prior-focal-length", "warning", values, (e.camera_ids[c],), kind="unplaced"))
+            found.append(Finding("prior-focal-length", "warning", values, where, kind="unplaced"))
     return found
 
 

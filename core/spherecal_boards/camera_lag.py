@@ -65,12 +65,11 @@ def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -
     label = connected_components(csr_array(linked), directed=False)[1]
     group = (np.bincount(label) - np.arange(label.max() + 1) / n)[label]  # the larger is right, of equals the first
     lags: dict[int, Lag] = {}
-    for (a, b), (after, frames, flip) in sorted(late.items(), key=lambda pair: pair[1][0]):
-        as_first = -frames[np.clip(np.arange(len(frames)) + frames[-1], 0, len(frames) - 1)]
-        for partner, camera, own in ((a, b, frames), (b, a, as_first)):
+    for (a, b), found in late.items():
+        for partner, camera in ((a, b), (b, a)):
             if group[partner] > group[camera] and camera not in lags:
-                own_flip = flip and (compare(partner, camera, True)[2] or flip)
-                lags[camera] = Lag(camera, partner, own, own_flip, after)
+                after, frames, flip = found if camera == b else compare(partner, camera, True)
+                lags[camera] = Lag(camera, partner, frames, flip, after)
     return list(lags.values())
 
 

@@ -1,8 +1,13 @@
 """Mischief: what goes wrong with a recording, in sizes from invisible to gross, and what ought to be blamed."""
 
+from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from PIL import Image
 
 from benchmarks.studies.mischief_case import (
     IMAGE,
@@ -15,12 +20,14 @@ from benchmarks.studies.mischief_case import (
     direction,
     displaced,
     excusing,
+    in_order,
     later_placement,
     make_case,
     seen_placement,
     sees_ball,
     showing,
     spoilt,
+    with_copy,
     with_lens,
 )
 from benchmarks.studies.mischief_frames import (
@@ -69,7 +76,7 @@ from benchmarks.studies.mischief_optics import (
     wrong_temperature,
 )
 from benchmarks.studies.mischief_world import Pose, World
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.targets.family import make_target_set
 from spherecal_sim.recording_faults import shape_changes
@@ -165,24 +172,23 @@ def copies(world: World, size: float, rng: np.random.Generator) -> Case:
     return spoilt(world, rng, ("identical", "copies", "same", "placements", "duplicate"), (), change)
 
 
+def _lasting(case: Case, change: Callable[[FloatArray, IntArray], FloatArray]) -> Case:
+    """The case in which image points (n,2) of cameras (n,) are changed when lengths are measured, too."""
+    lengths = case.reference.lengths
+    lengths = replace(lengths, uv=change(lengths.uv, lengths.camera))
+    return replace(case, reference=replace(case.reference, lengths=lengths), world=None)
+
+
 def skew(world: World, size: float, rng: np.random.Generator) -> Case:
     """All sensors skewed: u shifted by so many px from the lowest to the highest row."""
+    height = np.array([c.kind.image_size[1] for c in world.cameras], dtype=float)
 
-    def change(o: Observations) -> Observations:
-        height = np.array([c.kind.image_size[1] for c in world.cameras], dtype=float)[o.camera]
-        uv = o.uv.copy()
-        uv[:, 0] += size * (uv[:, 1] / height - 0.5)
-        return replace(o, uv=uv)
+    def change(uv: FloatArray, camera: IntArray) -> FloatArray:
+        return np.column_stack([uv[:, 0] + size * (uv[:, 1] / height[camera] - 0.5), uv[:, 1]])
 
-    case = spoilt(world, rng, ("lens", "skew", "model"), (), change)
-    lengths = case.reference.lengths
-    height = np.array([c.kind.image_size[1] for c in world.cameras], dtype=float)[lengths.camera]
-    uv = lengths.uv.copy()
-    uv[:, 0] += size * (uv[:, 1] / height - 0.5)
-    everyone = frozenset(world.ids)
-    return replace(
-        case, reference=replace(case.reference, lengths=replace(lengths, uv=uv), excused=everyone), world=None
-    )
+    blame = ("lens", "skew", "model")
+    case = _lasting(spoilt(world, rng, blame, (), lambda o: replace(o, uv=change(o.uv, o.camera))), change)
+    return replace(case, reference=replace(case.reference, excused=frozenset(world.ids)))
 
 
 def fisheye(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -224,8 +230,7 @@ def exchanged_halfway(world: World, size: float, rng: np.random.Generator) -> Ca
     def change(o: Observations) -> Observations:
         at = (o.placement >= t) if size else (o.placement == t)
         camera = np.where(at & (o.camera == a), b, np.where(at & (o.camera == b), a, o.camera))
-        out = replace(o, camera=camera)
-        return out.select(np.lexsort((out.point, out.target, out.camera, out.placement)))
+        return in_order(replace(o, camera=camera))
 
     return spoilt(world, rng, IMAGE, (world.ids[a], world.ids[b]), change)
 
@@ -236,19 +241,8 @@ def image_of_another(world: World, size: float, rng: np.random.Generator) -> Cas
     t = later_placement(world, rng)
 
     def change(o: Observations) -> Observations:
-        rest = o.select(~((o.placement == t) & (o.camera == a)))
-        copy = o.select((o.placement == t) & (o.camera == b))
-        both = Observations(
-            o.placements,
-            o.cameras,
-            o.points,
-            np.concatenate([rest.placement, copy.placement]),
-            np.concatenate([rest.camera, np.full(len(copy), a)]),
-            np.concatenate([rest.target, copy.target]),
-            np.concatenate([rest.point, copy.point]),
-            np.concatenate([rest.uv, copy.uv]),
-        )
-        return both.select(np.lexsort((both.point, both.target, both.camera, both.placement)))
+        here = o.placement == t
+        return with_copy(o, ~(here & (o.camera == a)), here & (o.camera == b), a)
 
     return spoilt(world, rng, IMAGE, (world.ids[a],), change)
 
@@ -257,18 +251,14 @@ def binned(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's images binned 2 x 2 in the upper left of the frame: from a placement on (1), or always (0)."""
     c, t = seen_placement(world, rng) if size else (any_camera(world, rng), 0)
 
-    def change(o: Observations) -> Observations:
-        uv = o.uv.copy()
-        rows = (o.camera == c) & (o.placement >= t)
-        uv[rows] = (uv[rows] + 0.5) / 2 - 0.5
-        return replace(o, uv=uv)
+    def change(uv: FloatArray, own: BoolArray) -> FloatArray:
+        return np.where(own[:, None], (uv + 0.5) / 2 - 0.5, uv)
 
-    case = spoilt(world, rng, (*IMAGE, *MOVED, "focal", "binn", "lens"), (world.ids[c],), change)
-    lengths = case.reference.lengths
-    uv = lengths.uv.copy()
-    own = lengths.camera == c
-    uv[own] = (uv[own] + 0.5) / 2 - 0.5
-    return replace(case, reference=replace(case.reference, lengths=replace(lengths, uv=uv)), world=None)
+    def binned_from(o: Observations) -> Observations:
+        return replace(o, uv=change(o.uv, (o.camera == c) & (o.placement >= t)))
+
+    case = spoilt(world, rng, (*IMAGE, *MOVED, "focal", "binn", "lens"), (world.ids[c],), binned_from)
+    return _lasting(case, lambda uv, camera: change(uv, camera == c))
 
 
 def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -280,6 +270,21 @@ def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
 
     blame = (*MOVED, "focus", "lens", "roi", "image")
     return excusing(make_case(with_lens(world, c, change), rng, blame, (world.ids[c],)), world.ids[c])
+
+
+_FILES = TemporaryDirectory()
+
+
+def stated_roi(world: World, size: float, rng: np.random.Generator) -> Case:
+    """The same, where the camera's files state where their region lies."""
+    c, t = seen_placement(world, deepcopy(rng))
+    case, places = shifted_roi(world, size, rng), []
+    for k, place in enumerate(case.session.placements):
+        path, tags, off = Path(_FILES.name) / f"{place.id}.png", Image.Exif(), size * (k >= t)
+        tags.update({0x011A: 1.0, 0x011B: 1.0, 0x011E: 100 + off, 0x011F: 100 - off / 2})
+        Image.new("L", (8, 8), k).save(path, exif=tags)
+        places.append(replace(place, images={world.ids[c]: path}))
+    return replace(case, session=replace(case.session, placements=tuple(places)), blame=("image-settings",))
 
 
 def refocused(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -458,4 +463,5 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("camera at another rate", other_rate, (0.02, 0.1), "x", methods=_FRAMES),
     Mischief("frames repeated", repeated_frames, (0.05, 0.3), "x", methods=_FRAMES),
     Mischief("figure turned for a camera", turned_figure, (1,), "camera", methods=_FRAMES),
+    Mischief("region stated by its files", stated_roi, (2, 64), "px", methods=_SHOWN),
 )

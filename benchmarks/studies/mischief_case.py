@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.studies.judged import Reference
 from benchmarks.studies.mischief_world import Pose, World
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Session
@@ -80,6 +80,16 @@ def spoilt(
     case = make_case(world, rng, blame, names)
     assert case.session.observations is not None
     return replace(case, session=replace(case.session, observations=change(case.session.observations)))
+
+
+def in_order(o: Observations) -> Observations:
+    return o.select(np.lexsort((o.point, o.target, o.camera, o.placement)))
+
+
+def with_copy(o: Observations, keep: BoolArray, copied: BoolArray, camera: int) -> Observations:
+    """Observations that are kept (n,), and others once more, as a camera's (index)."""
+    both = o.select(np.concatenate([np.flatnonzero(keep), np.flatnonzero(copied)]))
+    return in_order(replace(both, camera=np.concatenate([o.camera[keep], np.full(copied.sum(), camera)])))
 
 
 def aligned_from(case: Case, placement: int) -> Case:

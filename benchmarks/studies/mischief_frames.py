@@ -10,10 +10,12 @@ from benchmarks.studies.mischief_case import (
     Case,
     any_camera,
     direction,
+    in_order,
     later_placement,
     make_case,
     showing,
     spoilt,
+    with_copy,
 )
 from benchmarks.studies.mischief_world import Pose, World, make_world
 from spherecal.data.observations import Observations
@@ -120,11 +122,7 @@ def twins(world: World, size: float, rng: np.random.Generator) -> Case:
     a, b = (int(c) for c in rng.permutation(len(world.cameras))[:2])
 
     def change(o: Observations) -> Observations:
-        rest, copy = o.select(o.camera != b), o.select(o.camera == a)
-        joined = {k: np.concatenate([getattr(rest, k), getattr(copy, k)]) for k in ("placement", "target", "point")}
-        camera = np.concatenate([rest.camera, np.full(len(copy), b)])
-        both = replace(o, camera=camera, uv=np.concatenate([rest.uv, copy.uv]), **joined)
-        return both.select(np.lexsort((both.point, both.target, both.camera, both.placement)))
+        return with_copy(o, o.camera != b, o.camera == a, b)
 
     return spoilt(world, rng, IMAGE, (world.ids[a], world.ids[b]), change)
 
@@ -191,8 +189,7 @@ def turned_ids(world: World, size: float, rng: np.random.Generator) -> Case:
         hit = np.zeros(len(o), dtype=bool)
         for c, t in pairs:
             hit |= (o.camera == c) & (o.placement == t)
-        turned = replace(o, target=np.where(hit, [other[int(k)] for k in o.target], o.target))
-        return turned.select(np.lexsort((turned.point, turned.target, turned.camera, turned.placement)))
+        return in_order(replace(o, target=np.where(hit, [other[int(k)] for k in o.target], o.target)))
 
     return spoilt(world, rng, (*IMAGE, "outlier", "moved"), (), change)
 

@@ -29,7 +29,7 @@ from spherecal_boards.bar_start import LEAST_COMMON, BarStart, lags_of, start_fr
 from spherecal_boards.bar_steps import bar_step
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing
-from spherecal_boards.camera_lag import in_step, lag_findings, unmirrored
+from spherecal_boards.camera_lag import flipped_back, in_step, lag_findings
 from spherecal_boards.frames_evidence import FrameAdjustment, Tested, frame_evidence, frame_test
 
 METHOD = "bar"
@@ -118,8 +118,8 @@ def _result(
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
         step = bar_step(network, recording, adjusted)
-        changed = 0.0 if step is None else step.relative / 2  # which of its two lengths is right is not known
-        findings = findings if step is None else [*findings, step.finding(recording.bar.id)]
+        changed = 0.0 if step is None else step[1] / 2  # which of its two lengths is right is not known
+        findings = findings if step is None else [*findings, step[0]]
         scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     cut = _in_stretches(session, recording)
@@ -154,7 +154,7 @@ def _in_step(
         return recording, []
     frame, slot = np.divmod(recording.point, recording.slots)
     found = lag_findings(o, lags, tuple(o.placements[i] for i in recording.pose))
-    uv = unmirrored(lags, o.camera, o.uv, widths)
+    uv = flipped_back(lags, o.camera, o.uv, widths)
     frame, keep = in_step(lags, o.camera, frame)
     o = replace(o.select(keep), placement=recording.pose[frame], uv=uv[keep])
     return replace(recording, observations=o, point=frame * recording.slots + slot[keep]), found

@@ -4,6 +4,7 @@ Each camera is calibrated alone and chained in overlapping groups of four; then 
 """
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import UNMEASURED_PRINT, Session
+from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
 from spherecal.diagnose.plausibility import implausible
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.board_adjustment import (
@@ -42,7 +44,7 @@ from spherecal_boards.board_model import BoardViews, board_views
 from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing, groups_of
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
-from spherecal_boards.camera_lag import AGREE_PX, Compared, find_lags, in_step, lag_findings, unmirrored
+from spherecal_boards.camera_lag import AGREE_PX, Compared, find_lags, flipped_back, in_step, lag_findings
 from spherecal_boards.eccentricity import eccentricity
 from spherecal_boards.frames_evidence import FrameAdjustment, frame_evidence
 from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
@@ -124,27 +126,34 @@ def _in_step(
     free: BoolArray,
     context: Context,
 ) -> tuple[Observations, BoardViews, BoardStart, list[Finding]]:
-    """The same with what cameras that are behind, ahead or mirrored saw put back, and what was."""
+    """The same with what cameras that are behind, ahead or flipped saw put back, and what was."""
     widths = np.array([camera.image_size[0] for camera in session.cameras])
+
+    @cache
+    def put_back(camera: int, how: Flip) -> tuple[ViewPoses, float]:
+        """The poses by a camera put back, and how far its principal point then is from what is known, px."""
+        own = views.camera == camera
+        uv = np.where(own[:, None], flipped(views.uv, how, widths[camera]), views.uv)
+        alone = _start(session, replace(views, uv=uv), free, context, own)
+        return alone.poses, float(np.linalg.norm(alone.intrinsics[camera, 2:4] - session.cameras[camera].prior[2:4]))
 
     def compare(a: int, b: int, shifted: bool) -> Compared:
         found = compare_views(views, (start.poses, start.poses), start.intrinsics, a, b, shifted)
         if not shifted or found[0] <= AGREE_PX:
             return found
-        rows = np.flatnonzero(views.camera == b)
-        turned = views.uv.copy()
-        turned[rows, 0] = widths[b] - 1 - turned[rows, 0]
-        as_seen = replace(views, uv=turned)
-        seen = {view: poses(as_seen, views.of(*view), start.intrinsics[b]) for view in start.poses if view[0] == b}
-        seen = {view: own for view, own in seen.items() if own}
-        mirrored = compare_views(views, (start.poses, seen), start.intrinsics, a, b, False)
-        return (*mirrored[:2], True) if mirrored[0] < found[0] else found
+        fits = []
+        for how in FLIPS:  # turned by 90 degrees the wrong one may fit too, with another principal point
+            seen, off_px = put_back(b, how)
+            error = compare_views(views, (start.poses, seen), start.intrinsics, a, b, False)[0]
+            if error < min(found[0], AGREE_PX):
+                fits.append((off_px, error, how))
+        return (min(fits)[1], np.zeros_like(found[1]), min(fits)[2]) if fits else found
 
     lags = find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)
     if not lags:
         return observations, views, start, []
     findings = lag_findings(observations, lags, observations.placements)
-    uv = unmirrored(lags, views.camera, views.uv, widths)
+    uv = flipped_back(lags, views.camera, views.uv, widths)
     placement, keep = in_step(lags, views.camera, views.placement)
     observations = replace(observations.select(keep), placement=placement, uv=uv[keep])
     sigma = None if views.sigma is None else views.sigma[keep]
@@ -154,9 +163,10 @@ def _in_step(
     return observations, views, _start(session, views, free, context), findings
 
 
-def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> BoardStart:
-    every = np.ones(len(views), dtype=bool)
-    usable = usable_views(views, every)
+def _start(
+    session: Session, views: BoardViews, free: BoolArray, context: Context, some: BoolArray | None = None
+) -> BoardStart:
+    usable = usable_views(views, np.ones(len(views), dtype=bool) if some is None else some)
     intrinsics = start_intrinsics(views, usable, session.cameras, free, context)
     found = {view: poses(views, views.of(*view), intrinsics[view[0]]) for view in usable}
     found = {view: some for view, some in found.items() if some}

@@ -1,4 +1,4 @@
-"""Cameras some frames behind the others, throughout or from a frame on, or mirrored: found before any adjustment.
+"""Cameras some frames behind the others, or mirrored, or with u and v exchanged: found before any adjustment.
 
 A shutter that missed its first trigger, or a lost frame, stores each image one number early. Two cameras then never saw
 the board or bar at one place, whatever the lenses; shifted by the right number of frames they agree everywhere.
@@ -15,6 +15,7 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Observations
+from spherecal.diagnose.camera_findings import Flip, flipped
 
 MOST_FRAMES = 3
 # Two cameras in step agree within 1 px before any adjustment, with nominal lenses within 4 (bars); one frame late they
@@ -24,19 +25,19 @@ AGREE_PX, BETTER = 5.0, 3.0
 SHARE = 0.8
 PARTNERS, LEAST_FRAMES = 3, 4
 
-# Error in px of two cameras' agreement, by how many frames the second is late at each frame (f,), and whether its
-# images are mirrored; infinite where they have too little in common.
-Compared = tuple[float, IntArray, bool]
+# Error in px of two cameras' agreement, by how many frames the second is late at each frame (f,), and how its images
+# are flipped, if they are; infinite where they have too little in common.
+Compared = tuple[float, IntArray, Flip | None]
 
 
 @dataclass(frozen=True)
 class Lag:
-    """A camera (index) whose images show what another one saw `frames` (f,) frames before, or are `mirrored`."""
+    """A camera (index) whose images show what another one saw `frames` (f,) frames before, or are flipped."""
 
     camera: int
     partner: int
     frames: IntArray
-    mirrored: bool
+    flip: Flip | None
     after_px: float
 
 
@@ -62,13 +63,13 @@ def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -
     for pair, error in as_is.items():
         linked[pair] = error <= AGREE_PX
     label = connected_components(csr_array(linked), directed=False)[1]
-    largest = np.argmax(np.bincount(label))  # of equals that with the first camera
+    group = (np.bincount(label) - np.arange(label.max() + 1) / n)[label]  # the larger is right, of equals the first
     lags: dict[int, Lag] = {}
-    for (a, b), (after, frames, mirrored) in late.items():
-        as_first = -frames[np.clip(np.arange(len(frames)) + frames[-1], 0, len(frames) - 1)]
-        for partner, camera, own in ((a, b, frames), (b, a, as_first)):
-            if label[partner] == largest and label[camera] != largest and camera not in lags:
-                lags[camera] = Lag(camera, partner, own, mirrored, after)
+    for (a, b), found in late.items():
+        for partner, camera in ((a, b), (b, a)):
+            if group[partner] > group[camera] and camera not in lags:
+                after, frames, flip = found if camera == b else compare(partner, camera, True)
+                lags[camera] = Lag(camera, partner, frames, flip, after)
     return list(lags.values())
 
 
@@ -85,10 +86,13 @@ def in_step(lags: list[Lag], camera: IntArray, frame: IntArray) -> tuple[IntArra
     return moved[inside], inside
 
 
-def unmirrored(lags: list[Lag], camera: IntArray, uv: FloatArray, widths: IntArray) -> FloatArray:
-    """The image points (n,2) px with those of mirrored cameras turned back. `widths` of the images (c,)."""
-    mirrored = np.isin(camera, [lag.camera for lag in lags if lag.mirrored])
-    return np.column_stack([np.where(mirrored, widths[camera] - 1 - uv[:, 0], uv[:, 0]), uv[:, 1]])
+def flipped_back(lags: list[Lag], camera: IntArray, uv: FloatArray, widths: IntArray) -> FloatArray:
+    """The image points (n,2) px with those of flipped cameras put back. `widths` of the images (c,)."""
+    uv = uv.copy()
+    for lag in lags:
+        if lag.flip is not None:
+            uv[camera == lag.camera] = flipped(uv[camera == lag.camera], lag.flip, widths[lag.camera])
+    return uv
 
 
 def lag_findings(observations: Observations, lags: list[Lag], names: tuple[str, ...]) -> list[Finding]:
@@ -96,8 +100,9 @@ def lag_findings(observations: Observations, lags: list[Lag], names: tuple[str, 
     found = []
     for lag in lags:
         camera, partner = (observations.cameras[c] for c in (lag.camera, lag.partner))
-        if lag.mirrored:
-            found.append(Finding("mirrored", "error", where=(camera,), kind="camera"))
+        if lag.flip is not None:
+            kind = "axes" if lag.flip == "axes" else "camera"
+            found.append(Finding("mirrored", "error", where=(camera,), kind=kind))
             continue
         number = int(lag.frames[-1])
         changed = np.flatnonzero(np.diff(lag.frames) != 0)
@@ -121,11 +126,11 @@ def least_error(by_frame: dict[int, FloatArray], shifted: bool) -> Compared:
     frames = next(iter(by_frame.values())).shape[1]
     nothing = np.zeros(frames, dtype=np.int64)
     if not shifted:
-        return _quantile(by_frame[0]), nothing, False
-    best: Compared = np.inf, nothing, False
+        return _quantile(by_frame[0]), nothing, None
+    best: Compared = np.inf, nothing, None
     for lag in sorted(by_frame, key=abs):  # the larger, the fewer frames are left to contradict it
         if (error := _quantile(by_frame[lag])) < best[0]:
-            best = error, np.full(frames, lag), False
+            best = error, np.full(frames, lag), None
         if best[0] <= AGREE_PX:
             return best
     for lag in sorted(by_frame, key=abs)[1:]:
@@ -137,7 +142,7 @@ def least_error(by_frame: dict[int, FloatArray], shifted: bool) -> Compared:
             whole.append((float(off.min()), first, _quantile(errors)))
         _, first, error = min(whole, default=(np.inf, 0, np.inf))
         if error < best[0]:
-            best = error, np.where(np.arange(frames) < first, 0, lag), False
+            best = error, np.where(np.arange(frames) < first, 0, lag), None
         if best[0] <= AGREE_PX:
             return best
     return best

@@ -10,7 +10,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_file, write_below
 from spherecal.base.messages.values import Phrase
 from spherecal.files.findings_file import with_values
-from spherecal.files.json_file import json_bytes
+from spherecal.files.json_file import JsonValue, json_bytes
 from spherecal.verify.verification_file import VERIFICATION, BarReport, BarRow, Override
 from spherecal.verify.write_verification import BAR_COLUMNS
 from spherecal_rigs.result_table import read_csv
@@ -66,4 +66,5 @@ def answer_for(folder: Path, by: str, reason: str) -> None:
         raise InputError(Phrase("error-override-needs-name"))
     at = datetime.now(UTC).replace(microsecond=0).isoformat()
     document = json.loads(read_file(path, _MOST_BYTES)) | {"override": {"by": by, "reason": reason, "at": at}}
+    VERIFICATION.kind.read(JsonValue(document, path))  # a control character would make the file unreadable
     write_below(folder, VERIFICATION.file, json_bytes(document))

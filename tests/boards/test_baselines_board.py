@@ -376,6 +376,16 @@ def test_real_pair_with_the_print_estimated(dotboard, stated):
     assert baseline(result) == pytest.approx(89.65, abs=0.1)
 
 
+@pytest.mark.parametrize("cameras", [(1,), (0, 1)])
+def test_real_image_points_with_u_and_v_exchanged_are_named(dotboard, cameras):
+    o = dotboard.observations
+    uv = np.where(np.isin(o.camera, cameras)[:, None], o.uv[:, ::-1], o.uv)
+    result = calibrate_board(replace(dotboard, observations=replace(o, uv=uv), folder=Path()))
+    told = [f for f in result.rig.quality.findings if f.code == "mirrored"]
+    assert [(f.kind, f.where) for f in told] == [("axes", tuple(f"C{c}" for c in cameras))]
+    assert result.rig.quality.verdict == "not-valid"
+
+
 def test_a_focal_length_that_is_only_assumed_may_be_far_off(recording):
     """As `session new` writes it where EXIF says nothing: lenses may be four times as long."""
     session = without(recording.session, lambda o: o.placement % 2 == 1)  # half of the boards, in half of the time

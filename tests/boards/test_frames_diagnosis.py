@@ -22,7 +22,7 @@ from benchmarks.studies.mischief_frames import (
     wobbling_board,
 )
 from benchmarks.studies.mischief_motions import moved
-from benchmarks.studies.mischief_optics import stretched_board
+from benchmarks.studies.mischief_optics import axes_exchanged, stretched_board
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import UNMEASURED_PRINT
@@ -137,6 +137,20 @@ def test_images_of_no_common_moment_are_named() -> None:
 def test_a_mirrored_camera_is_named() -> None:
     case, done = spoilt(mirrored, "board", 1)
     assert done.rig.quality.verdict == "not-valid" and codes(done)["mirrored"] == case.names
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("who", ["one", "all"])
+def test_exchanged_axes_are_named(method: str, who: str) -> None:
+    """Of all cameras the bar's rig was VALID, and a mirror image; of one it "did not converge"."""
+    case = axes_exchanged(world(method), 1, np.random.default_rng(3))
+    o = case.session.observations
+    assert o is not None
+    rest = ~np.isin(o.camera, [o.cameras.index(name) for name in case.names]) & (who == "all")
+    session = replace(case.session, observations=replace(o, uv=np.where(rest[:, None], o.uv[:, ::-1], o.uv)))
+    told = [f for f in calibrate(session, case.settings).rig.quality.findings if f.code == "mirrored"]
+    assert [(f.severity, f.kind) for f in told] == [("error", "axes")]
+    assert told[0].where == (case.names if who == "one" else o.cameras)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -300,7 +300,24 @@ def nothing_measured(rig: dict, verification: dict) -> None:
         length.pop("mean_error_mm")
 
 
-CHANGES = [recorded, nothing_known, nothing_measured]
+def not_valid(rig: dict, verification: dict) -> None:
+    rig["quality"] |= {"valid": False, "verdict": "not-valid"}
+    acceptance = verification["procedure"]["acceptance"]
+    acceptance |= {"verdict": "cannot tell", "doubts": []}
+
+
+def failed(rig: dict, verification: dict) -> None:
+    """With care, of many bars, and used all the same by people whose names are hard on XML."""
+    rig["quality"] |= {"verdict": "use-with-care", "affected": [{"scale": True}, {"camera": "C01"}]}
+    said = {"by": "<Jörg> & 中 ]]>", "reason": 'e\u0301 "x"', "at": "2026-11-27T10:00:00+00:00"}
+    verification |= {"override": said, "lengths": 60 * verification["lengths"]}
+    verification["decision"]["verdict"] = "inconsistent"
+    verification["procedure"]["acceptance"]["verdict"] = "fail"
+    for length, k in zip(verification["lengths"], (0.9, 1, 2.0000001, 12.706, 1e6, 1e20), strict=False):
+        length |= {"coverage_factor": k, "mean_error_mm": -1e-12 / k, "expanded_uncertainty_mm": 1e-30 * k}
+
+
+CHANGES = [recorded, nothing_known, nothing_measured, not_valid, failed]
 
 
 def changed(result: Path, folder: Path, change: Callable[[dict, dict], None] | None) -> bytes:

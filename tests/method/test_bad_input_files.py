@@ -198,6 +198,7 @@ BAD_LINES = [
     (2, "P1,C02,1,A,1_0,200,0.04,0.04", ["line 3", "column u", "1_0"]),
     (2, "P1,C02,1,A,,200,0.04,0.04", ["line 3", "column u"]),
     (2, "P1,C02,1,A,100,2500,0.04,0.04", ["line 3", "column v", "outside the image of 2064 x 1544"]),
+    (2, "P1,C02,1,A,100,2000,0.04,0.04", ["line 3", "column v", "with u and v exchanged"]),
     (2, "P1,C02,1,A,100,200,0,0.04", ["line 3", "column sigma_u", "below"]),
     (2, "P1,C02,1,A,100,200,0.04,-1", ["line 3", "column sigma_v", "below"]),
     (2, "P1,C02,1,A,100,200", ["line 3", "6 fields"]),

@@ -546,7 +546,7 @@ def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["serial", "size", "offset"])
 def test_images_of_another_region_or_camera_are_named_by_their_files(tmp_path: Path, kind: str) -> None:
-    """A region of interest that was shifted in mid-recording passed for a move of the camera."""
+    """A region that was shifted in mid-recording passed for a move: the camera was split, and nothing was said."""
     session, _ = recording()
     placements = []
     for t, placement in enumerate(session.placements):
@@ -562,9 +562,11 @@ def test_images_of_another_region_or_camera_are_named_by_their_files(tmp_path: P
             Image.new("L", (width, 10), 10 * t + len(images)).save(images[camera.id], exif=tags)
         placements.append(replace(placement, images=images))
     assert not [f for f in implausible(session) if f.code == "image-settings"]
-    (found,) = (f for f in implausible(replace(session, placements=tuple(placements))) if f.code == "image-settings")
-    assert found.where == ("C02", "P3") and f"image-{kind}" == found.values["what"].key
-    assert effect(found) == "not-valid"
+    told = replace(session, placements=tuple(placements))
+    for spoilt in (told, repaired(told, Repairs(split=("C02@P3",)))):
+        (found,) = (f for f in implausible(spoilt) if f.code == "image-settings")
+        assert found.where == ("C02", "P3") and f"image-{kind}" == found.values["what"].key
+        assert effect(found) == "not-valid"
 
 
 def test_a_ball_that_rolls_is_no_drift_of_all_cameras() -> None:

@@ -281,6 +281,25 @@ def test_expired_certificates_are_named(
     assert codes(done) == ({code} if code else set())
 
 
+def test_bars_of_one_laboratory_err_alike(two_bars: tuple[Session, Truth]) -> None:
+    """Their certificates do not average out in the mean of all errors; laboratories that are not known may be one."""
+    session, truth = two_bars
+
+    def mean(*laboratories: str) -> float:
+        bars = tuple(
+            replace(
+                bar,
+                certificate=Certificate("K", laboratory),
+                lengths=tuple(replace(x, expanded_uncertainty_mm=0.2) for x in bar.lengths),
+            )
+            for bar, laboratory in zip(session.bars, laboratories, strict=True)
+        )
+        return verify(replace(session, bars=bars), true_rig(truth)).overall.expanded_uncertainty_mm or 0.0
+
+    one, two = mean("PTB", " ptb"), mean("PTB", "NPL")
+    assert one == mean("", "") == pytest.approx(0.2, rel=0.1) and one / two == pytest.approx(np.sqrt(2), rel=0.05)
+
+
 # the plan
 
 

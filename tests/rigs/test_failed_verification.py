@@ -83,7 +83,8 @@ def test_who_answers_for_it_is_named_everywhere(failed: Path, tmp_path: Path, ca
     folder.mkdir()
     for path in failed.iterdir():
         (folder / path.name).write_bytes(path.read_bytes())
-    assert main(["override", str(folder), "--by", " ", "--reason", "x"]) == BAD_INPUT
+    for by in (" ", "A\x01B", "A" * 2000):  # the verification stays as it was
+        assert main(["override", str(folder), "--by", by, "--reason", "x"]) == BAD_INPUT
     assert main(["override", str(folder), *WHO]) == DONE
     assert json.loads((folder / "verification.json").read_text())["override"]["by"] == "B. Responsible"
     said = "B. Responsible: only shapes matter here"

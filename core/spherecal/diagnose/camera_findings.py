@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -38,6 +39,14 @@ ASTRAY_BY, ASTRAY_SD = 0.2, 0.01
 TRIED_FACTORS = np.geomspace(1 / 3, 3.0, 24)
 TRIED_PX, TRIED_SHARE, TRIED_POINTS = 12.0, 0.7, 30
 TRIED_IMAGES = 2  # of a camera without a pose, whether a mirror shows more: a second each
+# What may have been done to all image points of a camera: left and right exchanged, or u and v.
+Flip = Literal["camera", "axes"]
+FLIPS: tuple[Flip, ...] = ("camera", "axes")
+
+
+def flipped(uv: FloatArray, how: Flip, width: int | IntArray) -> FloatArray:
+    """Image points (n,2) px with left and right, or u and v, exchanged."""
+    return uv[:, ::-1] if how == "axes" else np.column_stack([width - 1 - uv[:, 0], uv[:, 1]])
 
 
 def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
@@ -188,23 +197,25 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
     points = e.solution.state.points[e.features.of_observation]
     seen, used = (np.bincount(e.observations.camera[some], minlength=len(prior)) for some in (slice(None), e.used))
     for c in np.flatnonzero((~e.placed | (2 * used < seen)) & ~e.is_earlier_pose):
+        where = (e.camera_ids[c],)
         if _images_mirrored(e, e.camera_ids[c]):
-            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
+            found.append(Finding("mirrored", "error", where=where, kind="camera"))
             continue
         if e.placed[c]:
             continue
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:
             continue
-        if _share_with(e, int(c), rows, points[rows], 1.0, mirrored=True) >= TRIED_SHARE:
-            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
+        share, how = max((_share_with(e, int(c), rows, points[rows], 1.0, how), how) for how in FLIPS)
+        if share >= TRIED_SHARE:
+            found.append(Finding("mirrored", "error", where=where, kind="camera" if how == "camera" else "axes"))
             continue
         shares = [_share_with(e, int(c), rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
         best = int(np.argmax(shares))
         factor = float(TRIED_FACTORS[best])
         if shares[best] >= TRIED_SHARE and abs(factor - 1) > WRONG_FOCAL:
             values = _prior_values(prior[c], prior[c] * factor) | {"fit_percent": 100 * shares[best]}
-            found.append(Finding("prior-focal-length", "warning", values, (e.camera_ids[c],), kind="unplaced"))
+            found.append(Finding("prior-focal-length", "warning", values, where, kind="unplaced"))
     return found
 
 
@@ -221,14 +232,14 @@ def _images_mirrored(e: Evidence, camera: str) -> bool:
 
 
 def _share_with(
-    e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float, mirrored: bool = False
+    e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float, flip: Flip | None = None
 ) -> float:
     """The share of a camera's points that agree with a pose for a focal length `factor` times its prior's."""
     intrinsics = e.session.cameras[c].prior.copy()
     intrinsics[:2] *= factor
     uv = e.observations.uv[rows]
-    if mirrored:
-        uv = np.column_stack([e.session.cameras[c].image_size[0] - 1 - uv[:, 0], uv[:, 1]])
+    if flip is not None:
+        uv = flipped(uv, flip, e.session.cameras[c].image_size[0])
     xy, usable = undistort(uv, intrinsics)
     pose = resect(points[usable], xy[usable], TRIED_PX / intrinsics[0])
     return 0.0 if pose is None else pose[2] / len(rows)

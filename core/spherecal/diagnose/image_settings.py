@@ -17,21 +17,26 @@ def image_settings(session: Session) -> list[Finding]:
     """A finding for each camera whose images state different sizes, regions or serial numbers, from which one on.
 
     A lens and a pose are those of one region of one sensor: shifted by 8 px in mid-recording it passed for a move.
+    An earlier pose of a camera that was split has its images too.
     """
     found = []
+    of: dict[str, list[str]] = {}
     for camera in session.cameras:
+        of.setdefault(camera.earlier_pose_of or camera.id, []).append(camera.id)
+    for name, poses in of.items():
         shown = [
             (place.id, facts)
             for place in (*session.placements, *session.bar_poses)
-            if camera.id in place.images and (facts := _facts(place.images[camera.id])) is not None
+            for pose in poses
+            if pose in place.images and (facts := _facts(place.images[pose])) is not None
         ]
         for kind in ("image-serial", "image-size", "image-offset"):
             change = _change([(place, getattr(facts, kind.removeprefix("image-"))) for place, facts in shown])
             if change is not None:
                 place, before, now = change
                 what = {"before": _words(before), "now": _words(now)}
-                values = {"camera": camera.id, "place": place, "what": Phrase(kind, what)}
-                found.append(Finding("image-settings", "warning", values, (camera.id, place)))
+                values = {"camera": name, "place": place, "what": Phrase(kind, what)}
+                found.append(Finding("image-settings", "warning", values, (name, place)))
                 break
     return found
 

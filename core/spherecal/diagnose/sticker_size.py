@@ -18,8 +18,9 @@ from spherecal.diagnose.evidence import Evidence
 # recordings, a change of size once in a thousand: it adds 0.01 % to the scale then. Stickers that shrank by 0.03 % were
 # found at 1e-6 on one rig A of two, and lengths 3.5 U off on the other.
 LEAST_DOTS, FALSE_ALARM, FALSE_CHANGE = 4, 1e-6, 1e-3
-# Ball and cameras take up most of an outward shift: of 0.1 px, 0.0215 px are left (rig A, two recordings).
-TAKEN_UP = 5.0
+# Ball and cameras take up most of an outward shift: of 0.1 px, 0.017 to 0.038 px are left (eight recordings, rigs A, B
+# and random; the least on A).
+TAKEN_UP = 6.0
 # What prints err by anyway asks for no care once it is in the scale's uncertainty.
 HARMFUL = 0.001
 

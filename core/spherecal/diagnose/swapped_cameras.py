@@ -1,9 +1,10 @@
-"""Cameras that were exchanged in all images: nothing in the images says so, but their known intrinsics do."""
+"""Cameras, or the axes of all images, exchanged throughout: no image says so, but their known intrinsics do."""
 
 from itertools import combinations
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.data.findings import AdvisedRepair, Finding
 from spherecal.diagnose.evidence import Evidence
 
@@ -23,7 +24,7 @@ def swapped_cameras(e: Evidence) -> list[Finding]:
     if len(known) < 2:
         return []
     own = np.linalg.norm(estimated - prior, axis=1)
-    found = []
+    found = _exchanged_axes(e, prior[known, 2:], estimated[known, 2:])
     for a, b in combinations(known, 2):
         as_is = np.hypot(own[a], own[b])
         swapped = np.hypot(np.linalg.norm(estimated[a] - prior[b]), np.linalg.norm(estimated[b] - prior[a]))
@@ -46,3 +47,11 @@ def swapped_cameras(e: Evidence) -> list[Finding]:
             )
         )
     return found
+
+
+def _exchanged_axes(e: Evidence, prior: FloatArray, estimated: FloatArray) -> list[Finding]:
+    """The finding on principal points (k,2) that are known ones with u and v exchanged, in most cameras."""
+    as_is, back = np.linalg.norm(estimated - prior, axis=1), np.linalg.norm(estimated[:, ::-1] - prior, axis=1)
+    if (as_is > np.maximum(BETTER * back, LEAST_PX)).mean() < MOST:
+        return []
+    return [Finding("mirrored", "error", where=tuple(np.array(e.camera_ids)[e.placed].tolist()), kind="axes")]

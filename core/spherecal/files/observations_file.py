@@ -121,16 +121,16 @@ class _Table:
 
     def check_inside(self, uv: FloatArray, size: FloatArray) -> None:
         """Raise InputError for an image point that is well outside its image."""
-        margin = MARGIN * size.max(axis=1, initial=0.0)
+        margin = MARGIN * size.max(axis=1, initial=0.0, keepdims=True)
+        good, exchanged = ((some >= -margin) & (some <= size - 1 + margin) for some in (uv, uv[:, ::-1]))
+
+        def problem(row: int) -> Phrase:
+            own = self.columns[1] == self.columns[1][row]
+            named = "problem-axes-exchanged" if exchanged[own].all() else "problem-outside-image"
+            return Phrase(named, {"width": float(size[row, 0]), "height": float(size[row, 1])})
+
         for k in (0, 1):
-            good = (uv[:, k] >= -margin) & (uv[:, k] <= size[:, k] - 1 + margin)
-            self.check(
-                good,
-                4 + k,
-                lambda row: Phrase(
-                    "problem-outside-image", {"width": float(size[row, 0]), "height": float(size[row, 1])}
-                ),
-            )
+            self.check(good[:, k], 4 + k, problem)
 
 
 def _parses(field: bytes, kind: type) -> bool:

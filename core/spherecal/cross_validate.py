@@ -72,14 +72,7 @@ def _left_out(placement: str, number: int, whole: Calibration, rig: Rig) -> Left
     own = o.select(rows)
     features = find_features(own)
     weight = np.ones((len(own), 2)) if own.sigma is None else 1.0 / own.sigma**2
-    points = triangulate(
-        features.of_observation,
-        camera[rows],
-        own.uv,
-        weight,
-        len(features),
-        posed(rig.cameras),
-    )
+    points = triangulate(features.of_observation, camera[rows], own.uv, weight, len(features), posed(rig.cameras))
     full = whole.features.of_observation[rows]
     place = np.full((len(features), 3), np.nan)
     place[features.of_observation] = whole.points_mm[full]

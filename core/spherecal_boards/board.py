@@ -27,15 +27,7 @@ from spherecal_boards.board_adjustment import (
     leave_chained,
     residuals_px,
 )
-from spherecal_boards.board_chain import (
-    BoardStart,
-    Links,
-    chain,
-    common_placements,
-    compare_views,
-    find_links,
-    whole,
-)
+from spherecal_boards.board_chain import BoardStart, Links, chain, common_placements, compare_views, find_links, whole
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views

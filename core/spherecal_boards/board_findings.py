@@ -23,15 +23,7 @@ from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.lens import misfits
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
-from spherecal.diagnose.moves import (
-    credible,
-    find_moves,
-    least_visible,
-    pose_values,
-    prepare,
-    rows_of,
-    scatters,
-)
+from spherecal.diagnose.moves import credible, find_moves, least_visible, pose_values, prepare, rows_of, scatters
 from spherecal.diagnose.run_checks import (
     LITTLE_COVERAGE,
     STATED_LENGTH_MM,

@@ -74,11 +74,7 @@ def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
 
 
 def start_intrinsics(
-    views: BoardViews,
-    usable: list[tuple[int, int]],
-    cameras: Sequence[CameraSpec],
-    free: BoolArray,
-    context: Context,
+    views: BoardViews, usable: list[tuple[int, int]], cameras: Sequence[CameraSpec], free: BoolArray, context: Context
 ) -> FloatArray:
     """Intrinsics (c,16) of each camera alone: estimated where views and `free` allow, else its prior.
 

@@ -73,7 +73,5 @@ class State:
             return replace(moved, points=points, placement_rotation=of_ball, placement_translation=translation)
         of_ball = r @ self.placement_rotation @ r.T
         return replace(
-            moved,
-            placement_rotation=of_ball,
-            placement_translation=self.placement_translation @ r.T + t - of_ball @ t,
+            moved, placement_rotation=of_ball, placement_translation=self.placement_translation @ r.T + t - of_ball @ t
         )

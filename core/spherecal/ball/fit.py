@@ -135,11 +135,7 @@ def with_effects_unknown(fit: BallFit) -> BallFit:
 
 
 def solve_with_priors(
-    network: Network,
-    candidates: BoolArray,
-    placed: BoolArray,
-    solution: Callable[[Network], BallFit],
-    run: Run,
+    network: Network, candidates: BoolArray, placed: BoolArray, solution: Callable[[Network], BallFit], run: Run
 ) -> BallFit:
     """The solution; cameras whose intrinsics the data do not determine get a prior.
 

@@ -11,14 +11,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust import engine
-from spherecal.adjust.bundle import (
-    RobustStep,
-    refine,
-    residual_size,
-    robust_adjustment,
-    robust_start,
-    triangulated,
-)
+from spherecal.adjust.bundle import RobustStep, refine, residual_size, robust_adjustment, robust_start, triangulated
 from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import Network, free_network

@@ -9,11 +9,7 @@ from spherecal.base.messages.values import Phrase
 EXPORTERS, IMPORTERS, CAMERA_SOURCES = "spherecal.exporters", "spherecal.importers", "spherecal.camera_sources"
 METHODS = "spherecal.methods"  # of calibration: board and bar
 _LONGEST = 200  # characters of what a package says
-_KINDS = {
-    EXPORTERS: Phrase("an-exporter"),
-    IMPORTERS: Phrase("an-importer"),
-    CAMERA_SOURCES: Phrase("a-camera-source"),
-}
+_KINDS = {EXPORTERS: Phrase("an-exporter"), IMPORTERS: Phrase("an-importer"), CAMERA_SOURCES: Phrase("a-camera-source")}
 
 
 def names(group: str) -> tuple[str, ...]:

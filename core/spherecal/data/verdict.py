@@ -192,8 +192,7 @@ RULES: dict[str, Rule] = {
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
     "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),
     "ball-size-changed": _care(
-        "scale",
-        "Stated: widened by what it did to the cameras. Over 0.1 %: 0.5 mm on 500 mm, and no ball's warmth.",
+        "scale", "Stated: widened by what it did to the cameras. Over 0.1 %: 0.5 mm on 500 mm, and no ball's warmth."
     ),
     "stickers-change": _care(
         "scale",
@@ -202,8 +201,7 @@ RULES: dict[str, Rule] = {
     ),
     "print-stretched": _care("scale", "Stated, as ball-diameter. Printers differ by up to 0.3 % between directions."),
     "parts-disagree": Rule(
-        "information",
-        "Stated: widened by as much as leaving out single parts changes more than noise would.",
+        "information", "Stated: widened by as much as leaving out single parts changes more than noise would."
     ),
     "ball-profile-refused": Rule("information", "Calibrated without the profile."),
     "not-on-board": Rule("information", "Left out."),

@@ -46,12 +46,7 @@ def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
     size = _degrees(e, found.translation * e.solution.factor, found.rotation_rad)
     sure = Phrase(
         "shows-group",
-        {
-            "px": found.image_change_px,
-            "chi_square": found.statistic,
-            "dof": found.dof,
-            "noise": found.variance_factor,
-        },
+        {"px": found.image_change_px, "chi_square": found.statistic, "dof": found.dof, "noise": found.variance_factor},
     )
     if found.kind == "placement":
         values = {"size": size, "evidence": sure}
@@ -120,12 +115,7 @@ def _moved(e: Evidence, move: Move) -> Finding:
         size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * rotation})
     sure = Phrase(
         "shows-move",
-        {
-            "px": move.image_change_px,
-            "chi_square": move.statistic,
-            "dof": move.dof,
-            "limit": LEAST_STATISTIC,
-        },
+        {"px": move.image_change_px, "chi_square": move.statistic, "dof": move.dof, "limit": LEAST_STATISTIC},
     )
     return _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
 

@@ -51,22 +51,8 @@ from spherecal.files.codec import (
 )
 from spherecal.files.codec import software as software_field
 from spherecal.files.findings_file import FINDING, with_values
-from spherecal.files.json_file import (
-    MOST_CAMERAS,
-    JsonValue,
-    finite,
-    parse_json,
-    read_bytes,
-    read_json,
-    software_entry,
-)
-from spherecal.geometry.camera import (
-    INTRINSIC_NAMES,
-    camera_matrix,
-    fisheye_vector,
-    intrinsics_vector,
-    is_fisheye,
-)
+from spherecal.files.json_file import MOST_CAMERAS, JsonValue, finite, parse_json, read_bytes, read_json, software_entry
+from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, fisheye_vector, intrinsics_vector, is_fisheye
 from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
 from spherecal.geometry.volume_map import LengthMap
@@ -75,11 +61,7 @@ COVARIANCE_FILE = "covariance.npy"
 
 _EXPECTED = ("scale", "quality", "input_sha256")
 INCOMPLETE = "rig-incomplete"
-_MISSING = {
-    "scale": Phrase("lacks-scale"),
-    "quality": Phrase("lacks-quality"),
-    "input_sha256": Phrase("lacks-input"),
-}
+_MISSING = {"scale": Phrase("lacks-scale"), "quality": Phrase("lacks-quality"), "input_sha256": Phrase("lacks-input")}
 
 # Rotations come from files of others too, printed with six digits or more.
 _ROTATION_TOLERANCE = 1e-5
@@ -469,11 +451,7 @@ _REPAIR = record(
     field("option", prose("Option of the command line.")),
     field("value", prose("Its value.")),
     optional("automatic", boolean("Whether the program chose it."), omit=False),
-    optional(
-        "earlier_pose",
-        _CAMERA.described("The camera before it moved."),
-        omit=None,
-    ),
+    optional("earlier_pose", _CAMERA.described("The camera before it moved."), omit=None),
 )
 _SCALE = record(
     "Where the scale comes from; without it lengths are assumed to be in mm.",

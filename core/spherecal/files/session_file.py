@@ -187,10 +187,7 @@ def _check_spacing(scale: Scale, f: Mapping[str, JsonValue]) -> None:
 
 
 _BAR_SCALE = record(
-    "",
-    Scale,
-    field("kind", choice("A bar with role `scale`.", ("bar",))),
-    field("bar", name("The bar's id.")),
+    "", Scale, field("kind", choice("A bar with role `scale`.", ("bar",))), field("bar", name("The bar's id."))
 )
 _SPACING = record(
     "",

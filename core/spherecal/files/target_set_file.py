@@ -141,8 +141,7 @@ _SET = record(
     ),
     field("size_mm", positive("Side of a sticker, or of a marker's black square.", "mm")),
     optional(
-        "dot_diameter_mm",
-        number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0, unit="mm"),
+        "dot_diameter_mm", number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0, unit="mm")
     ),
     optional(
         "dictionary",

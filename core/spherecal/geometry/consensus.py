@@ -19,11 +19,7 @@ _MOST_PREDICTED = 20_000  # image points that are predicted at a time
 
 
 def agreeing_views(
-    feature: IntArray,
-    camera: IntArray,
-    uv: FloatArray,
-    gate_px: FloatArray,
-    cameras: PosedCameras,
+    feature: IntArray, camera: IntArray, uv: FloatArray, gate_px: FloatArray, cameras: PosedCameras
 ) -> BoolArray:
     """Which rows (n,) belong to the largest set of their feature that agrees on one point in front of all its cameras.
 

@@ -47,12 +47,7 @@ class Triangulation:
 
 
 def triangulate(
-    feature: IntArray,
-    camera: IntArray,
-    uv: FloatArray,
-    weight: FloatArray,
-    n_features: int,
-    cameras: PosedCameras,
+    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int, cameras: PosedCameras
 ) -> Triangulation:
     """The points with the least weighted squared reprojection errors, in the frame of the cameras' poses.
 
@@ -73,12 +68,7 @@ def triangulate(
     )
     for points, rows in _some_points(feature, n_features):
         part = _triangulated(
-            feature[rows] - points.start,
-            camera[rows],
-            uv[rows],
-            weight[rows],
-            points.stop - points.start,
-            cameras,
+            feature[rows] - points.start, camera[rows], uv[rows], weight[rows], points.stop - points.start, cameras
         )
         out.residual[rows] = part.residual
         for name in ("points", "normal", "max_angle_rad", "views", "in_front"):
@@ -95,12 +85,7 @@ def _some_points(feature: IntArray, n_features: int) -> Iterator[tuple[slice, In
 
 
 def _triangulated(
-    feature: IntArray,
-    camera: IntArray,
-    uv: FloatArray,
-    weight: FloatArray,
-    n_features: int,
-    cameras: PosedCameras,
+    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int, cameras: PosedCameras
 ) -> Triangulation:
     """The same of all points at once, weight (n, 2)."""
     ray, usable = _rays(camera, uv, cameras)

@@ -52,11 +52,7 @@ class LocalNetwork:
 
 
 def reconstruct_locally(
-    observations: Observations,
-    features: Features,
-    intrinsics: FloatArray,
-    seed: int,
-    context: Context,
+    observations: Observations, features: Features, intrinsics: FloatArray, seed: int, context: Context
 ) -> LocalNetwork:
     """Robust two-view gate, triples by factorisation, camera graph and paths, [Tao21] (3)-(14).
 

@@ -216,8 +216,7 @@ def _left_out(session: Session, value: str) -> Session:
     placement = _place_index(session, ids[-1], value)
     camera = None if len(ids) == 1 else ids[0]
     there = _with_images(
-        session,
-        lambda t, images: {c: p for c, p in images.items() if t != placement or camera not in (None, c)},
+        session, lambda t, images: {c: p for c, p in images.items() if t != placement or camera not in (None, c)}
     )
     if o is None:
         return there
@@ -239,8 +238,7 @@ def _without_source(session: Session, source: str) -> Session:
 def _swapped(session: Session, a: int, b: int, placement: int | None) -> Session:
     names = {session.cameras[a].id: session.cameras[b].id, session.cameras[b].id: session.cameras[a].id}
     there = _with_images(
-        session,
-        lambda t, images: {names.get(c, c): p for c, p in images.items()} if placement in (None, t) else images,
+        session, lambda t, images: {names.get(c, c): p for c, p in images.items()} if placement in (None, t) else images
     )
     o = session.observations
     if o is None:
@@ -264,8 +262,7 @@ def _split(session: Session, index: int, placement: int) -> Session:
         if not _seen(session, index, part):
             raise InputError(Phrase(key, {"camera": spec.id, "place": name}))
     there = _with_images(
-        session,
-        lambda t, images: {earlier.id if c == spec.id and t < placement else c: p for c, p in images.items()},
+        session, lambda t, images: {earlier.id if c == spec.id and t < placement else c: p for c, p in images.items()}
     )
     cameras = (*session.cameras, earlier)
     o = session.observations

@@ -14,12 +14,7 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.verify.budget import certificate_freedom
-from spherecal.verify.uncertainty import (
-    COVERAGE,
-    PointErrors,
-    expansion_kelvin,
-    temperature_sd,
-)
+from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import Decision, MeasuredLength
 
 # INCONSISTENT turns a technician away (exit code 3): a right rig may be called so once in 100 times, by both tests

@@ -306,12 +306,7 @@ def _shift(number: int) -> float:
 
 
 def _seen(
-    rig: Rig,
-    line: int,
-    direction: FloatArray,
-    bar: BarMarks,
-    middle: FloatArray,
-    towards: RigCamera | None = None,
+    rig: Rig, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray, towards: RigCamera | None = None
 ) -> PlannedPose | None:
     """The pose at a place, its marks towards one camera or the middle of all that see them; None if too few do."""
     marks = middle + (bar.along_mm - bar.span_mm / 2)[:, None] * direction

@@ -338,10 +338,7 @@ _DECISION = group(
     unread("most_chi_square", "The most that agrees (99.9 %).", lambda of: of.decision.most_chi_square),
     optional("exceeding", items("Lengths that break the rule.", _BROKEN), "decision.exceeding"),
     optional(
-        "cameras",
-        items("Cameras that contradict the calibration.", name("")),
-        "decision.cameras",
-        "contradicting",
+        "cameras", items("Cameras that contradict the calibration.", name("")), "decision.cameras", "contradicting"
     ),
 )
 _CAMERA = record(

@@ -239,14 +239,7 @@ def views_of(observations: Observations, features: Features, camera: IntArray, r
     """
     sigma, expected_noise = _sigmas(observations, rig)
     uv, sigma = lens_corrected(rig.cameras, camera, observations.uv, sigma, expected_noise)
-    views = Views(
-        features.of_observation,
-        camera,
-        uv,
-        sigma,
-        len(features),
-        posed(rig.cameras),
-    )
+    views = Views(features.of_observation, camera, uv, sigma, len(features), posed(rig.cameras))
     return views, expected_noise
 
 
@@ -302,12 +295,7 @@ def _measure_pose(
 
 
 def _measure(
-    pose: BarPose,
-    bar: Bar,
-    certified: BarLength,
-    ends: tuple[MarkPlace, MarkPlace],
-    errors: PointErrors,
-    rig: Rig,
+    pose: BarPose, bar: Bar, certified: BarLength, ends: tuple[MarkPlace, MarkPlace], errors: PointErrors, rig: Rig
 ) -> MeasuredLength:
     scale_relative = rig.scale.relative_uncertainty or 0.0
     features, by_point = length_by_points(ends)

@@ -26,10 +26,7 @@ _RIGHT = 2.0  # a wrong turn fits this many times worse at least; it is off by w
 
 
 def find_aprilgrid(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray] | None:
-    """Indices (k,) and places (k, 2) px of the corners in a grey image; None where two tags are not found.
-
-    `image`: grey image of 8 bits, (h, w).
-    """
+    """Indices (k,) and places (k, 2) px of the corners in a grey image of 8 bits; None where two tags are not found."""
     ids, corners, border = _tags(image, pattern)
     if len(ids) < _LEAST_TAGS:
         return None

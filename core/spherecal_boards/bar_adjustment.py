@@ -68,11 +68,9 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
-    """Cameras chained over pairs, each pair adjusted alone; marks triangulated; without covariance.
+    """Cameras chained over pairs (parent, camera) in order, each adjusted alone; marks triangulated; no covariance.
 
     A camera keeps the intrinsics of the pair that placed it.
-
-    `parents`: the pairs (parent, camera), each parent before its cameras.
     """
     start, rotation, translation = state, state.rotation.copy(), state.translation.copy()
     intrinsics = state.intrinsics.copy()

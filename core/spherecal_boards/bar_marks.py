@@ -61,10 +61,7 @@ def scale_bar(session: Session) -> Bar:
 
 
 def bar_recording(session: Session, bar: Bar) -> BarRecording:
-    """The observations of a bar's marks in all of its poses.
-
-    Marks are observed by their own names, or as dots of targets whose origins they are.
-    """
+    """The observations of a bar's marks in all poses, by their own names or as dots of targets about them."""
     o = session.observations
     assert o is not None
     first = len(session.placements)
@@ -99,10 +96,7 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
 
 
 def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) -> Lengths:
-    """The certified lengths of every frame both of whose ends are given by points that are `seen`.
-
-    `seen`: points that are known, (points,) in the order of frames and slots.
-    """
+    """The certified lengths of every frame both of whose ends are given by points (points,) that are `seen`."""
     seen = seen.reshape(recording.n_frames, recording.slots)
     parts: list[Lengths] = []
     for number, certified in enumerate(recording.bar.lengths):

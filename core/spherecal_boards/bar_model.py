@@ -61,10 +61,7 @@ class BarModel:
         return engine.residuals(self.problem, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the point (n,2,3).
-
-        `robust`: multiplies the rows of each observation, (n,); None for 1.
-        """
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and point (n,2,3), rows times `robust` (n,)."""
         linear = engine.linearise(self.problem, state, robust)
         return linear.residual, linear.by_camera, linear.by_point
 
@@ -82,17 +79,11 @@ class BarModel:
         return np.einsum("ms,msi->mi", self.lengths.coefficient, points)
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
-        """The state with its points moved by their steps.
-
-        `state`, `step`: the state, and the shifts of each frame's slots, (f,3s).
-        """
+        """The state with its points moved by the shifts of each frame's slots, (f,3s)."""
         return replace(state, points=state.points + step.reshape(-1, 3))
 
     def point_rows(self, state: State, points: IntArray) -> PointRows:
-        """Points of the problem in the world, and how they follow their frames; all define the datum.
-
-        `points`: the points, (p,) indices.
-        """
+        """Points (p,) of the problem in the world, and how they follow their frames; all define the datum."""
         by_frame = np.zeros((len(points), self.slots, 3, 3))
         by_frame[np.arange(len(points)), points % self.slots] = np.eye(3)
         by_frame = by_frame.transpose(0, 2, 1, 3).reshape(len(points), 3, -1)

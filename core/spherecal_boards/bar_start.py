@@ -56,10 +56,7 @@ class BarStart:
 def start_from_pairs(
     recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, seed: int, context: Context
 ) -> BarStart:
-    """Poses (mm) of all cameras that pairs with `LEAST_COMMON` common points reach, in the best linked one's frame.
-
-    `intrinsics`: what is known of the cameras, (c,16).
-    """
+    """Poses (mm) of all cameras that pairs with `LEAST_COMMON` common points reach, in the best linked one's frame."""
     n = len(recording.observations.cameras)
     xy, table, common = _seen(recording, intrinsics)
     pairs: dict[tuple[int, int], CameraPair] = {}
@@ -80,10 +77,7 @@ def start_from_pairs(
 def lags_of(
     recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, widths: IntArray, seed: int
 ) -> list[Lag]:
-    """Cameras whose frames are behind or ahead of the others', or mirrored, by the pairs that agree only then.
-
-    `intrinsics`, `widths`: what is known of the cameras, (c,16), and of their images, (c,) px.
-    """
+    """Cameras whose frames are behind or ahead of the others', or mirrored, by the pairs that agree only then."""
     xy, table, common = _seen(recording, intrinsics)
 
     o = recording.observations

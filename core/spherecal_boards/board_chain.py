@@ -54,10 +54,7 @@ def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> In
 
 
 def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, context: Context) -> Links:
-    """The relative poses of all pairs of cameras that see the board together, both ways.
-
-    `intrinsics`: of each camera, (c,16).
-    """
+    """The relative poses of all pairs of cameras that see the board together, both ways."""
     common = common_placements(found, views.n_cameras, views.n_placements)
     pairs = np.argwhere(np.triu(common, 1) > 0)
     links: Links = {}
@@ -139,10 +136,7 @@ def _spread(n: int, most: int) -> list[int]:
 
 
 def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], camera: PosedCameras) -> float:
-    """Median distance in px of a camera's view (rows) from the board by another camera, for the better of its poses.
-
-    `camera`: the one camera, in the frame of the other.
-    """
+    """Median distance in px of a camera's view (rows) from the board by another camera, for the better of its poses."""
     points, best = views.points_mm[views.point[rows]], np.inf
     for pose in poses:
         x = (points @ pose.rotation.T + pose.translation) @ camera.rotation.T + camera.translation
@@ -153,10 +147,7 @@ def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], cam
 
 
 def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Context) -> tuple[State, list[list[int]]]:
-    """Cameras and placements in the reference camera's frame, and the groups by which they were chained.
-
-    Groups of up to four cameras, as in [Tao21].
-    """
+    """Cameras and placements in the reference camera's frame, and the groups (of up to four) of the chain."""
     views = network.views
     n = views.n_cameras
     state = State(np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), start.intrinsics.copy(), views.points_mm)

@@ -47,11 +47,7 @@ ALL_LENSES = 2.0
 def unlinked(
     camera_ids: tuple[str, ...], linked: IntArray, placed: BoolArray, what: Shown, least: int
 ) -> list[Finding]:
-    """The finding on cameras that could not be linked, group by group; none where all are placed.
-
-    `camera_ids`: of all cameras, (c,); `linked`: above 0 for cameras that are linked directly, (c,c); `placed`: cameras
-    that have a pose, (c,).
-    """
+    """The finding on cameras that could not be linked (c,c), group by group; none where all are placed."""
     if placed.all():
         return []
     ids = np.array(camera_ids)

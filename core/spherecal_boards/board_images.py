@@ -123,10 +123,7 @@ def _nothing(session: Session, pattern: BoardPattern, paths: list[Path], tried: 
 
 
 def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Phrase:
-    """What images show in which a board was not found, and the board that is found in them.
-
-    `images`: grey images of 8 bits, (h, w) each.
-    """
+    """What images of 8 bits show in which a board was not found, and the board that is found in them."""
     if pattern.kind in ("circles", "asymmetric-circles"):
         return Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
     if pattern.kind == "chessboard" and (fit := _fitting(images, None, pattern)):
@@ -156,10 +153,7 @@ def _fitting(images: list[NDArray[np.uint8]], markers: Markers | None, pattern: 
 
 
 def look_for_board(images: list[NDArray[np.uint8]], known: Mapping[str, Any]) -> dict[str, Any]:
-    """The board that images show, as entry of session.json, from what is known of it: kind, pitch and what else.
-
-    `images`: grey images of 8 bits, (h, w) each.
-    """
+    """The board that images of 8 bits show, as entry of session.json, from what is known: kind, pitch and what else."""
     markers = None if known["kind"] == "chessboard" else look_for_markers(images)
     if markers is not None and markers.mirrored:
         mirrored = Phrase("board-mirrored", {"seen": markers.words()})
@@ -183,10 +177,7 @@ def seen_boards(
 
 
 def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
-    """The board in one grey image; None where it is not seen, or is ambiguous.
-
-    `image`: grey image of 8 or 16 bits, (h,w).
-    """
+    """The board in one grey image of 8 or 16 bits; None where it is not seen, or is ambiguous."""
     return _finder(pattern)(image)
 
 

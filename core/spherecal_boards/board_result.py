@@ -165,10 +165,7 @@ def _sigma(fit: Fit, c: int, wider: float) -> CameraSigma | None:
 
 
 def _covariance(fit: Fit, scale: RigScale, wider: FloatArray) -> CameraCovariance | None:
-    """The covariance of all placed cameras together, including the scale's share; None without one.
-
-    `wider`: of the placed cameras (k,), by how much the part of the noise grows.
-    """
+    """The covariance of all placed cameras, the noise `wider` (k,), with the scale's share; None without one."""
     if fit.covariance is None or not np.isfinite(fit.variance) or scale.relative_uncertainty is None:
         return None
     stretch = fit.covariance.stretch * scale.relative_uncertainty
@@ -197,10 +194,7 @@ def _length_map(cameras: tuple[RigCamera, ...], covariance: CameraCovariance | N
 
 
 def groups_of(linked: IntArray, placed: BoolArray) -> list[IntArray]:
-    """Connected groups of cameras: the placed ones first, then the largest.
-
-    `linked`: above 0 for cameras that are linked directly, (c,c); `placed`: cameras that have a pose, (c,).
-    """
+    """Connected groups of cameras by their links (c,c): the placed ones first, then the largest."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 

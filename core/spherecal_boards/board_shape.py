@@ -106,8 +106,6 @@ def estimated_solution(
     """The solution with the board's points estimated too; their mean size is the nominal one's.
 
     It starts from the adjustment with fixed points, whose gate their errors widen.
-
-    `candidates`: observations that may take part, (n,).
     """
     views, nominal = network.views, network.views.points_mm
     noise = adjusted.sigma0

@@ -56,10 +56,7 @@ class BoardPose:
 
 
 def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
-    """The (camera, placement) with at least `LEAST_POINTS` points, not on a line.
-
-    `views`, `used`: what the cameras see, and which observations count, (n,).
-    """
+    """The (camera, placement) with at least `LEAST_POINTS` points, not on a line."""
     good = []
     for camera, placement in views.views:
         rows = views.of(camera, placement)
@@ -134,10 +131,7 @@ def _calibrate(
 
 
 def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[BoardPose]:
-    """The board's pose in a camera's frame, best first; two where a plane board's view allows two.
-
-    `views`, `rows`: what the cameras see, and the rows of one view, (k,); `intrinsics`: of the camera, (16,).
-    """
+    """The board's pose in a camera's frame, best first; two where a plane board's view (rows) allows two."""
     xy, good = undistort(views.uv[rows], intrinsics)
     rows, xy = rows[good], xy[good]
     if len(rows) < LEAST_POINTS:

@@ -41,10 +41,7 @@ class Lag:
 
 
 def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -> list[Lag]:
-    """The cameras that are out of step with most others, or the second one of two.
-
-    `common`: frames that two cameras share, (c,c); `compare`: of two cameras, as recorded or (True) shifted at best.
-    """
+    """The cameras that are out of step with most others, or the second one of two, by comparing their common frames."""
     n = len(common)
     shared = common - np.diag(common.diagonal())
     pairs = {
@@ -73,10 +70,7 @@ def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -
 
 
 def in_step(lags: list[Lag], camera: IntArray, frame: IntArray) -> tuple[IntArray, IntArray]:
-    """Frames (k,) with those of late cameras put back, and which of all observations these are (k,).
-
-    What has no frame then is left out. `camera`, `frame`: of each observation, (n,).
-    """
+    """Frames (k,) with those of late cameras put back, and which observations these are; others have no frame."""
     moved = frame.copy()
     for lag in lags:
         own = np.flatnonzero(camera == lag.camera)

@@ -79,10 +79,7 @@ class FrameModel(Protocol):
         ...
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
-        """The state after a step of the frames.
-
-        `state`, `step`: the state, and the changes of each frame's unknowns, (f,q).
-        """
+        """The state after a step (f,q) of the frames."""
         ...
 
 
@@ -106,10 +103,7 @@ class ReducedFrames:
 
 
 def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
-    """Sums of values over equal indices, (n, ...).
-
-    `index`, `values`: index of each value, (m,), and the values, (m, ...).
-    """
+    """Sums of values (m, ...) over equal indices (m,), (n, ...)."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     columns = [np.bincount(index, flat[:, k], n) for k in range(flat.shape[1])]
     return np.stack(columns, axis=1, dtype=np.float64).reshape(n, *values.shape[1:])

@@ -57,10 +57,7 @@ def frame_covariance(model: FrameModel, state: State, points: PointRows) -> Fram
 
 
 def frame_factors(model: FrameModel, state: State) -> tuple[ReducedFrames, FloatArray] | None:
-    """The reduced normal equations and the cofactors (e,e) of all cameras' columns, the reference camera's pose fixed.
-
-    None where the network is singular.
-    """
+    """The reduced equations and cofactors (e,e) of the cameras' columns, the reference's pose fixed; or None."""
     try:
         normal = reduce(model, state, model.linearise(state, None), 0.0)
         inverse = _inverse(symmetric(normal.matrix))

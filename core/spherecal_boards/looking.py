@@ -61,10 +61,7 @@ class Markers:
 
 
 def look_for_markers(images: Sequence[GreyImage]) -> Markers | None:
-    """The markers of the dictionary of which most are seen and lie as on a board; None where there are none.
-
-    `images`: grey images of 8 bits, (h, w) each.
-    """
+    """The markers of the dictionary of which most are seen, in images of 8 bits, and lie as on a board; else None."""
     small = [_small(image) for image in images]
     for mirrored in (False, True):
         settings = _most_seen(small, mirrored)

@@ -93,10 +93,7 @@ def _summed(values: FloatArray, start: IntArray) -> FloatArray:
 
 
 def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1, (g,3,3) each.
-
-    `shape_sd`: tau of each place, (g,).
-    """
+    """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1, (g,3,3) each; `shape_sd` is tau (g,)."""
     variance = (shape_sd**2)[:, None, None]
     p = np.linalg.inv(np.eye(3) + variance * normal)
     p = 0.5 * (p + p.transpose(0, 2, 1))

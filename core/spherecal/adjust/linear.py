@@ -24,10 +24,7 @@ MOST_IN_MEMORY = 150_000
 
 
 class Linearisation(NamedTuple):
-    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6).
-
-    Those by the placement are (0,2,6) in the free form.
-    """
+    """Weighted residuals (n,2), derivatives by camera (n,2,6+k), point (n,2,3), placement (n,2,6) or, free, (0,2,6)."""
 
     residual: FloatArray
     by_camera: FloatArray
@@ -115,10 +112,7 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
-    """The linearisation: in memory where that is small or places have shape noise, else computed by blocks.
-
-    `problem`, `state`, `robust_weight`, `linearise` (n,); None, and what linearises.
-    """
+    """The linearisation: in memory where that is small or places have shape noise, else computed by blocks."""
     if len(problem.uv) <= MOST_IN_MEMORY or isinstance(problem.ball, Deformable):
         return linearise(problem, state, robust_weight)
     return LinearByBlocks(problem, state, robust_weight, linearise)

@@ -122,10 +122,7 @@ class Problem:
 def sorted_problem(
     camera: IntArray, point: IntArray, uv: FloatArray, sigma: FloatArray | None, n_points: int, **blocks: object
 ) -> tuple[Problem, IntArray]:
-    """A Problem from observations in any order, and the order it put them in, (n,) indices.
-
-    `sigma`: standard deviations (n,2) px of the image points; None where all weigh the same.
-    """
+    """A Problem from observations in any order, and the order (n,) it put them in; `sigma` None: all weigh the same."""
     ball = blocks.pop("ball", FREE)
     assert isinstance(ball, BallModel)
     order = np.lexsort((camera, ball.place, point) if len(ball.place) else (camera, point))

@@ -25,10 +25,7 @@ OTHER_BALL = 0.03
 
 
 def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
-    """Cofactors (d,3,3) of dots among themselves, in the unit of the network squared.
-
-    `points`: its points, (p,3); `dots`: which of them, (d,) indices.
-    """
+    """Cofactors (d,3,3) of some dots (d,) of the points (p,3) among themselves, in the network's unit squared."""
     parts = covariance._parts
     assert isinstance(parts, PointFactors)
     own, at = parts.point_inverse[dots], points[dots]

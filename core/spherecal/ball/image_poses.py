@@ -55,20 +55,14 @@ class ImagePoses:
     variance: float
 
     def change_px(self, rows: IntArray, change: FloatArray) -> float:
-        """By how much (rms per axis, px) changes of pose shift the points of some images.
-
-        `rows`: the images, (k,) indices; `change` (6,).
-        """
+        """By how much (rms per axis, px) changes of pose (k,6) shift the points of some images (k,)."""
         steps = np.broadcast_to(change, (len(rows), POSE))
         squares = float(np.einsum("ni,nij,nj->", steps, self.by_pose_px2[rows], steps))
         return float(np.sqrt(squares / (2 * max(int(self.points[rows].sum()), 1))))
 
 
 def images_of(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
-    """The network of images, camera by camera, of the ball that does not move: image = camera * n_ball + placement.
-
-    `rows`: observations to take, (k,) indices.
-    """
+    """The network of images of the ball that does not move, of rows (k,): image = camera * n_ball + placement."""
     image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
     dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
     dot = np.unique(dots, axis=0, return_inverse=True)[1].reshape(-1)
@@ -86,10 +80,7 @@ def images_of(network: Network, features: Features, rows: IntArray, n_ball: int)
 def solve_images(
     ball: BallNetwork, state: State, placed: BoolArray, alignment: Alignment, context: Context
 ) -> ImagePoses | None:
-    """The images' own poses from a rig's; None where there are too many, or too few for a statement.
-
-    `placed`: cameras that have a pose, (c,).
-    """
+    """The images' own poses from a rig's; None where there are too many, or too few for a statement."""
     network, features, n_ball = ball.network, ball.features, ball.n_ball
     roots = alignment.root[:n_ball]
     together = roots == np.bincount(roots).argmax()
@@ -177,10 +168,7 @@ def hang_together(
     cameras: dict[int, Similarity],
     placements: dict[int, Similarity],
 ) -> None:
-    """Add cameras and placements that images (camera, placement) lead to: the best one of which one end is known first.
-
-    A pose of an image is its camera's after its placement's.
-    """
+    """Add cameras and placements that images lead to: the best one of which one end is known first."""
     while True:
         open_ended = [(c, t) for c, t in images if (c in cameras) != (t in placements)]
         if not open_ended:

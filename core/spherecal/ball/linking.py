@@ -122,10 +122,7 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 def _rig(
     start: InitialPoses, resected: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
 ) -> tuple[InitialPoses, Alignment]:
-    """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that shows it.
-
-    `taken` (t,): which placements these are.
-    """
+    """Cameras and taken placements (t,) from the images' poses, each from the image with most dots (count (c,t))."""
     n_ball = count.shape[1]
     placed = resected.placed.reshape(-1, n_ball) & (count > 0)
     image = {(c, t): _pose(resected.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}

@@ -53,10 +53,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class RigidNetwork:
-    """A network whose features are dots of the ball, and what the features of the free network are in it.
-
-    `feature` (n,) is the free network's of each observation.
-    """
+    """A network of dots of the ball; `feature` (n,) is what each observation shows in the free network."""
 
     network: Network
     places: Places
@@ -101,12 +98,7 @@ class BallNetwork:
 
 
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
-    """How the ball's placements are connected by the dots they share.
-
-    A tree of the pairs with most shared dots, outward from the placement that shares most.
-
-    `points`: where they are (f,3), NaN where unknown.
-    """
+    """How the ball's placements are connected by shared dots (points (f,3)): a tree of the pairs with most of them."""
     place = _by_dot(features, points, n_ball)
     known = np.isfinite(place[:, :, 0])
     counts = known.astype(np.int64) @ known.T
@@ -148,10 +140,7 @@ def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArra
 
 
 def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
-    """The motion of dots from one placement to another, None where too few agree.
-
-    `source`, `goal`: dots before and after, (n,3); `tags`: their targets, (n,).
-    """
+    """The motion of dots from one placement (n,3) to another (n,3), None where too few agree; `tags`: their targets."""
     if len(source) < LEAST_SHARED:
         return None
     motion = fit_similarity(source, goal, with_scale)

@@ -41,8 +41,6 @@ def estimate_shape_variance(
     """The shape noise (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
 
     0 where the rigid form's variance is no larger than the free form's.
-
-    `used`, `placed`: observations (n,) and cameras (c,) of the free form.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
     settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]

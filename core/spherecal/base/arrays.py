@@ -40,8 +40,6 @@ def blocks_of_groups(start: IntArray, at_once: int | None = None) -> Iterator[tu
     """Groups of sorted rows, first to last (exclusive), of about `ROWS_AT_ONCE` rows together.
 
     A group is never split, so that sums over its rows are the same bits whatever the size of the blocks.
-
-    `at_once` None for `ROWS_AT_ONCE`.
     """
     first = np.flatnonzero(np.diff(start[:-1] // (at_once or ROWS_AT_ONCE), prepend=-1)).tolist()
     yield from pairwise([*first, len(start) - 1])

@@ -18,10 +18,7 @@ def names(group: str) -> tuple[str, ...]:
 
 
 def load(group: str, name: str, kind: type | tuple[type, ...] | None = None) -> Any:
-    """What an installed package gives under this name, None where there is none.
-
-    `kind` None for any.
-    """
+    """What an installed package gives under this name, None where there is none."""
     found = list(entry_points(group=group, name=name))
     if not found:
         return None

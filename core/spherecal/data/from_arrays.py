@@ -156,10 +156,7 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
 
 
 def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set: TargetSet | None, rest: str) -> str:
-    """The SHA-256 of what a session from arrays was made of.
-
-    `target_set` None where they are not known.
-    """
+    """The SHA-256 of what a session from arrays was made of."""
     o = observations
     sha = hashlib.sha256(repr((o.placements, o.cameras, o.points)).encode())
     for values in (o.placement, o.camera, o.target, o.point, o.uv, *(() if o.sigma is None else (o.sigma,))):

@@ -56,10 +56,7 @@ class Observations(ByValue):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Features(ByValue):
-    """The distinct features (placement, target, point) of some observations, sorted by these three.
-
-    `of_observation` (n,) gives each observation's feature.
-    """
+    """The distinct features (placement, target, point) of observations, sorted; and that of each observation (n,)."""
 
     placement: IntArray
     target: IntArray
@@ -78,10 +75,7 @@ def find_features(observations: Observations) -> Features:
 
 
 def seen_matrix(features: Features, observations: Observations, keep: BoolArray) -> BoolArray:
-    """Which camera sees which feature, (cameras, features).
-
-    `keep`: which observations count, (n,).
-    """
+    """Which camera sees which feature, (cameras, features), by the observations (n,) that count."""
     seen = np.zeros((len(observations.cameras), len(features)), dtype=bool)
     seen[observations.camera[keep], features.of_observation[keep]] = True
     return seen

@@ -184,10 +184,7 @@ def table_row(camera: RigCamera) -> dict[str, Any]:
 def camera_of_opencv(
     name: str, given: OpenCVCamera, image_size: ImageSize, fisheye: bool | Collection[str], mm: float
 ) -> RigCamera:
-    """A camera that OpenCV calibrated, without residuals and uncertainties.
-
-    `image_size` (width, height) px, one for all or one for each by id.
-    """
+    """A camera that OpenCV calibrated, without residuals and uncertainties; `image_size` (width, height) px."""
     what = Phrase("camera-named", {"camera": name})
     if problem := id_problem(name):
         raise InputError(Phrase("error-camera-id", {"name": repr(name), "problem": problem}))
@@ -236,10 +233,7 @@ def posed(cameras: Sequence[RigCamera]) -> PosedCameras:
 def lens_corrected(
     cameras: Sequence[RigCamera], camera: IntArray, uv: FloatArray, sigma: FloatArray, noise: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Measured pixels (n,2) as the lens models alone predict them, and their sigmas (n,2) with those of the fields.
-
-    `camera`: which of the cameras each is from, (n,); `noise`: what one unit of sigma is in px.
-    """
+    """Pixels (n,2) as the lens models predict them, and sigmas (n,2), in units of `noise` px, with the fields'."""
     if all(one.field is None for one in cameras):
         return uv, sigma
     uv, sigma = uv.copy(), np.array(np.broadcast_to(sigma, uv.shape))

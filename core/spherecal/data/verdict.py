@@ -236,10 +236,7 @@ def is_valid(findings: Sequence[Finding]) -> bool:
 def affected(
     findings: Sequence[Finding], cameras: Sequence[str], region: Affected | None = None
 ) -> tuple[Affected, ...]:
-    """What care concerns: some of the rig's cameras, the scale, the weak part of the volume.
-
-    A finding that names none of them concerns all cameras.
-    """
+    """What care concerns: cameras (all where a finding names none), the scale, the weak part of the volume."""
     names: set[str] = set()
     scale = volume = False
     for finding in findings:

@@ -27,10 +27,7 @@ BORDER_PX = 8.0
 
 
 def with_missed_targets(session: Session, first: Calibration, context: Context) -> Session:
-    """The session with the observations of targets found at places that a first calibration predicts.
-
-    A session of markers is returned as it is.
-    """
+    """The session with targets found at places that a first calibration predicts; one of markers as it is."""
     observations, targets = session.observations, session.target_set
     if observations is None or targets is None or targets.dictionary is not None or not first.rig.cameras:
         return session  # markers are found by their outlines, whatever is expected of them

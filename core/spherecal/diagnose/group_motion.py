@@ -58,10 +58,7 @@ class GroupMotion:
 
 @dataclass(frozen=True)
 class _Hypothesis:
-    """A group of cameras (c,) and the motions that it sees; each motion applies to a set of placements.
-
-    Without a group (kind `placement`) each image at the one placement has a pose of its own.
-    """
+    """Cameras (c,) and motions that they see, each at some placements; without: an image of one has its own pose."""
 
     kind: Kind
     motions: PlacementSets
@@ -174,10 +171,7 @@ def _layout(images: ImagePoses, n_cameras: int, hypothesis: _Hypothesis) -> Pose
 
 
 def _criterion(images: ImagePoses, fitted: Fitted, group: BoolArray | None, noise: float) -> float:
-    """Schwarz's criterion of a hypothesis, smaller is better, with the choice of a group (c,) as unknowns too.
-
-    `noise`: the variance factor of the best hypothesis.
-    """
+    """Schwarz's criterion with the choice of a group (c,), smaller is better; `noise`: the best's variance factor."""
     choice = 0.0
     if group is not None:
         n, k = len(group), int(group.sum())

@@ -105,10 +105,7 @@ def _groupings(e: Evidence, probe: ScoreTest) -> tuple[IntArray, tuple[IntArray,
 
 
 def length_functions(e: Evidence, columns: IntArray) -> tuple[FloatArray, float]:
-    """Derivatives (m, c*w) of lengths in the volume by all cameras' poses and intrinsics, and these lengths' size.
-
-    In network units. `columns`: the intrinsics, (k,); w is 6 + k.
-    """
+    """Derivatives (m, c*w) of lengths in the volume by poses and intrinsics (k,), w = 6 + k; these lengths' size."""
     state, placed, width = e.adjusted.state, np.flatnonzero(e.placed), POSE + len(columns)
     size = np.array([e.session.cameras[c].image_size for c in placed], dtype=float)
     cameras = Cameras(

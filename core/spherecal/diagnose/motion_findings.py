@@ -148,10 +148,7 @@ def _shift(e: Evidence, translation: float) -> Phrase:
 def _finding(
     e: Evidence, camera: int, placements: set[int], size: Phrase, sure: Phrase, rivals: Sequence[int] = ()
 ) -> Finding:
-    """The finding on a camera that moved: with the placement from which on it has its second pose, if there is one.
-
-    `rivals`: cameras of which the same may be said.
-    """
+    """The finding on a camera that moved, from which placement on if there is one; `rivals`: others that may have."""
     name, names = e.camera_ids[camera], e.observations.placements
     o = e.observations
     seen = np.unique(o.placement[o.camera == camera])

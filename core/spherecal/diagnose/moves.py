@@ -112,10 +112,7 @@ class MoveTests:
 
 
 def prepare(probe: ScoreTest, placement: IntArray, context: Context | None = None) -> MoveTests | None:
-    """Tests of all images of a network; None where no camera has two images.
-
-    `placement`: placement of each of its rows, (n,); `context` None where that is not needed.
-    """
+    """Tests of all images of a network, by the placements of its rows (n,); None where no camera has two images."""
     problem = probe.problem
     of_row, camera, at, count = _images(problem.camera, placement)
     sets = [s for c in np.unique(camera) for s in alike(np.flatnonzero(camera == c))]
@@ -152,10 +149,7 @@ def move_limit(tests: int) -> float:
 
 
 def alike(images: IntArray) -> list[tuple[int, ...]]:
-    """Sets of a camera's images (k,), in order of time, that may have another pose: each alone, all from one on.
-
-    A set and its complement are the same test, since the camera's own pose is estimated.
-    """
+    """Sets of a camera's images (k,) that may have another pose: each alone, all from one on; no complements."""
     if len(images) < 2:
         return []
     alone = [(int(i),) for i in (images if len(images) > 2 else images[1:])]
@@ -263,19 +257,13 @@ def _move(
 
 
 def rows_of(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
-    """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool.
-
-    `probe`, `placement` (n,).
-    """
+    """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool."""
     rows = np.flatnonzero(probe.problem.camera == move.camera)
     return rows, np.isin(placement[rows], move.placements)
 
 
 def pose_values(probe: ScoreTest, rows: IntArray, moved: BoolArray) -> FloatArray:
-    """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images.
-
-    `rows`, `moved` (k,).
-    """
+    """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images."""
     return probe.by_pose(rows) * moved[:, None, None]
 
 
@@ -284,8 +272,6 @@ def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[
 
     A move may hardly show there, as when two cameras that alone see their points share it. It is then believed as long
     as no other one is refuted: what looks like one move looks like several.
-
-    `probe`, `placement` (n,).
     """
     tried = [(move, *_seen_there(probe, placement, move)) for move in moves]
     refuted = any(expected >= CONFIRMED and found < CONFIRMED for _, expected, found in tried)

@@ -60,11 +60,7 @@ def implausible(session: Session) -> tuple[Finding, ...]:
 
 
 def implausible_size(depth_mm: FloatArray, focal_px: FloatArray, centres_mm: FloatArray) -> list[Finding]:
-    """The finding on lengths that are off by a factor of a thousand or so: metres or micrometres for millimetres.
-
-    `depth_mm`, `focal_px`: of what was seen, (n,), and of the cameras that saw it, (n,); `centres_mm`: the cameras'
-    projection centres, (c,3).
-    """
+    """Lengths off by a power of a thousand: depths (n,), focal lengths in px (n,), and the cameras' centres (c,3)."""
     if len(centres_mm) < 2 or not len(depth_mm):
         return []
     pixel = float(np.median(depth_mm / focal_px))
@@ -114,10 +110,7 @@ def _sizes(o: Observations) -> IntArray:
 
 
 def _coincidences(o: Observations, of: IntArray, among: IntArray, count: int) -> dict[tuple[int, int, int], int]:
-    """How many dots lie at the same place in two images: (of, a, b) -> number, a < b.
-
-    Images `of` one camera (n,) `among` placements (n,), or of one placement among cameras.
-    """
+    """How many dots lie at one place in two images `among` (n,), `of` each one (n,): (of, a, b) -> number, a < b."""
     order = np.lexsort((among, o.uv[:, 0], o.point, o.target, of))
     found: dict[tuple[int, int, int], int] = {}
     for apart in range(1, NEIGHBOURS + 1):

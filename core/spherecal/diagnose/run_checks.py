@@ -69,10 +69,7 @@ def _faults(e: Evidence) -> list[Finding]:
 
 
 def unlinked(observations: Observations, counts: IntArray, triples: list, placed: BoolArray) -> list[Finding]:
-    """The finding on cameras that could not be linked to the rest, group by group, with the features that were missing.
-
-    `counts`: common features of each pair of cameras, (c,c); `placed`: cameras that count as linked, (c,).
-    """
+    """The finding on cameras not linked to the rest, group by group, by common features (c,c) and `placed` (c,)."""
     ids = np.array(observations.cameras)
     if placed.all():
         return []
@@ -210,10 +207,7 @@ def _two_view_share(e: Evidence) -> list[Finding]:
 
 
 def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
-    """Share of a 10 x 10 grid of each camera's image that contains used observations, (c,).
-
-    `observations`, `used`: image points, and which of them count, (n,).
-    """
+    """Share (c,) of a 10 x 10 grid of each camera's image that contains used observations."""
     return _seen_cells(observations, used, session).mean(axis=(1, 2))
 
 

@@ -84,10 +84,7 @@ def read_registered_bar(value: JsonValue) -> RegisteredBar:
 
 
 def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
-    """The bar with this serial.
-
-    `path` None: that of `BAR_REGISTRY`.
-    """
+    """The bar with this serial; `path` None: that of `BAR_REGISTRY`."""
     bars = BAR_REGISTRY.read(path)
     if serial not in bars:
         raise InputError(
@@ -244,10 +241,7 @@ BAR_REGISTRY = Registry(BARS, "SPHERECAL_BARS", "serial", Phrase("error-set-bars
 
 
 def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:
-    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said.
-
-    `certificate` None where it has none.
-    """
+    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said."""
     if certificate is None:
         return "no-certificate", Phrase("has-no-certificate")
     if certificate.date is not None and certificate.date > today:

@@ -171,10 +171,7 @@ def items(
     what: str = "",
     excess: Words = "",
 ) -> Kind[tuple[T, ...]]:
-    """A list of values of one kind.
-
-    `least`, `most` None: 2 million; `length` None: any number from `least` to `most`.
-    """
+    """A list of values of one kind: `least` to `most` (None: 2 million) of them, or exactly `length`."""
     schema: Schema = {"type": "array", "items": each.schema}
     if length is not None:
         schema |= {"minItems": length, "maxItems": length}
@@ -205,10 +202,7 @@ def matrix(about: str, rows: int, columns: int) -> Kind[tuple[tuple[float, ...],
 
 
 def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind[dict[str, T]]:
-    """An object whose keys are names.
-
-    `names` None: `name`.
-    """
+    """An object whose keys are names."""
     schema = {"type": "object", "additionalProperties": values.schema, "propertyNames": (names or name("")).schema}
 
     def read(value: JsonValue) -> dict[str, T]:
@@ -270,10 +264,7 @@ def field(key: str, kind: Kind[Any], of: Source = "", attribute: str = "") -> Fi
 
 
 def optional(key: str, kind: Kind[Any], of: Source = "", attribute: str = "", omit: object = _ALWAYS) -> Field:
-    """A field that may be absent or null.
-
-    Where it is absent or null, the dataclass's default holds, or None where it has none.
-    """
+    """A field that may be absent or null: the dataclass's default then holds, or None where it has none."""
     return replace(field(key, _nullable(kind), of, attribute), is_needed=False, omit=omit)
 
 
@@ -291,10 +282,7 @@ def software(
 
 
 def group(key: str, about: str, *inner: Field, is_needed: bool = True) -> Field:
-    """An object whose fields belong to the dataclass around it.
-
-    `is_needed` None.
-    """
+    """An object whose fields belong to the dataclass around it."""
     kind = record(about, dict, *inner)
     if is_needed:
         return Field(key, kind, _same, inner=inner)
@@ -385,10 +373,7 @@ class FileFormat(Generic[T]):
     migrations: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = dataclass_field(default_factory=dict)
 
     def read(self, path: Path, below: Path | None = None) -> T:
-        """What a file holds, with files of earlier versions migrated.
-
-        `below` None: links are followed.
-        """
+        """What a file holds, with files of earlier versions migrated; links are followed but for `below` a folder."""
         document = read_json(path, self.name, self.version, below)
         for step in range(version_of(document)[0], self.version):
             if step not in self.migrations:

@@ -68,10 +68,7 @@ def findings_document(findings: Sequence[Finding]) -> dict[str, Any] | None:
 
 
 def read_findings(folder: Path) -> tuple[Finding, ...]:
-    """The findings in a folder's findings.json, of severity info; none where there is no such file.
-
-    Those that this version has no words for are left out.
-    """
+    """The findings in a folder's findings.json, of severity info, for which there are words; none without a file."""
     path = folder / FINDINGS_FILE
     if not path.exists():
         return ()

@@ -139,10 +139,7 @@ class JsonValue:
         return {key: self.at(key, value) for key, value in given.items()}
 
     def items(self, length: int | None = None, least: int = 0, most: int = _MOST_VALUES) -> list["JsonValue"]:
-        """The values of a list.
-
-        `length` None: as `least` and `most` say.
-        """
+        """The values of a list, `least` to `most` or exactly `length` of them."""
         if not isinstance(self.value, list):
             raise self._wrong(Phrase("json-list"))
         n = len(self.value)
@@ -311,10 +308,7 @@ def parse_json(data: bytes) -> object:
 
 
 def read_json(path: Path, format_name: str, version: int, below: Path | None = None) -> JsonValue:
-    """The object in a JSON file whose `format` and `version` are as given.
-
-    `below` None: links are followed.
-    """
+    """The object in a JSON file of this `format` and `version`; links are followed unless it is `below` a folder."""
     if below is None:
         data = read_bytes(path, _MOST_BYTES)
     else:

@@ -27,12 +27,7 @@ Bytes = NDArray[np.bytes_]
 def read_observations(
     path: Path, placements: Sequence[str], cameras: Sequence[str], image_sizes: Sequence[tuple[int, int]]
 ) -> Observations:
-    """The observations in a file, checked against the ids of placements (and bar poses) and cameras of a session.
-
-    Point names are sorted.
-
-    `image_sizes` (width, height) px.
-    """
+    """The observations in a file, checked against a session's ids and image sizes (w, h); point names sorted."""
     table = _split(path, read_bytes(path, _MOST_BYTES))
     names = [decode(path, name) for name in sorted(set(table.columns[3].tolist()))]
     _check_point_names(table, names)

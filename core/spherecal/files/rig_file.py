@@ -68,10 +68,7 @@ _ROTATION_TOLERANCE = 1e-5
 
 
 def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
-    """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged.
-
-    `software` None: no more.
-    """
+    """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged."""
     return RIG.bytes(rig, software=software_entry(software))
 
 
@@ -294,10 +291,7 @@ def _check_reference(stated: Mapping[str, Any], f: Mapping[str, JsonValue]) -> N
 
 
 def sigmas(about: str, length: int | None = None) -> Kind[FloatArray]:
-    """Standard uncertainties; null where unknown, which is NaN in memory.
-
-    `length` None: any number.
-    """
+    """Standard uncertainties; null where unknown, which is NaN in memory."""
     schema = items(about, number("", 0), length=length).schema
     schema["items"] = schema["items"] | {"type": ["number", "null"]}
     return Kind(schema, lambda value: _sigmas(value, length), finite)

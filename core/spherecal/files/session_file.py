@@ -44,10 +44,7 @@ MOST_BOARD_ROWS = 1000  # and columns
 
 
 def named_file(about: str) -> Kind[JsonValue]:
-    """A path below the folder, with "/" between its parts.
-
-    The reader gives the value as it is, since only its caller knows the folder to look in.
-    """
+    """A path below a folder, with "/" between its parts, read as it is: only the caller knows the folder."""
     schema = {"type": "string", "minLength": 1, "maxLength": 500, "pattern": _PATH}
     return Kind({"description": about, **schema} if about else schema, lambda value: value)
 

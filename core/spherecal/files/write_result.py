@@ -19,10 +19,7 @@ from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, rig_byte
 
 
 def write_result(calibration: Calibration, folder: Path, software: Mapping[str, Any] | None = None) -> None:
-    """Write a calibration's result folder whole (see atomic.write_folder_whole).
-
-    `software` None: no more.
-    """
+    """Write a calibration's result folder whole (see atomic.write_folder_whole)."""
     details = {"method": calibration.method, **(software or {})}
 
     def build(new: Path) -> None:

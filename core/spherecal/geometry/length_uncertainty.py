@@ -64,10 +64,7 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
 
 
 def length_gradients(cameras: Cameras, ends: FloatArray) -> FloatArray:
-    """Derivatives (k,c*w) of lengths by the cameras, of the k lengths of which two cameras see both ends.
-
-    `ends`: ends of the lengths in the cameras' frame and unit, (m,2,3).
-    """
+    """Derivatives (k,c*w) of lengths by the cameras, of the k of ends (m,2,3) that two cameras see both of."""
     gradient, _, _, known = _gradients(cameras, ends, 1.0)
     return gradient[known]
 

@@ -34,12 +34,7 @@ class ResectedPose:
 
 
 def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray, FloatArray, int] | None:
-    """Rotation (3, 3), translation (3,) and number of agreeing points of a camera; None where too few points agree.
-
-    Robust (RANSAC) and deterministic.
-
-    `points`: known points, (n, 3); `xy`: their normalised ideal image points, (n, 2).
-    """
+    """R (3, 3), t (3,) and number of agreeing points (n, 3) seen at normalised `xy` (n, 2); None for too few."""
     if len(points) < MIN_AGREEING:
         return None
     found, agreeing = False, None
@@ -106,11 +101,7 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
 
 
 def pose_cost(rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float) -> float:
-    """The cost of a pose as `ResectedPose` has it: half the sum of log(1 + (residual / scale)^2).
-
-    `rotation`, `translation`: the pose x_camera = rotation (3, 3) @ x + translation (3,); `points`, `xy`: known points
-    (n, 3) and their normalised ideal image points (n, 2).
-    """
+    """The cost of a pose as `ResectedPose` has it: half the sum of log(1 + (residual / scale)^2)."""
     return float(_costs(rotation[None], translation[None], points, xy, scale)[0])
 
 

@@ -51,10 +51,8 @@ def triangulate(
 ) -> Triangulation:
     """The points with the least weighted squared reprojection errors, in the frame of the cameras' poses.
 
+    Rows (n,) say which point is seen by which camera at `uv` (n, 2) px; `weight` is 1/sigma^2, (n,) or (n, 2).
     Residuals are given for all rows. Points are worked on some at a time, since an observation takes 1 KB here.
-
-    `feature`, `camera`: which point each row observes and in which camera, (n,) and (n,); `uv`: the image points, (n,
-    2) px; `weight`: 1/sigma^2 in px^-2, (n,) or (n, 2).
     """
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
     m, n = n_features, len(uv)
@@ -110,11 +108,7 @@ def _triangulated(
 def ray_angles(
     feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, cameras: PosedCameras
 ) -> FloatArray:
-    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it.
-
-    `feature`, `camera`: which point each row observes and in which camera, (n,) and (n,); `uv`: the image points, (n,
-    2) px.
-    """
+    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it."""
     angle = np.empty(n_features)
     for points, rows in _some_points(feature, n_features):
         ray, usable = _rays(camera[rows], uv[rows], cameras)

@@ -60,11 +60,9 @@ class LengthMap(ReadOnly):
 
 
 def measured_volume(points: FloatArray, camera_centres: FloatArray) -> Volume:
-    """The box about points that were seen, its axes those of the cameras' arrangement.
+    """The box about points (n,3) mm, its axes those of the cameras' centres (c,3) mm.
 
     Nine tenths of the points' extent: a length must be inside as a whole.
-
-    `points`: the points, (n,3) mm; `camera_centres`: projection centres of the cameras, (c,3) mm.
     """
     centred = camera_centres - camera_centres.mean(axis=0)
     axes = np.linalg.svd(centred)[2]

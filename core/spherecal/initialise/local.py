@@ -57,8 +57,6 @@ def reconstruct_locally(
     """Robust two-view gate, triples by factorisation, camera graph and paths, [Tao21] (3)-(14).
 
     The reference is the camera in most triples.
-
-    `intrinsics`: before the adjustment, (c,16).
     """
     n_cameras = len(observations.cameras)
     xy, usable = undistort_views(observations.uv, observations.camera, intrinsics)

@@ -30,10 +30,7 @@ class _View:
 
 
 def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, BoolArray] | None:
-    """H (3,3) with b ~ H a and which matches agree within the gate (n,); None where there is none.
-
-    `a`, `b`: matches in normalised units, (n,2) each.
-    """
+    """H (3,3) with b ~ H a of normalised matches (n,2), and which agree within the gate (n,); else None."""
     if len(a) < MIN_POINTS:
         return None
     cv2.setRNGSeed(1)
@@ -48,10 +45,7 @@ def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, B
 
 
 def is_flat(xy_a: FloatArray, xy_b: FloatArray, focal_px: float) -> bool:
-    """Whether two views' matches are on one plane, as far as these views can show.
-
-    `xy_a`, `xy_b`: matches in normalised units, (n,2) each.
-    """
+    """Whether two views' normalised matches (n,2) are on one plane, as far as these views can show."""
     found = homography(xy_a, xy_b, PLANE_PX / focal_px)
     return found is not None and found[1].mean() >= ON_PLANE
 
@@ -59,12 +53,9 @@ def is_flat(xy_a: FloatArray, xy_b: FloatArray, focal_px: float) -> bool:
 def reconstruct_planar_triple(
     cameras: tuple[int, int, int], features: IntArray, xy: FloatArray, focal_px: FloatArray
 ) -> Triple | None:
-    """The reconstruction of three cameras from points of one plane, None where the points are on none.
+    """The reconstruction of three cameras from points `xy` (3,n,2) of one plane, None where they are on none.
 
     The first camera is the origin; the plane's distance from it is the unit of length.
-
-    `cameras`, `features`: the triple, and the features common to it (n,); `xy` (3,n,2); `focal_px`: focal lengths (3,),
-    which turn errors to pixels.
     """
     good = np.ones(len(features), dtype=bool)
     h = []

@@ -42,10 +42,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class MetricFit:
-    """The ball model that was chosen, why, and its network in millimetres; `findings` of the choice.
-
-    `stopped`: the user wanted no more than the free form.
-    """
+    """The ball model that was chosen, why, and its network in millimetres; `stopped` at the free form by the user."""
 
     solved: BallFit
     choice: ModelChoice
@@ -150,10 +147,7 @@ def _metric_cameras(
 
 
 def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> dict[int, Sphere]:
-    """The sphere of every placement of the ball whose points define one.
-
-    `points`: places of the features (f,3), NaN where unknown; `placement`: placement of each, (f,).
-    """
+    """The sphere of every placement of the ball whose points define one."""
     spheres = {}
     for t in range(n_placements):
         own = points[(placement == t) & np.isfinite(points[:, 0])]

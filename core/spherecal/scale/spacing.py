@@ -86,11 +86,9 @@ def scale_from_spacing(
 ) -> FoundScale | None:
     """The scale from all targets with enough dots reconstructed; None where there is none.
 
-    Targets are weighted by their measurement noise and by the scatter of the print, which is estimated too
-    (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several placements averages
-    its noise, not its print error. See docs/formulation.md, Scale.
-
-    `points`, `radius` (f,3).
+    Targets are weighted by their measurement noise and by the scatter of the print, which is estimated too (R.
+    DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several placements averages its
+    noise, not its print error. See docs/formulation.md, Scale.
     """
     stickers = _stickers(spacing, features, points, covariance)
     if not len(stickers.target):
@@ -128,8 +126,6 @@ def scale_from_mean_distance(
 
     No weights, no other dots, no arc: on a ball lengths come out too long by d^2 / (24 R^2) relatively, which counts as
     uncertainty. None where no target has both dots.
-
-    `points`, `radius` (f,3).
     """
     stickers = _stickers(replace(spacing, patterns=None), features, points, covariance)
     n = len(stickers.target)
@@ -212,11 +208,9 @@ def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, wei
 
 
 def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
-    """Dots (n,k,3) mm of flat stickers laid on balls.
+    """Dots (n,k,3) mm of flat stickers (n,k,2) laid on balls of radii (n,), z into the ball.
 
-    Straight lines through a sticker's origin keep their length (exponential map); z points into the ball.
-
-    `flat_mm`: places of the dots on the flat stickers, (n,k,2); `radius_mm`: radii of the balls, (n,).
+    Straight lines through a sticker's origin keep their length (exponential map).
     """
     distance = np.linalg.norm(flat_mm, axis=2)
     radius = np.where(np.isfinite(radius_mm) & (radius_mm > 0), radius_mm, np.inf)[:, None]

@@ -116,10 +116,7 @@ def select_ball_model(
 def solve_others(
     recording: Recording, network: Network, placed: BoolArray, settings: CalibrationSettings, run: Run
 ) -> list[BallFit]:
-    """The free form of each group of cameras that has no common view with those placed, each in its own frame.
-
-    `placed`: cameras that have a pose, (c,).
-    """
+    """The free form of each group of cameras that has no common view with those placed, each in its own frame."""
     groups: list[BallFit] = []
     rest = ~placed
     observations, features = recording.observations, recording.features

@@ -65,10 +65,7 @@ def repaired(session: Session, repairs: Repairs) -> Session:
 def recorded(
     calibration: Calibration, session: Session, mended: Session, repairs: Repairs, automatic: bool = False
 ) -> Calibration:
-    """The calibration of a mended session, in terms of the original cameras, with its repairs and a finding for each.
-
-    Repairs recorded before stay.
-    """
+    """The calibration of a mended session, in terms of the original cameras, its repairs added, a finding for each."""
     rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
     done, findings = [], []
 

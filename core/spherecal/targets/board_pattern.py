@@ -181,10 +181,7 @@ def _bits(dictionary: cv2.aruco.Dictionary, marker: int, border: int) -> FloatAr
 def marker_parts(
     bits: FloatArray, left: float, top: float, size: float
 ) -> list[tuple[float, float, float, float, float]]:
-    """A black square with its white cells, those beside each other in one piece: x, y, width, height (mm), grey.
-
-    `bits`: the cells (n, n) with the black border, 0 black, 1 white.
-    """
+    """A black square with its white cells (`bits` (n,n): 1), joined: x, y, width, height (mm), grey."""
     cell = size / len(bits)
     parts = [(left, top, size, size, 0.0)]
     for row, cells in enumerate(bits):

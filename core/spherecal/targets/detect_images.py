@@ -22,12 +22,7 @@ def detect_images(
     workers: int = 2,
     settings: Sequence[DetectionSettings | None] | None = None,
 ) -> list[Detections]:
-    """The targets in every image file, in the order of `paths`.
-
-    The result does not depend on the number of threads.
-
-    `settings` None is nothing.
-    """
+    """The targets in every image file, in the order of `paths`; not dependent on the number of threads."""
     context = context or Context()
     context.report(STAGE, 0.0, Phrase("images", {"images": len(paths)}))
     detector = Detector(target_set)

@@ -90,10 +90,7 @@ class Detector:
         self._dark_on_light = target_set.polarity == "dark-on-light"
 
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
-        """The targets in a grey image.
-
-        `image`: grey image (h, w), uint8 or uint16; `settings` None is nothing.
-        """
+        """The targets in a grey image (h, w), uint8 or uint16."""
         # a part of an image or one that is read-only has a type of its own: each kernel would be compiled once more
         image = np.require(image, requirements=["C", "W"])
         if self._markers is not None:

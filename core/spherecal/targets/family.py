@@ -37,10 +37,7 @@ def _code_book() -> FloatArray:
 
 
 def code_book() -> FloatArray:
-    """Places of M1 M2 M3 for ids 1, 2, ..., (344, 3, 2) mm on the 28 mm sticker.
-
-    M1, M2, M3 go row by row from the top and from left to right within a row. Made by code_book.py.
-    """
+    """Places of M1 M2 M3, row by row from the left, for ids 1, 2, ..., (344, 3, 2) mm (made by code_book.py)."""
     return _code_book().copy()
 
 

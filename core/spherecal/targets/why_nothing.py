@@ -38,10 +38,7 @@ class Cause:
 
 
 def why_nothing(image: GreyImage, targets: TargetSet) -> Cause:
-    """The likely reason why an image shows no targets of a set.
-
-    `image`: grey image, (h, w).
-    """
+    """The likely reason why a grey image (h, w) shows no targets of a set."""
     return _without_light(image) or _with_a_change(image, targets) or _without_sharpness(image) or _NOT_THERE
 
 

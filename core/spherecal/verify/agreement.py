@@ -35,8 +35,6 @@ def decide(
 
     Lengths whose own uncertainty is not stated decide nothing. Each error is held against Student's k for all of them
     (Bonferroni's bound, which holds for correlated errors too), all together against chi-square with their covariance.
-
-    `errors` None: only single errors are judged.
     """
     measured = [m for m in measured if m.certified]
     if not measured or not comparable:
@@ -82,10 +80,7 @@ def _most_chi_square(n: int, freedom: float) -> float:
 def chi_square(
     measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], errors: PointErrors, scale_relative: float
 ) -> float:
-    """All errors together in units of their covariance.
-
-    What lengths of one laboratory have in common is not stated: the smaller of nothing and everything is taken.
-    """
+    """All errors together in units of their covariance; with nothing or everything in common within a laboratory."""
     error = np.array([m.error_mm for m in measured])
     return min(
         float(error @ np.linalg.solve(error_covariance(measured, bars, errors, scale_relative, shared), error))

@@ -85,10 +85,8 @@ def length_budgets(
 ) -> tuple[Budget, ...]:
     """The test value's uncertainty (ISO 14253-5) of each certified length, in the order they were first measured.
 
-    It holds what the test adds: the bar, its temperature, how well its marks are found. What the rig errs by is what
-    is tested: a worse rig must not be harder to fail.
-
-    `noise_share`: of the marks' image noise, what a rig as good as calibrated would have.
+    It holds what the test adds: the bar, its temperature, how well its marks are found. What the rig errs by is what is
+    tested: a worse rig must not be harder to fail.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:

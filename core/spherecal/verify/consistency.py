@@ -50,10 +50,7 @@ class CameraTest:
 
 @dataclass(frozen=True)
 class Consistency:
-    """All cameras that could be tested; `noise` of the observations in units of their sigma, views left out.
-
-    `rejected`: cameras most of whose views contradict the others beyond any small move.
-    """
+    """All cameras that could be tested; `noise` in sigmas, views left out; `rejected`: most views contradict."""
 
     cameras: tuple[CameraTest, ...]
     untested: tuple[str, ...]
@@ -285,10 +282,7 @@ class _System:
 
 
 def camera_normal(views: Views, keep: BoolArray, rig: Rig) -> FloatArray:
-    """The normal matrix (c*w, c*w) of all cameras' parameters (rig.CameraCovariance's order), the points eliminated.
-
-    `keep`: which views count, (n,).
-    """
+    """The normal matrix (c*w, c*w) of all cameras' parameters (rig.CameraCovariance's order), the points eliminated."""
     return _System.at(views, keep, rig, np.zeros((len(rig.cameras), 6))).whole
 
 

@@ -92,10 +92,7 @@ def in_proportion(measured: Sequence[MeasuredLength]) -> float | None:
 
 
 def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:
-    """Findings on certificates that have expired, soon will, or are not valid yet, and on registered bars without one.
-
-    A bar with neither a serial nor a certificate is passed over.
-    """
+    """Findings on certificates expired, soon to expire or not valid yet, and on registered bars without one."""
     found = []
     for bar in bars:
         said = None if bar.serial is None and bar.certificate is None else expiry(bar.certificate, today)

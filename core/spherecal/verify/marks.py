@@ -90,10 +90,7 @@ def _why_missing(mark: Mark, seen: int) -> Phrase:
 
 
 def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
-    """Derivatives (k, 3, 3) of a target's centre by its k dots, by central differences.
-
-    `flat`: the dots' places on the flat sticker, (k, 2) mm; `points`: the same dots in space, (k, 3) mm.
-    """
+    """Derivatives (k, 3, 3) of a target's centre by its k dots (flat (k, 2), in space (k, 3)), by differences."""
     derivative = np.zeros((len(points), 3, 3))
     for i in range(len(points)):
         for axis in range(3):

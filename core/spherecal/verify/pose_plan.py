@@ -158,10 +158,7 @@ class PosePlan:
 
 
 def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> MeasuringVolume:
-    """The box to verify: that of the rig's map of lengths, with its axes, else the box between two corners.
-
-    `corners_mm` (3,).
-    """
+    """The box to verify: that of the rig's map of lengths, with its axes, else the box between two corners (3,)."""
     found = rig.length_map
     if found is not None and len(found.places_mm) > 1 and len(found.directions) >= 3:
         middle, axes = found.places_mm.mean(axis=0), found.directions[:3]
@@ -178,8 +175,6 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
 
     The bars take turns. A place counts when two cameras see every mark, and as good when three do. Then come poses for
     cameras that these would not verify. The lines are those of VDI/VDE 2634 part 1 (reduced), docs/verification.md.
-
-    `corners_mm` (3,).
     """
     box = volume_box(rig, corners_mm)
     poses: list[PlannedPose] = []
@@ -326,10 +321,7 @@ def _seen(
 
 
 def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
-    """Which camera's image contains which of the points, 2 % off its edges: (cameras, n) of bool. Nothing hides them.
-
-    `points`: points (n, 3) in mm in the rig's world.
-    """
+    """Which camera's image holds which points (n, 3) mm, 2 % off its edges: bool (cameras, n). Nothing hides them."""
     seen = np.zeros((len(rig.cameras), len(points)), dtype=bool)
     for i, camera in enumerate(rig.cameras):
         x = points @ camera.rotation.T + camera.translation_mm
@@ -360,10 +352,7 @@ ACCEPT_MM, ACCEPT_DEG = 150.0, 15.0
 def judge_pose(
     pose: PlannedPose, ends_mm: FloatArray | None, tolerance_mm: float = ACCEPT_MM, tolerance_deg: float = ACCEPT_DEG
 ) -> PoseAnswer:
-    """Whether the measured ends of the bar are where the plan wants them, either way round.
-
-    `ends_mm`: places of the first and the last mark, (2, 3) mm in the rig's world; None where they are not seen.
-    """
+    """Whether the measured ends (2, 3) mm of the bar are where the plan wants them, either way round."""
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return PoseAnswer(False, np.inf, np.inf)
     requested = np.stack([pose.start_mm, pose.end_mm])

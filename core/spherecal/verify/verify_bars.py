@@ -75,8 +75,6 @@ def verify(
     """Measure every certified length of the check bars in every pose with the rig, and judge the errors.
 
     What could not be measured, and why, is among the findings. docs/verification.md says what is judged and how.
-
-    `settings` None: no limit, certificates of today, the volume of the rig's map.
     """
     context, settings = context or Context(), settings or VerifySettings()
     context.report(STAGE, 0.0, Phrase("triangulating"))
@@ -233,10 +231,7 @@ def _sigmas(observations: Observations, rig: Rig) -> tuple[FloatArray, float]:
 
 
 def views_of(observations: Observations, features: Features, camera: IntArray, rig: Rig) -> tuple[Views, float]:
-    """The observations as views of the rig's cameras, and the noise to expect in units of their sigma.
-
-    `camera`: index in the rig of each observation's camera, (n,).
-    """
+    """The observations as views of the rig's cameras (n,), and the noise to expect in units of their sigma."""
     sigma, expected_noise = _sigmas(observations, rig)
     uv, sigma = lens_corrected(rig.cameras, camera, observations.uv, sigma, expected_noise)
     views = Views(features.of_observation, camera, uv, sigma, len(features), posed(rig.cameras))

@@ -83,10 +83,5 @@ def _left_out(placement: str, number: int, whole: Calibration, rig: Rig) -> Left
     rigid = fit_similarity(place[good], points.points[good], with_scale=False)
     off = np.linalg.norm(rigid.apply(place[good]) - points.points[good], axis=1)
     residual = points.residual[good[features.of_observation]]
-    return LeftOut(
-        placement,
-        int(good.sum()),
-        rms_px=float(np.sqrt((residual**2).sum(axis=1).mean())),
-        shape_rms_mm=float(np.sqrt((off**2).mean())),
-        length_error=sized.scale - 1.0,
-    )
+    rms_px, shape_rms_mm = float(np.sqrt((residual**2).sum(axis=1).mean())), float(np.sqrt((off**2).mean()))
+    return LeftOut(placement, int(good.sum()), rms_px, shape_rms_mm, sized.scale - 1.0)

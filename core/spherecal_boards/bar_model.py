@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.adjust import engine
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_boards.frame_network import Ties
 from spherecal_boards.frames_covariance import PointRows
 
@@ -25,12 +25,6 @@ class Lengths:
     length: FloatArray
     sigma: FloatArray
     certificate: IntArray
-
-    def select(self, keep: BoolArray) -> "Lengths":
-        """Some of the rows, (m,) bool."""
-        return Lengths(
-            self.frame[keep], self.coefficient[keep], self.length[keep], self.sigma[keep], self.certificate[keep]
-        )
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from scipy.stats import rankdata
 
 from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
-from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.data.findings import Finding
 from spherecal_boards.bar_adjustment import BarAdjusted
 from spherecal_boards.bar_marks import BarRecording
@@ -47,7 +46,10 @@ class BarStep:
 def bar_step(network: Network, recording: BarRecording, adjusted: BarAdjusted) -> BarStep | None:
     """The clearest change of a bar's length during the recording; None without one."""
     lengths = adjusted.model.lengths
-    off = _free_lengths(network, adjusted.state, adjusted.used, adjusted) - lengths.length
+    # as the cameras see them: marks triangulated without the certificates that tie them
+    points, good = usable_features(network, adjusted.state, adjusted.used)
+    seen = replace(adjusted.state, points=np.where(good[:, None], points, np.nan))
+    off = np.linalg.norm(adjusted.model.differences(seen), axis=1) - lengths.length
     found = []
     for number in np.unique(lengths.certificate):
         own = np.flatnonzero((lengths.certificate == number) & np.isfinite(off))
@@ -58,13 +60,6 @@ def bar_step(network: Network, recording: BarRecording, adjusted: BarAdjusted) -
             pose = recording.observations.placements[int(recording.pose[lengths.frame[row]])]
             found.append(BarStep(pose, change, abs(change) / float(lengths.length[row]), times))
     return max(found, key=lambda step: step.times, default=None)
-
-
-def _free_lengths(network: Network, state: State, used: BoolArray, adjusted: BarAdjusted) -> FloatArray:
-    """The lengths (m,) mm as the cameras see them: marks triangulated without the certificates that tie them."""
-    points, good = usable_features(network, state, used)
-    seen = replace(state, points=np.where(good[:, None], points, np.nan))
-    return np.linalg.norm(adjusted.model.differences(seen), axis=1)
 
 
 def _clearest(off: FloatArray) -> tuple[int, float, float] | None:

@@ -1,6 +1,6 @@
 """The joint adjustment of cameras and board placements: robust first, then gate and plain least squares in turns."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,10 +47,9 @@ class BoardNetwork:
 
 @dataclass(frozen=True)
 class BoardAdjusted(Adjusted):
-    """An adjusted network; `rows`: the observation of each row."""
+    """An adjusted network of a board."""
 
     model: BoardModel
-    rows: IntArray = field(kw_only=True)
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:

@@ -17,20 +17,11 @@ from spherecal.geometry.rotation import nearest_rotation
 from spherecal_boards.board_adjustment import BoardNetwork, ViewPoses, place_boards, robust_start
 from spherecal_boards.board_model import BoardViews
 from spherecal_boards.board_start import BoardPose
-from spherecal_boards.camera_lag import MOST_FRAMES, Compared, lagged, least_error
+from spherecal_boards.camera_lag import MOST_FRAMES, Compared, Link, lagged, least_error
 
 GROUP_SIZE = 4
 # Placements that a pair's relative pose is taken from, and is tried on: more gain nothing and cost time squared.
 _DRAWN, _TRIED = 6, 12
-
-
-@dataclass(frozen=True)
-class Link:
-    """The pose of camera b in the frame of camera a: `x_b = rotation @ x_a + translation`; its weight as an edge."""
-
-    rotation: FloatArray
-    translation: FloatArray
-    weight: float
 
 
 Links = dict[tuple[int, int], Link]
@@ -62,9 +53,7 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
         context.report("pairs of cameras", number / len(pairs))
         link = _link(views, found, intrinsics, a, b)
         if link is not None:
-            links[a, b] = link
-            back = link.rotation.T
-            links[b, a] = Link(back, -back @ link.translation, link.weight)
+            links[a, b], links[b, a] = link, link.back()
     return links
 
 
@@ -197,8 +186,7 @@ def _adjust_group(network: BoardNetwork, start: BoardStart, links: Links, group:
         state.translation[b] = link.rotation @ state.translation[a] + link.translation
         reached.append(b)
     members = np.isin(np.arange(n), group)
-    state = place_boards(network.views, start.poses, state, members)
-    state = whole(state)
+    state = whole(place_boards(network.views, start.poses, state, members))
     own = start.candidates & members[network.views.camera]
     # shared intrinsics may be another group's as well: each group here estimates its own
     alone = replace(network, reference=group[0], group=np.arange(n))

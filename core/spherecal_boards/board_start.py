@@ -165,9 +165,8 @@ def _solve(points: FloatArray, xy: FloatArray, method: int) -> list[tuple[FloatA
     for i in range(count):
         rotation, translation = cv2.solvePnPRefineLM(points, xy, np.eye(3), None, rotations[i], shifts[i])
         if np.isfinite(rotation).all() and np.isfinite(translation).all():
-            out.append(
-                (exp_rotation(np.asarray(rotation, dtype=float).ravel()), np.asarray(translation, dtype=float).ravel())
-            )
+            turn, shift = (np.asarray(part, dtype=float).ravel() for part in (rotation, translation))
+            out.append((exp_rotation(turn), shift))
     return out
 
 

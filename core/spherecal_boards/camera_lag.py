@@ -30,6 +30,19 @@ Compared = tuple[float, IntArray, bool]
 
 
 @dataclass(frozen=True)
+class Link:
+    """The pose of camera b in the frame of camera a: `x_b = rotation @ x_a + translation`; its weight as an edge."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    weight: float
+
+    def back(self) -> "Link":
+        """The pose of camera a in the frame of camera b."""
+        return Link(self.rotation.T, -self.rotation.T @ self.translation, self.weight)
+
+
+@dataclass(frozen=True)
 class Lag:
     """A camera (index) whose images show what another one saw `frames` (f,) frames before, or are `mirrored`."""
 

@@ -46,41 +46,30 @@ class FrameModel(Protocol):
     @property
     def problem(self) -> Problem:
         """Observations, cameras, priors."""
-        ...
 
     @property
     def part(self) -> IntArray:
         """The part of every observation, (n,): frame * parts + part of the frame."""
-        ...
 
     @property
     def parts(self) -> int:
         """Parts of a frame, s."""
-        ...
 
     @property
     def n_frames(self) -> int:
         """How many frames."""
-        ...
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
-        ...
 
     def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k).
-
-        `robust`: multiplies the rows of each observation, (n,); None for 1.
-        """
-        ...
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k), rows times `robust` (n,)."""
 
     def ties(self, state: State) -> Ties:
         """Rows inside frames."""
-        ...
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """The state after a step (f,q) of the frames."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -216,7 +205,10 @@ class _Frames:
         return len(self.model.part)
 
     def linearise(self, state: State) -> Linearised:
-        return self.model.linearise(state, _robust_weight(self.model, state, self.cauchy))
+        robust = None
+        if self.cauchy is not None:
+            robust = 1.0 / np.sqrt(1.0 + (self.model.residuals(state) ** 2).sum(axis=1) / self.cauchy**2)
+        return self.model.linearise(state, robust)
 
     def cost(self, state: State, linear: Linearised) -> float:
         return total_cost(self.model, state, self.cauchy)
@@ -236,12 +228,6 @@ def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
     rest = (prior_residuals(model.problem, state)[0] ** 2).sum() + (model.ties(state).residual ** 2).sum()
     total = 0.5 * float(squared.sum() + rest)
     return total if np.isfinite(total) else np.inf
-
-
-def _robust_weight(model: FrameModel, state: State, cauchy: float | None) -> FloatArray | None:
-    if cauchy is None:
-        return None
-    return 1.0 / np.sqrt(1.0 + (model.residuals(state) ** 2).sum(axis=1) / cauchy**2)
 
 
 def _step(model: FrameModel, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:

@@ -113,10 +113,7 @@ def _moved_placements(state: State, centroid: FloatArray, spread: float) -> Floa
 
 
 def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How placements move when a stored shape fixes the ball's points in their frame, (t*6,7); the first is the world.
-
-    In a stretch the shape grows in its frame.
-    """
+    """How placements move when a stored shape fixes the points in their frame, (t*6,7); the first is the world."""
     translation = state.placement_translation
     out = np.zeros((len(translation), POSE, 7))
     out[:, 3:, :3] = np.eye(3)

@@ -79,7 +79,7 @@ def with_intrinsic_priors(
 ) -> Network:
     """The network with a prior on the intrinsics (c,16) of these cameras' groups, and on rational denominators.
 
-    Priors are to weigh against image points as both really scatter. `sigma` (c,16) None for that of nominal values.
+    Priors are to weigh against image points as both really scatter; `sigma` (c,16) None: that of nominal values.
     """
     rational = network.free[:, _DENOMINATOR].any(axis=1)
     if not (has_prior | rational).any():
@@ -93,10 +93,7 @@ def with_intrinsic_priors(
 
 
 def poorly_observed(network: Network, candidates: BoolArray) -> BoolArray:
-    """Cameras (c,) whose intrinsics group has too few image points to estimate them.
-
-    `candidates`: observations that may be used, (n,).
-    """
+    """Cameras (c,) whose intrinsics group has too few image points among `candidates` (n,) to estimate them."""
     matched = candidates & (network.views(candidates) >= 2)[network.feature]
     by_group = np.bincount(network.group[network.camera[matched]], minlength=network.group.max() + 1)
     return network.free.any(axis=1) & (by_group[network.group] < LEAST_OBSERVATIONS)

@@ -133,10 +133,7 @@ class PointBlock(NamedTuple):
 def point_blocks(
     problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArray | None = None
 ) -> Iterator[PointBlock]:
-    """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are in memory.
-
-    `points`: points in the order wanted, (m,); `may_begin`: where a new part may begin (m,); None for anywhere.
-    """
+    """The points (m,) in order, in parts of some `ROWS_AT_ONCE` observations which begin where they may (m,)."""
     placement, place = problem.ball.placement, problem.ball.place
     start = problem.point_start
     if isinstance(linear, Linearisation):
@@ -150,12 +147,5 @@ def point_blocks(
         end = np.cumsum(own)
         begin = end - own
         rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
-        yield PointBlock(
-            some,
-            begin,
-            end,
-            problem.camera[rows],
-            placement[rows] if len(placement) else placement,
-            place[rows] if len(place) else place,
-            linear.at(rows),
-        )
+        on_ball = (each[rows] if len(each) else each for each in (placement, place))
+        yield PointBlock(some, begin, end, problem.camera[rows], *on_ball, linear.at(rows))

@@ -142,9 +142,8 @@ class Network:
         # of the ball, which a pose of the camera cannot have: all else is smaller
         size = np.cbrt(np.linalg.det(state.placement_rotation))
         size = np.where(np.abs(size - 1) < 1e-9, 1.0, size)
-        rotation = np.einsum("cij,tjk->ctik", state.rotation, state.placement_rotation / size[:, None, None]).reshape(
-            -1, 3, 3
-        )
+        turn = state.placement_rotation / size[:, None, None]
+        rotation = np.einsum("cij,tjk->ctik", state.rotation, turn).reshape(-1, 3, 3)
         translation = np.einsum("cij,tj->cti", state.rotation, state.placement_translation) + state.translation[:, None]
         translation = translation / size[:, None]
         count = len(size)
@@ -158,11 +157,8 @@ class Network:
             return points
         turned = np.einsum("nij,nj->ni", state.placement_rotation[self.ball.placement], points)
         carried = turned + state.placement_translation[self.ball.placement]
-        return (
-            carried + state.shape_residual[self.ball.place]
-            if len(state.shape_residual) and len(self.ball.place)
-            else carried
-        )
+        has_noise = len(state.shape_residual) and len(self.ball.place)
+        return carried + state.shape_residual[self.ball.place] if has_noise else carried
 
     def camera_points(self, state: State) -> FloatArray:
         """The observed point of every observation in its camera's frame, (n,3); NaN where it is not known."""

@@ -66,14 +66,8 @@ def images_of(network: Network, features: Features, rows: IntArray, n_ball: int)
     image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
     dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
     dot = np.unique(dots, axis=0, return_inverse=True)[1].reshape(-1)
-    images = free_network(
-        dot,
-        image,
-        network.uv[rows],
-        int(dot.max(initial=-1)) + 1,
-        np.repeat(network.free, n_ball, axis=0),
-        np.repeat(network.group, n_ball),
-    )
+    free, group = np.repeat(network.free, n_ball, axis=0), np.repeat(network.group, n_ball)
+    images = free_network(dot, image, network.uv[rows], int(dot.max(initial=-1)) + 1, free, group)
     return replace(images, sigma=network.sigma[rows], noise=np.repeat(network.noise, n_ball))
 
 
@@ -92,12 +86,8 @@ def solve_images(
         return None
     rotation = np.einsum("cij,tjk->ctik", state.rotation, alignment.rotation[:n_ball])
     translation = np.einsum("cij,tj->cti", state.rotation, alignment.translation[:n_ball]) + state.translation[:, None]
-    start = State(
-        rotation.reshape(-1, 3, 3),
-        translation.reshape(-1, 3),
-        np.repeat(state.intrinsics, n_ball, axis=0),
-        np.full((images.n_features, 3), np.nan),
-    )
+    lenses, unknown = np.repeat(state.intrinsics, n_ball, axis=0), np.full((images.n_features, 3), np.nan)
+    start = State(rotation.reshape(-1, 3, 3), translation.reshape(-1, 3), lenses, unknown)
     start, used = _settled(images, start, enough, context)
     fit = refine(images, start, used, enough, context)
     own = np.flatnonzero(np.bincount(fit.problem.camera, minlength=len(enough)))
@@ -106,16 +96,11 @@ def solve_images(
     if normal is None or fit.redundancy <= 0 or not fit.minimum.converged:
         return None
     points = np.bincount(fit.problem.camera, minlength=len(enough))[own]
-    return ImagePoses(
-        own // n_ball,
-        own % n_ball,
-        points,
-        fit.state.rotation[own],
-        fit.state.translation[own],
-        normal,
-        _squares(fit.problem, linear)[own],
-        fit.variance,
-    )
+    by_pose = linear.by_camera[:, :, :POSE] / fit.problem.weight[:, :, None]
+    squares = np.zeros((fit.problem.n_cameras, POSE, POSE))
+    np.add.at(squares, fit.problem.camera, by_pose.transpose(0, 2, 1) @ by_pose)
+    poses = fit.state.rotation[own], fit.state.translation[own]
+    return ImagePoses(own // n_ball, own % n_ball, points, *poses, normal, squares[own], fit.variance)
 
 
 def _settled(images: Network, start: State, enough: BoolArray, context: Context) -> tuple[State, BoolArray]:
@@ -135,14 +120,6 @@ def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArra
     judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
     off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= FIXED_LENS_MISFIT_PX, len(enough))
     return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
-
-
-def _squares(problem: Problem, linear: Linearisation) -> FloatArray:
-    """J'J (images,6,6) in px^2 of the images' own points by their poses."""
-    by_pose = linear.by_camera[:, :, :POSE] / problem.weight[:, :, None]
-    out = np.zeros((problem.n_cameras, POSE, POSE))
-    np.add.at(out, problem.camera, by_pose.transpose(0, 2, 1) @ by_pose)
-    return out
 
 
 def _of_poses(problem: Problem, state: State, linear: Linearisation, images: IntArray) -> FloatArray | None:
@@ -182,11 +159,5 @@ def hang_together(
 
 def known_intrinsics(images: Network) -> Network:
     """The images for start values: nothing of their lenses is estimated, all points weigh the same."""
-    count = len(images.group)
-    return replace(
-        images,
-        sigma=np.ones_like(images.uv),
-        noise=np.ones(count),
-        free=np.zeros_like(images.free),
-        group=np.arange(count),
-    )
+    count, free = len(images.group), np.zeros_like(images.free)
+    return replace(images, sigma=np.ones_like(images.uv), noise=np.ones(count), free=free, group=np.arange(count))

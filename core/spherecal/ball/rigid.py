@@ -28,11 +28,10 @@ BLUNDER = 6.0
 
 @dataclass(frozen=True)
 class Alignment:
-    """How the placements of a network are connected by dots they share.
+    """How the placements of a network are connected by dots they share, counted in `shared` (t,t).
 
-    - `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little.
-    - `rotation` (t,3,3) and `translation` (t,3) carry that ball to the placement (I and 0 for roots).
-    - `shared` (t,t) counts dots.
+    `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little;
+    `rotation` (t,3,3), `translation` (t,3) carry that ball to the placement.
     """
 
     root: IntArray
@@ -173,21 +172,14 @@ def _outward(shared: IntArray, motions: dict[tuple[int, int], Similarity]) -> di
 
 
 def share_shape(network: Network, features: Features, state: State, alignment: Alignment) -> tuple[RigidNetwork, State]:
-    """The rigid network of a free one, and its start: the free state's cameras, the placements as aligned.
-
-    The start's points are unknown (NaN): they are to be located from all their placements.
-    """
+    """The rigid network of a free one, and its start: cameras, placements as aligned, points unknown (NaN)."""
     block = np.zeros(len(alignment.root), dtype=np.int64)
     block[alignment.moved] = 1 + np.arange(alignment.moved.sum())  # block 0 is the world
     keys = np.stack([alignment.root[features.placement], features.target, features.point], axis=1)
     dots, point = np.unique(keys, axis=0, return_inverse=True)
     point = point.reshape(-1)
-    rigid = replace(
-        network,
-        feature=point[network.feature],
-        n_features=len(dots),
-        ball=Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0),
-    )
+    ball = Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0)
+    rigid = replace(network, feature=point[network.feature], n_features=len(dots), ball=ball)
     start = replace(
         state,
         points=np.full((len(dots), 3), np.nan),

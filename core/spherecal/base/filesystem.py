@@ -16,6 +16,7 @@ import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
@@ -499,25 +500,22 @@ Known = Callable[[str], bool]
 
 def plain_files(folder: Path, most: int) -> list[str]:
     """The first `most` regular files below a folder, with "/" between parts; no links, no unreadable folders."""
-    found: list[str] = []
-    for relative, state in _entries(folder, "", readable_only=True):
-        if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None:
-            found.append(relative)
-            if len(found) == most:
-                break
-    return found
+    found = (
+        relative
+        for relative, state in _entries(folder, "", readable_only=True)
+        if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None
+    )
+    return list(islice(found, most))
 
 
-def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
-    """Files below a folder that `known` does not name, with "/" between parts; links, pipes and empty folders too."""
-    found: list[str] = []
-    for relative, state in _entries(folder, ""):
-        plain = stat.S_ISREG(state.st_mode) or (relative.endswith("/") and stat.S_ISDIR(state.st_mode))
-        if is_link(state) or not plain or not known(relative):
-            found.append(relative)
-            if len(found) == most:
-                break
-    return found
+def strangers(folder: Path, known: Known) -> list[str]:
+    """The first three files below a folder that `known` does not name; links, pipes and empty folders too."""
+
+    def is_plain(relative: str, state: os.stat_result) -> bool:
+        return stat.S_ISREG(state.st_mode) or (relative.endswith("/") and stat.S_ISDIR(state.st_mode))
+
+    entries = _entries(folder, "")
+    return list(islice((r for r, s in entries if is_link(s) or not is_plain(r, s) or not known(r)), 3))
 
 
 def _entries(

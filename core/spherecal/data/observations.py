@@ -1,6 +1,6 @@
 """Observations as flat arrays, and the features they observe."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,17 +41,8 @@ class Observations(ByValue):
 
     def select(self, keep: BoolArray | IntArray) -> "Observations":
         """The rows that `keep` selects, with the same names."""
-        return Observations(
-            self.placements,
-            self.cameras,
-            self.points,
-            self.placement[keep],
-            self.camera[keep],
-            self.target[keep],
-            self.point[keep],
-            self.uv[keep],
-            None if self.sigma is None else self.sigma[keep],
-        )
+        rows = {name: getattr(self, name)[keep] for name in ("placement", "camera", "target", "point", "uv")}
+        return replace(self, **rows, sigma=None if self.sigma is None else self.sigma[keep])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -136,17 +136,9 @@ class RigCamera(ReadOnly):
         if given.ndim in (2, 3) and given.shape[:2] == self.image_size[::-1]:
             return opencv.undistort_image(given, self.intrinsics, matrix, self.field)
         if given.ndim < 1 or given.shape[-1] != 2:
-            raise InputError(
-                Phrase(
-                    "error-undistort",
-                    {
-                        "shape": str(given.shape),
-                        "camera": self.id,
-                        "height": self.image_size[1],
-                        "width": self.image_size[0],
-                    },
-                )
-            )
+            (width, height), shape = self.image_size, str(given.shape)
+            values = {"shape": shape, "camera": self.id, "height": height, "width": width}
+            raise InputError(Phrase("error-undistort", values))
         uv = last_axis(given, 2, "image points")
         flat = uv.reshape(-1, 2)
         with np.errstate(invalid="ignore"):

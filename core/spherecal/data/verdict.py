@@ -294,12 +294,8 @@ def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Ca
     rig = calibration.rig
     all_of_them = ruled([*findings, *rig.quality.findings])
     more = affected(findings, [camera.id for camera in rig.cameras])
-    quality = replace(
-        rig.quality,
-        findings=all_of_them,
-        valid=rig.quality.valid and is_valid(findings),
-        affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
-    )
+    valid, parts = rig.quality.valid and is_valid(findings), tuple(dict.fromkeys([*rig.quality.affected, *more]))
+    quality = replace(rig.quality, findings=all_of_them, valid=valid, affected=parts)
     return replace(calibration, rig=replace(rig, quality=quality))
 
 

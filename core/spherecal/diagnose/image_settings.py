@@ -20,11 +20,8 @@ def image_settings(session: Session) -> list[Finding]:
     """
     found = []
     for camera in session.cameras:
-        shown = [
-            (place.id, facts)
-            for place in (*session.placements, *session.bar_poses)
-            if camera.id in place.images and (facts := _facts(place.images[camera.id])) is not None
-        ]
+        places = [p for p in (*session.placements, *session.bar_poses) if camera.id in p.images]
+        shown = [(p.id, facts) for p in places if (facts := _facts(p.images[camera.id])) is not None]
         for kind in ("image-serial", "image-size", "image-offset"):
             change = _change([(place, getattr(facts, kind.removeprefix("image-"))) for place, facts in shown])
             if change is not None:

@@ -49,10 +49,7 @@ def misfits(
     moved: dict[int, FloatArray],
     context: Context | None = None,
 ) -> list[Misfit]:
-    """Cameras whose residuals have structure over their images (c,2) px, by noise (c,) px.
-
-    Rao's score test of smooth fields (score.py), beside moves by camera (k,2,m).
-    """
+    """Cameras whose residuals have structure over images (c,2) px: Rao's test of smooth fields beside known moves."""
     problem = probe.problem
     tested = np.flatnonzero(np.bincount(problem.camera, minlength=problem.n_cameras) >= LEAST_POINTS)
     found = []

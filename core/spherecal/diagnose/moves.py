@@ -124,7 +124,8 @@ def prepare(probe: ScoreTest, placement: IntArray, context: Context | None = Non
             context.check()
         own = np.flatnonzero(camera == c)
         rows = np.flatnonzero((problem.camera == c) & (of_row >= 0))
-        blocks[int(c)] = _block(probe, rows, of_row[rows] - own[0], len(own))
+        shape, image = (2 * len(rows), POSE * len(own)), of_row[rows] - own[0]
+        blocks[int(c)] = probe.block(rows, spread(probe.by_pose(rows), POSE * image, shape))
     return MoveTests(of_row, camera, at, count, tuple(sets), blocks, move_limit(len(sets)))
 
 
@@ -135,12 +136,6 @@ def _images(camera: IntArray, placement: IntArray) -> tuple[IntArray, IntArray, 
     enough = count >= LEAST_POINTS
     number = np.where(enough, np.cumsum(enough) - 1, -1)
     return number[image.reshape(-1)], images[enough] // n_placements, images[enough] % n_placements, count[enough]
-
-
-def _block(probe: ScoreTest, rows: IntArray, image: IntArray, count: int) -> Block:
-    """The block of a camera with `count` images, from its rows (k,) and the image of each."""
-    shape = (2 * len(rows), POSE * count)
-    return probe.block(rows, spread(probe.by_pose(rows), POSE * image, shape))
 
 
 def move_limit(tests: int) -> float:
@@ -204,7 +199,8 @@ def _clearest(
         scatter = inflation((own[0] / shrunk, own[1]), scatters)
         if statistic[i] / shrunk > raised(tests.limit, scatter):
             move = _move(probe, tests, images, float(statistic[i]), int(dof[i]), value[i])
-            return replace(move, rivals=_rivals(tests, statistic, camera)), images
+            near = of_set[statistic > max(statistic) - TIE]  # sets that explain as much as the best one
+            return replace(move, rivals=tuple(sorted({int(c) for c in near} - {camera}))), images
     return None
 
 
@@ -238,12 +234,6 @@ def least_visible(probe: ScoreTest, tests: MoveTests) -> FloatArray:
         if weakness:
             out[c] = np.sqrt(needed * np.median(weakness))
     return out
-
-
-def _rivals(tests: MoveTests, statistic: FloatArray, camera: int) -> tuple[int, ...]:
-    """Cameras of sets of images that explain as much as the best one, the camera's own."""
-    near = [tests.camera[s[0]] for s, value in zip(tests.sets, statistic, strict=True) if value > max(statistic) - TIE]
-    return tuple(sorted({int(c) for c in near} - {camera}))
 
 
 def _move(

@@ -46,10 +46,10 @@ EXPOSED_S = 2.0
 
 def implausible(session: Session) -> tuple[Finding, ...]:
     """Findings on a session with observations; each image named as wrong has a hint how to leave it out."""
-    repeated = _repeated(session)
+    repeated, scale = _repeated(session), session.scale
     return (
         *_target_distance(session),
-        *_bar_temperatures(session),
+        *([] if scale is None or scale.bar is None else temperature_findings(session.bar_poses, (scale.bar,))),
         *repeated,
         *_one_image_of_two_cameras(session),
         *_same_files(session, repeated),
@@ -77,11 +77,8 @@ def _target_distance(session: Session) -> list[Finding]:
     scale, targets = session.scale, session.target_set
     if scale is None or targets is None or scale.distance_mm is None:
         return []
-    pairs = [
-        (x[scale.from_point], x[scale.to_point])
-        for x in targets.layouts.values()
-        if scale.from_point in x and scale.to_point in x
-    ]
+    start, end = scale.from_point, scale.to_point
+    pairs = [(x[start], x[end]) for x in targets.layouts.values() if start in x and end in x]
     if not pairs:
         return []
     printed = [float(np.linalg.norm(np.subtract(a, b))) for a, b in pairs]
@@ -94,12 +91,6 @@ def _target_distance(session: Session) -> list[Finding]:
         "percent": 100 * (scale.distance_mm / far - 1),
     }  # fmt: skip
     return [Finding("target-distance", "error", values)]
-
-
-def _bar_temperatures(session: Session) -> list[Finding]:
-    """Temperatures of the bar that gives the scale which no workshop has."""
-    scale = session.scale
-    return [] if scale is None or scale.bar is None else temperature_findings(session.bar_poses, (scale.bar,))
 
 
 def _sizes(o: Observations) -> IntArray:
@@ -141,7 +132,9 @@ def _repeated(session: Session) -> list[Finding]:
         both = int(((size[:, s] >= LEAST_COMMON) & (size[:, t] >= LEAST_COMMON)).sum())
         if len(same) >= MOST_CAMERAS * both and both > 1:
             gone.add(t)
-            found.append(_same_placement(session, s, t))
+            a, b = session.placements[s].id, session.placements[t].id
+            values = {"first": a, "second": b, "limit_px": SAME_PX}
+            found.append(Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}")))
         elif 2 * len(same) < both:
             found += [_stale(session, c, s, t) for c in sorted(same)]
     return found
@@ -151,12 +144,6 @@ def _of_ball(session: Session) -> Observations:
     o = session.observations
     assert o is not None
     return o.select(o.placement < len(session.placements))
-
-
-def _same_placement(session: Session, s: int, t: int) -> Finding:
-    a, b = session.placements[s].id, session.placements[t].id
-    values = {"first": a, "second": b, "limit_px": SAME_PX}
-    return Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}"))
 
 
 def _stale(session: Session, camera: int, s: int, t: int) -> Finding:
@@ -273,18 +260,12 @@ def _capture_times(session: Session) -> list[Finding]:
     for before, after in pairwise(order):
         for camera, why in _clocks_apart(before, after):
             late.setdefault((camera, after.id), why)
-    known = {camera.id for camera in session.cameras}
-    return [
-        Finding(
-            "capture-times",
-            "warning",
-            {"camera": camera, "place": placement, "why": why},
-            (camera, placement),
-            leave_out(f"{camera}@{placement}"),
-        )
-        for (camera, placement), why in late.items()
-        if camera in known
-    ]
+    known, found = {camera.id for camera in session.cameras}, []
+    for (camera, place), why in late.items():
+        if camera in known:
+            values, repairs = {"camera": camera, "place": place, "why": why}, leave_out(f"{camera}@{place}")
+            found.append(Finding("capture-times", "warning", values, (camera, place), repairs))
+    return found
 
 
 def _not_with_the_others(one: CapturedSet) -> list[tuple[str, Phrase]]:

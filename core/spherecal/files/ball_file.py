@@ -162,15 +162,5 @@ def check_targets(profile: BallProfile, family: str | None, size_mm: float | Non
     if None in (family, size_mm, profile.family, profile.target_size_mm):
         return
     if family != profile.family or not np.isclose(size_mm or 0.0, profile.target_size_mm or 0.0, rtol=1e-6):
-        raise InputError(
-            Phrase(
-                "error-other-targets",
-                {
-                    "where": where,
-                    "family": profile.family,
-                    "size": profile.target_size_mm,
-                    "other": family,
-                    "other_size": size_mm,
-                },
-            )
-        )
+        own = {"where": where, "family": profile.family, "size": profile.target_size_mm}
+        raise InputError(Phrase("error-other-targets", {**own, "other": family, "other_size": size_mm}))

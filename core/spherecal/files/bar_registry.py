@@ -62,11 +62,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RegisteredBar:
-    """A bar as its owner knows it.
-
-    Lengths hold at `reference_temperature_c`. `assumed` names what was not stated (`expansion_per_kelvin`,
-    `reference_temperature_c`).
-    """
+    """A bar as its owner knows it, lengths at `reference_temperature_c`; `assumed` names what was not stated."""
 
     serial: str
     marks: dict[str, Mark]
@@ -199,26 +195,17 @@ CERTIFICATE = replace(
     entry=_CERTIFICATE.entry,
 )
 SERIAL = replace(one_of("Its serial number.", name(""), integer("", 0)), read=_read_serial)
-_TEMPERATURE = (
-    _unless_assumed(
-        "expansion_per_kelvin",
-        number(
-            "Coefficient of linear expansion per kelvin; 1.15e-5 (steel) where absent.", *_EXPANSIONS_PER_KELVIN, "1/K"
-        ),
-    ),
-    _unless_assumed(
-        "reference_temperature_c",
-        number(
-            "The temperature that the lengths refer to, in degrees Celsius; 20 where absent.",
-            *_REFERENCE_TEMPERATURES_C,
-            "°C",
-        ),
-    ),
+_EXPANSION = number(
+    "Coefficient of linear expansion per kelvin; 1.15e-5 (steel) where absent.", *_EXPANSIONS_PER_KELVIN, "1/K"
+)
+_TEMPERATURE = number(
+    "The temperature that the lengths refer to, in degrees Celsius; 20 where absent.", *_REFERENCE_TEMPERATURES_C, "°C"
 )
 FIGURES = (
     field("marks", MARKS),
     field("lengths", LENGTHS),
-    *_TEMPERATURE,
+    _unless_assumed("expansion_per_kelvin", _EXPANSION),
+    _unless_assumed("reference_temperature_c", _TEMPERATURE),
     optional("certificate", CERTIFICATE, omit=None),
 )
 _BAR = record(

@@ -268,10 +268,10 @@ def optional(key: str, kind: Kind[Any], of: Source = "", attribute: str = "", om
     return replace(field(key, _nullable(kind), of, attribute), is_needed=False, omit=omit)
 
 
-def unread(key: str, about: str, of: Source = "", omit: object = _ALWAYS) -> Field:
+def unread(key: str, about: str, of: Source = "") -> Field:
     """What is written for people and other programs, and not read back: any value."""
     kind = Kind({"description": about, "$comment": UNREAD}, lambda value: value.value)
-    return replace(field(key, kind, of), is_needed=False, is_read=False, omit=omit)
+    return replace(field(key, kind, of), is_needed=False, is_read=False)
 
 
 def software(
@@ -303,11 +303,6 @@ def _nullable(kind: Kind[T]) -> Kind[T]:
     return replace(kind, schema=about | schema)
 
 
-def _without_default(make: Callable[..., Any]) -> set[str]:
-    known = fields(make) if isinstance(make, type) and is_dataclass(make) else ()
-    return {one.name for one in known if one.default is one.default_factory is MISSING}
-
-
 def record(
     about: str,
     make: Callable[..., T],
@@ -317,7 +312,9 @@ def record(
     """An object, made by a dataclass or another function of its attributes; unknown fields are ignored."""
     needed = [one.key for one in inner if one.is_needed]
     others = [one.key for one in inner if not one.is_needed]
-    absent = dict.fromkeys(_without_default(make) & {name for one in inner for name in one.attributes})
+    known = fields(make) if isinstance(make, type) and is_dataclass(make) else ()
+    without_default = {one.name for one in known if one.default is one.default_factory is MISSING}
+    absent = dict.fromkeys(without_default & {name for one in inner for name in one.attributes})
 
     def read(value: JsonValue) -> T:
         given, found = value.fields(needed, others), dict[str, Any](absent)
@@ -343,8 +340,7 @@ def record(
         return written
 
     schema: Schema = {"type": "object", "properties": {one.key: one.kind.schema for one in inner}}
-    required = [one.key for one in inner if one.is_needed]
-    return _kind(about, schema | ({"required": required} if required else {}), read, entry)
+    return _kind(about, schema | ({"required": needed} if needed else {}), read, entry)
 
 
 def only(key: str, kind: Kind[T], *others: Field) -> Kind[T]:

@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike
 
 from spherecal import __version__
 from spherecal.base.errors import InputError, Words, advice
-from spherecal.base.filesystem import id_problem, read_below, read_file
+from spherecal.base.filesystem import id_problem, read_below
+from spherecal.base.filesystem import read_file as read_bytes
+from spherecal.base.filesystem import shown_name as printable
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LONGEST_NAME, name_problem
 
@@ -59,12 +61,6 @@ def finite(value: ArrayLike | None) -> Any:
 def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
     """Who wrote a file: name and version of this program, and the details given (timestamps go here alone)."""
     return {"name": "SphereCal", "version": __version__, **(details or {})}
-
-
-def printable(text: str, most: int = 60) -> str:
-    """The text in quotation marks, shortened and escaped, fit for a one-line message."""
-    shown = text if len(text) <= most else text[: most - 1] + "…"
-    return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
 
 
 def shown_number(value: object) -> Words:
@@ -176,11 +172,8 @@ class JsonValue:
     def numbers(self, length: int) -> list[float]:
         """A list of `length` finite numbers."""
         found: list[Any] = self.value if isinstance(self.value, list) else []
-        if (
-            found
-            and len(found) == length
-            and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found)
-        ):
+        plain = found and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found)
+        if plain and len(found) == length:
             return [float(one) for one in found]
         return [item.number() for item in self.items(length)]
 
@@ -272,11 +265,6 @@ def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
             said = {"what": what, "name": printable(key), "other": first[key].place}
             raise value.error(Phrase("problem-same", said))
         first[key] = value
-
-
-def read_bytes(path: Path, most: int) -> bytes:
-    """The contents of a regular file."""
-    return read_file(path, most)
 
 
 def check_lines(path: Path, data: bytes) -> None:

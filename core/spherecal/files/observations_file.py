@@ -30,7 +30,10 @@ def read_observations(
     """The observations in a file, checked against a session's ids and image sizes (w, h); point names sorted."""
     table = _split(path, read_bytes(path, _MOST_BYTES))
     names = [decode(path, name) for name in sorted(set(table.columns[3].tolist()))]
-    _check_point_names(table, names)
+    for name in names:
+        if problem := name_problem(name):
+            row = int(np.argmax(table.columns[3] == name.encode()))
+            table.fail(row, 3, Phrase("problem-point-name", {"problem": problem}))
     placement = table.lookup(0, placements)
     camera = table.lookup(1, cameras)
     target = table.numbers(2, np.int64)
@@ -117,15 +120,13 @@ class _Table:
     def check_inside(self, uv: FloatArray, size: FloatArray) -> None:
         """Raise InputError for an image point that is well outside its image."""
         margin = MARGIN * size.max(axis=1, initial=0.0)
+
+        def outside(row: int) -> Phrase:
+            return Phrase("problem-outside-image", {"width": float(size[row, 0]), "height": float(size[row, 1])})
+
         for k in (0, 1):
             good = (uv[:, k] >= -margin) & (uv[:, k] <= size[:, k] - 1 + margin)
-            self.check(
-                good,
-                4 + k,
-                lambda row: Phrase(
-                    "problem-outside-image", {"width": float(size[row, 0]), "height": float(size[row, 1])}
-                ),
-            )
+            self.check(good, 4 + k, outside)
 
 
 def _parses(field: bytes, kind: type) -> bool:
@@ -144,12 +145,8 @@ def _split(path: Path, data: bytes) -> _Table:
     end = data.index(b"\n")
     header = tuple(decode(path, data[:end]).replace('"', "").split(","))
     if header not in (COLUMNS, COLUMNS + SIGMA_COLUMNS):
-        raise InputError(
-            Phrase(
-                "error-table-header",
-                {"file": path, "columns": COLUMNS, "found": printable(",".join(header)), "optional": SIGMA_COLUMNS},
-            )
-        )
+        values = {"file": path, "columns": COLUMNS, "found": printable(",".join(header)), "optional": SIGMA_COLUMNS}
+        raise InputError(Phrase("error-table-header", values))
     body = np.frombuffer(data, np.uint8, offset=end + 1)
     line_end = body == ord("\n")
     stop = np.flatnonzero(line_end | (body == ord(",")))
@@ -180,20 +177,12 @@ def _fields(path: Path, body: NDArray[np.uint8], start: IntArray, stop: IntArray
     width = max(int((stop - start).max()), 1)
     if width > _LONGEST_FIELD:
         line = 2 + int(np.argmax(stop - start))
-        raise InputError(
-            Phrase("error-field-long", {"file": path, "line": line, "width": width, "most": _LONGEST_FIELD})
-        )
+        values = {"file": path, "line": line, "width": width, "most": _LONGEST_FIELD}
+        raise InputError(Phrase("error-field-long", values))
     padded = np.concatenate([body, np.zeros(width, np.uint8)])
     fields = np.lib.stride_tricks.sliding_window_view(padded, width)[start]
     fields[np.arange(width) >= (stop - start)[:, None]] = 0
     return fields.view(f"S{width}").reshape(-1)
-
-
-def _check_point_names(table: _Table, names: Sequence[str]) -> None:
-    for name in names:
-        if problem := name_problem(name):
-            row = int(np.argmax(table.columns[3] == name.encode()))
-            table.fail(row, 3, Phrase("problem-point-name", {"problem": problem}))
 
 
 def _check_repeated(table: _Table, o: Observations) -> None:

@@ -119,9 +119,7 @@ def read_rig(path: Path) -> Rig:
     stated = RIG.kind.read(document)
     cameras = stated["cameras"]
     kept = stated.get("covariance")
-    covariance = (
-        None if kept is None else _read_covariance(path.parent, kept["sha256"], kept["intrinsics"], len(cameras))
-    )
+    covariance = None if kept is None else _read_covariance(path.parent, **kept, n_cameras=len(cameras))
     quality = stated.get("quality") or unknown_quality(cameras)
     quality = replace(quality, findings=with_values(quality.findings, path.parent))
     without_sigma = _without_sigma(document.fields(["cameras"])["cameras"].items())

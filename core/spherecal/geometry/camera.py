@@ -214,13 +214,9 @@ _UNDISTORT_TOLERANCE = 1e-12  # in normalised units: 3e-9 px at f = 3000 px
 
 
 def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Normalised ideal points (n, 2) of image points (n, 2) in pixels, and where that succeeded, (n,) bool.
+    """Normalised ideal points (n,2) of image points (n,2) px by lenses (16,) or (n,16), and where they have inverses.
 
-    Where the lens model has no inverse (its radial curve folds over) the flag is False and the point is NaN.
-    Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to 89 degrees off the axis
-    (see fisheye.py).
-
-    `intrinsics`: one lens (16,), or one of each point (n, 16).
+    Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to 89 degrees off the axis.
     """
     c = np.broadcast_to(intrinsics, (len(uv), N_INTRINSICS))
     goal = (uv - c[:, 2:4]) / c[:, :2]

@@ -25,8 +25,6 @@ def agreeing_views(
 
     Among equal sets the one with the smaller errors wins. Of a feature with more than `MOST_PAIRS` pairs of views some
     pairs are tried, evenly chosen.
-
-    `uv`: the image points, (n, 2) px.
     """
     out = np.zeros(len(feature), dtype=bool)
     xy, usable = undistort_views(uv, camera, cameras.intrinsics)

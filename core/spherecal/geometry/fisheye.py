@@ -59,12 +59,10 @@ def coefficient_derivatives(xy: FloatArray) -> FloatArray:
 
 
 def undistort(distorted: FloatArray, k: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Normalised ideal points (n, 2) of distorted ones, NaN with the flag False where there is none.
+    """Normalised ideal points (n,2) of distorted ones, NaN with the flag False where there is none; k1 to k4 (n,4).
 
     The first root within 89 degrees off the axis, as long as theta_d rises up to it. It is bracketed by steps from the
     axis; Newton's steps are then kept within the bracket.
-
-    `k`: k1 to k4 of each point, (n, 4).
     """
     goal = np.sqrt((distorted * distorted).sum(axis=1))
     low, high, good = _bracket(goal, k)

@@ -90,12 +90,9 @@ def _finite(values: ArrayLike, what: Words) -> FloatArray:
 def undistort_image(
     image: NDArray[Any], intrinsics: FloatArray, matrix: FloatArray, field: FieldTable | None = None
 ) -> NDArray[Any]:
-    """The image as a camera without distortion and with the given matrix sees it, of the same shape and type.
+    """The image as a camera without distortion and with the given matrix (3,3) px sees it, of the same shape and type.
 
-    Bilinear, 0 where the recorded image has nothing.
-
-    `image`: the image, (h, w) or (h, w, channels); `intrinsics`: the lens that it was taken with, (16,); `matrix`:
-    camera matrix (3, 3) of the result, in px; `field`: what the lens does beyond its model, None for nothing.
+    Bilinear, 0 where the recorded image has nothing; `field`: what the lens does beyond its model.
     """
     height, width = image.shape[:2]
     channels = image.reshape(height, width, -1)

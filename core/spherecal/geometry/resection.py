@@ -54,21 +54,16 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
     rotation, translation = cv2.solvePnPRefineLM(points[some], xy[some], np.eye(3), None, rotation, translation)
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
         return None
-    return (
-        exp_rotation(np.asarray(rotation, dtype=float).ravel()),
-        np.asarray(translation, dtype=float).ravel(),
-        len(some),
-    )
+    turn, shift = (np.asarray(part, dtype=float).ravel() for part in (rotation, translation))
+    return exp_rotation(turn), shift, len(some)
 
 
 def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[ResectedPose]:
-    """All distinct poses that points and their images suggest, the likeliest first; empty for fewer than four points.
+    """All distinct poses that points (n,3) at ideal image points (n,2) suggest, likeliest first; none for three.
 
     P3P on random triples (X. Gao et al., Complete solution classification for the perspective-three-point problem,
     2003), scored by Cauchy's loss and refined. Few points, or points near a plane, have a second pose that fits nearly
     as well; who takes the first must look at the second. Deterministic.
-
-    `points`: known points, (n, 3); `xy`: their normalised ideal image points, (n, 2).
     """
     if len(points) < 4:
         return []

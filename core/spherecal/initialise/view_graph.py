@@ -24,6 +24,13 @@ def common_counts(seen: BoolArray) -> IntArray:
     return np.rint(pattern @ pattern.T).astype(np.int64)
 
 
+def groups_of(linked: IntArray, placed: BoolArray) -> list[IntArray]:
+    """Connected groups of cameras by their links (c,c): the placed ones first, then the largest."""
+    label = connected_components(csr_array(linked > 0), directed=False)[1]
+    groups = [np.flatnonzero(label == value) for value in dict.fromkeys(label.tolist())]
+    return sorted(groups, key=lambda group: (-int(placed[group].any()), -len(group), int(group[0])))
+
+
 def strongest_pairs(counts: IntArray, partners: int) -> IntArray:
     """Counts (c,c) of each camera's pairs with most common features (c,c), and of those that keep the graph connected.
 
@@ -136,10 +143,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class CameraGraph:
-    """Adjacency of cameras: `edges[j][g]` is the lightest edge of the pair, the same both ways.
-
-    `groups` (c,) counts the triples a camera belongs to; the reference is the camera in most.
-    """
+    """Lightest edges `edges[j][g]` of pairs, the same both ways; `groups` (c,): how many triples a camera is in."""
 
     edges: tuple[dict[int, Edge], ...]
     groups: IntArray

@@ -40,10 +40,7 @@ class _Mark:
         return np.full(3, np.nan) if centre is None else centre / factor
 
     def weights(self) -> FloatArray:
-        """Coefficients (k,) of the dots whose sum is the mark: the origin under the affine fit of the flat layout.
-
-        For dots that keep the layout to a few micrometres this is the origin of the rigid fit to nanometres.
-        """
+        """Coefficients (k,) of the dots whose sum is the mark: the origin under the affine fit of the flat layout."""
         if self.layout_mm is None:
             return np.ones(1)
         return np.linalg.pinv(np.column_stack([np.ones(len(self.dots)), self.layout_mm]))[0]

@@ -94,10 +94,8 @@ def recorded(
     others = {camera.id for camera in session.cameras if camera.earlier_pose_of is not None}
     left = tuple(camera for camera in rig.earlier_poses if camera.id in others)
     rig = replace(rig, repairs=(*done, *rig.repairs), earlier_poses=left)
-    under_old_names = replace(
-        calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended)
-    )
-    return with_findings(under_old_names, tuple(findings))
+    o = _under_old_names(calibration.observations, session, mended)
+    return with_findings(replace(calibration, rig=rig, observations=o), tuple(findings))
 
 
 def placements_seen_by(session: Session, cameras: Sequence[str]) -> list[str]:
@@ -203,13 +201,10 @@ def _left_out(session: Session, value: str) -> Session:
         keep = [c for c in range(len(session.cameras)) if c != index]
         number = np.full(len(session.cameras), -1)
         number[keep] = np.arange(len(keep))
-        return replace(
-            _with_images(session, lambda _, images: {c: p for c, p in images.items() if c != ids[0]}),
-            cameras=tuple(session.cameras[c] for c in keep),
-            observations=None
-            if o is None
-            else _renamed(o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number),
-        )
+        if o is not None:
+            o = _renamed(o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number)
+        there = _with_images(session, lambda _, images: {c: p for c, p in images.items() if c != ids[0]})
+        return replace(there, cameras=tuple(session.cameras[c] for c in keep), observations=o)
     placement = _place_index(session, ids[-1], value)
     camera = None if len(ids) == 1 else ids[0]
     there = _with_images(

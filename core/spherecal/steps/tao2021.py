@@ -130,11 +130,8 @@ def grouped_points(
     out = int((~keep).sum())
     values = {"count": out, "observations": len(keep), "percent": 100 * out / len(keep)}
     of_groups = replace(local, keep=local.keep[keep], triples=triples)
-    return (
-        Recording(recording.session, own, find_features(own)),
-        of_groups,
-        (Finding("points-without-group", "info", values),),
-    )
+    some = Recording(recording.session, own, find_features(own))
+    return some, of_groups, (Finding("points-without-group", "info", values),)
 
 
 # --- Optimal path transformation (OPT), (14)-(17), and none-OPT, Algorithm 3 ------------------------------------------

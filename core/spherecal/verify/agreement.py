@@ -117,9 +117,10 @@ def error_covariance(
     laboratory = [_laboratory(bars[m.bar]) if one_laboratory else m.key for m in measured]
     found += np.outer(certificate, certificate) * _same(laboratory)
     known = [m.temperature_c is not None for m in measured]
-    thermometer = np.array([_by_kelvin(m, bars[m.bar]) * temperature_sd(m.temperature_c) for m in measured])
+    by_kelvin = np.array([m.reference_mm * abs(bars[m.bar].expansion_per_kelvin) for m in measured])
+    thermometer = by_kelvin * [temperature_sd(m.temperature_c) for m in measured]
     found += np.outer(thermometer, thermometer) * _same(known)
-    expansion = np.array([_by_expansion(m, bars[m.bar]) for m in measured])
+    expansion = by_kelvin * [_expansion_kelvin(m, bars[m.bar]) for m in measured]
     return found + np.outer(expansion, expansion) * _same([m.bar for m in measured])
 
 
@@ -147,10 +148,6 @@ def _same(names: Sequence[object]) -> BoolArray:
     return number[:, None] == number
 
 
-def _by_kelvin(m: MeasuredLength, bar: Bar) -> float:
-    return m.reference_mm * abs(bar.expansion_per_kelvin)
-
-
-def _by_expansion(m: MeasuredLength, bar: Bar) -> float:
+def _expansion_kelvin(m: MeasuredLength, bar: Bar) -> float:
     warmer = 0.0 if m.temperature_c is None else m.temperature_c - bar.reference_temperature_c
-    return _by_kelvin(m, bar) * expansion_kelvin(bar, warmer, temperature_sd(m.temperature_c))
+    return expansion_kelvin(bar, warmer, temperature_sd(m.temperature_c))

@@ -93,17 +93,12 @@ def judge_against(
         own = [m for m in measured if m.key == budget.key]
         if not own:
             continue
-        verdicts = [(_verdict(m, limit, budget.guard_mm(), budget.guard_mm(n)), m) for m in own]
+        verdicts = [_verdict(m, limit, budget.guard_mm(), budget.guard_mm(n)) for m in own]
         # the pose that comes nearest to its limit or exceeds it most
         worst = max(own, key=lambda m: abs(m.error_mm) - limit.at(m.reference_mm))
-        said = {verdict for verdict, _ in verdicts}
-        verdict: Conformity = "fail" if "fail" in said else "cannot tell" if "cannot tell" in said else "pass"
-        rows.append(
-            LengthConformity(
-                *budget.key, worst.pose, worst.error_mm, limit.at(worst.reference_mm), budget.expanded_mm, verdict
-            )
-        )
-    return Acceptance(limit, _overall([row.verdict for row in rows]), tuple(rows))
+        most, verdict = limit.at(worst.reference_mm), _overall(verdicts)
+        rows.append(LengthConformity(*budget.key, worst.pose, worst.error_mm, most, budget.expanded_mm, verdict))
+    return Acceptance(limit, _overall([row.verdict for row in rows]) if rows else None, tuple(rows))
 
 
 def with_doubts(
@@ -128,7 +123,5 @@ def _verdict(m: "MeasuredLength", limit: LengthLimit, within_mm: float, beyond_m
     return "fail" if size - beyond_mm > most else "cannot tell"
 
 
-def _overall(verdicts: Sequence[Conformity]) -> Conformity | None:
-    if not verdicts:
-        return None
+def _overall(verdicts: Sequence[Conformity]) -> Conformity:
     return "fail" if "fail" in verdicts else "cannot tell" if "cannot tell" in verdicts else "pass"

@@ -46,9 +46,8 @@ def cross_validate(
     """The calibration of the whole session, and every placement compared with the rig that the others give."""
     settings, context = settings or CalibrationSettings(), context or Context()
     if len(session.placements) < 3:
-        raise InputError(
-            Phrase("error-few-placements", {"folder": session.where, "placements": len(session.placements)})
-        )
+        values = {"folder": session.where, "placements": len(session.placements)}
+        raise InputError(Phrase("error-few-placements", values))
     session = observed(session, context)
     whole = calibrate(session, settings, context)
     found = []

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.board_pattern import APRILTAGS, tag_dictionary
+from spherecal.targets.board_pattern import APRILTAGS
+from spherecal.targets.marker_set import marker_dictionary
 from spherecal_boards.chessboard import largest_chessboard
 
 Grey = NDArray[np.uint8]
@@ -117,7 +118,7 @@ def _markers(image: Grey, family: str, border: int, inverted: bool, mirrored: bo
     seen = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
     settings = cv2.aruco.DetectorParameters()
     settings.markerBorderBits = border
-    detector = cv2.aruco.ArucoDetector(tag_dictionary(family), settings)
+    detector = cv2.aruco.ArucoDetector(marker_dictionary(family), settings)
     corners, ids, _ = detector.detectMarkers(np.asarray(255 - seen, np.uint8) if inverted else seen)
     if ids is None:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))

@@ -14,7 +14,8 @@ from spherecal.files.json_file import JsonValue, decode, parse_json, printable, 
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION
 from spherecal.files.session_file import BOARD
 from spherecal.files.toml_text import toml_of
-from spherecal.targets.board_pattern import APRILTAGS, BoardKind, BoardPattern, tag_dictionary
+from spherecal.targets.board_pattern import APRILTAGS, BoardKind, BoardPattern
+from spherecal.targets.marker_set import marker_count
 
 _FIELDS = tuple(BOARD.schema["properties"])
 _TEXTS = ("kind", "polarity", "dictionary", "shape")
@@ -54,7 +55,7 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     tags = kind in ("charuco", "aprilgrid")
     if tags:
         needed = (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns
-        there = len(tag_dictionary(dictionary).bytesList)
+        there = marker_count(dictionary)
         if (needed := f.get("first_id", 0) + needed) > there:
             said = {"needed": needed, "dictionary": dictionary, "there": there}
             raise given["rows"].error(Phrase("problem-board-tags", said))

@@ -1,7 +1,4 @@
-"""The linearisation of a large problem, computed block by block when needed instead of kept in memory.
-
-Its derivatives take 400 bytes an observation, ten times what the observation itself does.
-"""
+"""The linearisation of a large problem, computed block by block when needed: it takes 400 bytes an observation."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

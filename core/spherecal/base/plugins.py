@@ -29,13 +29,11 @@ def load(group: str, name: str, kind: type | tuple[type, ...] | None = None) -> 
         made = found[0].load()
     except Exception as error:  # whatever a stranger's package raises when it is loaded
         what = f"{type(error).__name__}: {error}"[:_LONGEST]
-        raise InputError(
-            Phrase("error-package-broken", {"name": name, "package": _package(found[0]), "why": what})
-        ) from error
+        values = {"name": name, "package": _package(found[0]), "why": what}
+        raise InputError(Phrase("error-package-broken", values)) from error
     if kind is not None and not isinstance(made, kind):
-        raise InputError(
-            Phrase("error-package-kind", {"name": name, "package": _package(found[0]), "kind": _KINDS[group]})
-        )
+        values = {"name": name, "package": _package(found[0]), "kind": _KINDS[group]}
+        raise InputError(Phrase("error-package-kind", values))
     return made
 
 

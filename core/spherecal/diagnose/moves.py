@@ -1,7 +1,4 @@
-"""Cameras that moved between placements: a second pose for some images of a camera, tested for all of them at once.
-
-Rao's score test (score.py) from the solved network; docs/formulation.md, section The rigid ball.
-"""
+"""Cameras that moved between placements: a second pose for some images, by Rao's score test of all (score.py)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

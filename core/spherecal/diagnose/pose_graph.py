@@ -63,9 +63,8 @@ class PoseComposition:
         for k, (split, placements) in enumerate(splits):
             camera[(images.camera == split) & np.isin(images.placement, placements)] = n_cameras + k
         still = np.full(len(camera), -1)
-        return PoseComposition(
-            camera, images.placement, still, n_cameras + len(splits), int(images.placement.max()) + 1
-        )
+        counts = n_cameras + len(splits), int(images.placement.max()) + 1
+        return PoseComposition(camera, images.placement, still, *counts)
 
     @property
     def unknowns(self) -> int:

@@ -130,9 +130,8 @@ def _refuse_others(folder: Path, resolved: Path, marker: Marker) -> None:
     if not _is_older_result(resolved, marker):
         raise OutputError(Phrase("error-holds-other", {"folder": folder}))
     if others := files.strangers(resolved, _known(resolved, marker)):
-        raise OutputError(
-            Phrase("error-holds-strangers", {"folder": folder, "files": [files.shown_name(one) for one in others]})
-        )
+        values = {"folder": folder, "files": [files.shown_name(one) for one in others]}
+        raise OutputError(Phrase("error-holds-strangers", values))
 
 
 def _resolve(path: Path) -> Path:

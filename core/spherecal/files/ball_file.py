@@ -1,7 +1,4 @@
-"""ball.json, a ball profile: the shape of one ball as a calibration found it, to be used in later ones.
-
-Decision 0013 (docs/decisions/0013-stored-shapes.md).
-"""
+"""ball.json, a ball profile: the shape of one ball as a calibration found it, for later ones (decision 0013)."""
 
 import datetime
 from dataclasses import dataclass, replace

@@ -1,7 +1,4 @@
-"""The owner's reference bars by serial number: marks, certified lengths, certificate; one JSON file per user.
-
-A session's bar may name a serial instead of its lengths; they are then taken from here when the session is read.
-"""
+"""The owner's reference bars by serial number, which a session's bar may name instead of lengths; one file per user."""
 
 import datetime
 import math

@@ -22,9 +22,8 @@ class Similarity:
 
     def after(self, first: "Similarity") -> "Similarity":
         """The similarity of `first` followed by this one."""
-        return Similarity(
-            self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation[None])[0]
-        )
+        moved = self.apply(first.translation[None])[0]
+        return Similarity(self.scale * first.scale, self.rotation @ first.rotation, moved)
 
     @property
     def inverse(self) -> "Similarity":

@@ -1,7 +1,4 @@
-"""The robust gate before any reconstruction: wrong matches are rejected by two-view geometry.
-
-The factorisation of a triple is not robust: with 2 % wrong matches it lost cameras in every trial.
-"""
+"""The robust gate before any reconstruction: with 2 % wrong matches the factorisation lost cameras in every trial."""
 
 from dataclasses import dataclass
 from itertools import combinations

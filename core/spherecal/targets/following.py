@@ -1,7 +1,4 @@
-"""Detected dots followed into later images of the same camera, by OpenCV's optical flow, for a live overlay.
-
-It takes a sixth of the time of a detection and finds no target anew. What is measured is always detected.
-"""
+"""Detected dots followed into later images by OpenCV's optical flow, for a live overlay; it finds no target anew."""
 
 from dataclasses import replace
 

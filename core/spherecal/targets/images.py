@@ -76,9 +76,8 @@ def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
         return  # read whole it says best what is wrong with it
     _check_size(path, width, height)
     if size > width * height * _MOST_BYTES_A_PIXEL + _SMALL_BYTES:
-        raise InputError(
-            Phrase("error-image-padded", {"file": path, "megabytes": size >> 20, "width": width, "height": height})
-        )
+        values = {"file": path, "megabytes": size >> 20, "width": width, "height": height}
+        raise InputError(Phrase("error-image-padded", values))
 
 
 def as_grey(image: NDArray[Any]) -> GreyImage:
@@ -101,12 +100,11 @@ def _of_kind(pixels: NDArray[Any]) -> GreyImage:
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
+    values = {"file": path, "width": width, "height": height}
     if width * height > LARGEST_MEGAPIXELS * 1e6:
-        raise InputError(
-            Phrase("error-many-pixels", {"file": path, "width": width, "height": height, "most": LARGEST_MEGAPIXELS})
-        )
+        raise InputError(Phrase("error-many-pixels", {**values, "most": LARGEST_MEGAPIXELS}))
     if min(width, height) < _SMALLEST_SIDE_PX:
-        raise InputError(Phrase("error-few-pixels", {"file": path, "width": width, "height": height}))
+        raise InputError(Phrase("error-few-pixels", values))
 
 
 def _decode(image: Image.Image) -> GreyImage | None:

@@ -58,11 +58,11 @@ def make_marker_set(
     return TargetSet(FAMILY, polarity, size_mm, 0.0, layouts, dictionary)
 
 
-def marker_bits(dictionary: str, marker: int) -> FloatArray:
-    """The cells (n, n) of a marker with its border, 0 black, 1 white."""
+def marker_bits(dictionary: str, marker: int, border: int = BORDER_BITS) -> FloatArray:
+    """The cells (n, n) of a marker with its black border, 0 black, 1 white."""
     found = marker_dictionary(dictionary)
-    side = found.markerSize + 2 * BORDER_BITS
-    return (np.asarray(found.generateImageMarker(marker, side, borderBits=BORDER_BITS)) > 127).astype(float)
+    side = found.markerSize + 2 * border
+    return (np.asarray(found.generateImageMarker(marker, side, borderBits=border)) > 127).astype(float)
 
 
 def sticker_mm(target_set: TargetSet) -> float:

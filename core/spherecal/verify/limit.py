@@ -104,10 +104,7 @@ def judge_against(
 def with_doubts(
     acceptance: Acceptance, doubts: tuple[str, ...], doubtful: Collection[tuple[str, str, str]]
 ) -> Acceptance:
-    """The decision if the evidence is in doubt: no pass, and no fail only by lengths that contradict their bar.
-
-    A camera that moved is an error of the rig: a fail remains.
-    """
+    """The decision in doubt: no pass, and no fail (which a camera that moved leaves) only by contradicting lengths."""
     if acceptance.verdict == "pass" and doubts:
         return replace(acceptance, verdict="cannot tell", doubts=doubts)
     failed = [(x.bar, x.from_mark, x.to_mark) for x in acceptance.lengths if x.verdict == "fail"]

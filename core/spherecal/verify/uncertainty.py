@@ -84,10 +84,7 @@ def length_budget(
     bar: Bar,
     temperature_c: float | None,
 ) -> LengthBudget:
-    """The uncertainty budget of one measured length's error: standard uncertainties (k = 1) in mm.
-
-    Where the cameras' covariance holds the scale's share, that is taken out of `calibration_mm`.
-    """
+    """Standard uncertainties (mm) of one measured length's error, the scale's share apart from the calibration's."""
     length = float(np.linalg.norm(ends[1].place_mm - ends[0].place_mm))
     features, by_point = length_by_points(ends)
     noise = np.einsum("ki,kij,kj->", by_point, errors.covariance[features], by_point)
@@ -145,10 +142,7 @@ def temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) ->
 
 
 def expansion_kelvin(bar: Bar, warmer_k: float, sd_k: float) -> float:
-    """The effect of an unknown expansion coefficient in kelvin, for a bar that is warmer by an amount known to `sd_k`.
-
-    Where it is not stated at all the product of both errors counts too (GUM 5.1.2, note).
-    """
+    """The effect of an unknown expansion (kelvin) of a bar that is warmer by an amount known to `sd_k` (GUM 5.1.2)."""
     if "expansion_per_kelvin" in bar.assumed:
         return _UNKNOWN_EXPANSION_RELATIVE_SD * math.hypot(warmer_k, sd_k)
     return warmer_k * EXPANSION_RELATIVE_SD

@@ -46,30 +46,38 @@ class FrameModel(Protocol):
     @property
     def problem(self) -> Problem:
         """Observations, cameras, priors."""
+        ...
 
     @property
     def part(self) -> IntArray:
         """The part of every observation, (n,): frame * parts + part of the frame."""
+        ...
 
     @property
     def parts(self) -> int:
         """Parts of a frame, s."""
+        ...
 
     @property
     def n_frames(self) -> int:
         """How many frames."""
+        ...
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
+        ...
 
     def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
         """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k), rows times `robust` (n,)."""
+        ...
 
     def ties(self, state: State) -> Ties:
         """Rows inside frames."""
+        ...
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """The state after a step (f,q) of the frames."""
+        ...
 
 
 @dataclass(frozen=True)

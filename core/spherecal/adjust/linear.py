@@ -144,5 +144,5 @@ def point_blocks(
         end = np.cumsum(own)
         begin = end - own
         rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
-        on_ball = (each[rows] if len(each) else each for each in (placement, place))
-        yield PointBlock(some, begin, end, problem.camera[rows], *on_ball, linear.at(rows))
+        of_rows, at_rows = (each[rows] if len(each) else each for each in (placement, place))
+        yield PointBlock(some, begin, end, problem.camera[rows], of_rows, at_rows, linear.at(rows))

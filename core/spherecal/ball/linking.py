@@ -67,8 +67,9 @@ def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[in
     intrinsics = main.state.intrinsics.copy()
     for group in groups[1:]:
         intrinsics[group.placed] = group.state.intrinsics[group.placed]
-    cameras = (np.repeat(x, n_ball, axis=0) for x in (main.state.rotation, main.state.translation, intrinsics))
-    state = State(*cameras, np.full((images.n_features, 3), np.nan))
+    cameras = (main.state.rotation, main.state.translation, intrinsics)
+    rotation, translation, lenses = (np.repeat(x, n_ball, axis=0) for x in cameras)
+    state = State(rotation, translation, lenses, np.full((images.n_features, 3), np.nan))
     placed = np.repeat(main.placed, n_ball) & np.tile(np.arange(n_ball) == root, len(main.placed))
     return root, InitialPoses(state, placed)
 

@@ -160,8 +160,7 @@ def _trial(fit: BallFit, network: Network, start: State, model: LensModel | None
 def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:
     """The model by which a lens was estimated; None for other choices of parameters (the paper's)."""
     wide = bool(is_fisheye(intrinsics))
-    own = [m for m in LENS_MODELS if (free == estimated_mask(m)).all() and (m == "fisheye") == wide]
-    return own[0] if own else None
+    return next((m for m in LENS_MODELS if (free == estimated_mask(m)).all() and (m == "fisheye") == wide), None)
 
 
 def _start(fit: BallFit, groups: IntArray, model: LensModel) -> State | None:

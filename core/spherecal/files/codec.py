@@ -312,7 +312,8 @@ def record(
     """An object, made by a dataclass or another function of its attributes; unknown fields are ignored."""
     needed = [one.key for one in inner if one.is_needed]
     others = [one.key for one in inner if not one.is_needed]
-    known = fields(make) if isinstance(make, type) and is_dataclass(make) else ()
+    made: Any = make
+    known = fields(made) if isinstance(made, type) and is_dataclass(made) else ()
     without_default = {one.name for one in known if one.default is one.default_factory is MISSING}
     absent = dict.fromkeys(without_default & {name for one in inner for name in one.attributes})
 

@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike
 
 from spherecal import __version__
 from spherecal.base.errors import InputError, Words, advice
-from spherecal.base.filesystem import id_problem, read_below
-from spherecal.base.filesystem import read_file as read_bytes
-from spherecal.base.filesystem import shown_name as printable
+from spherecal.base.filesystem import id_problem, read_below, read_file, shown_name
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LONGEST_NAME, name_problem
 
@@ -41,6 +39,7 @@ _VERSION = re.compile(r"([1-9][0-9]{0,5})(?:\.([0-9]{1,6}))?")
 _MOST_VERSION = 10**6
 
 Text = TypeVar("Text", bound=str)
+read_bytes, printable = read_file, shown_name
 
 
 def json_bytes(document: Mapping[str, Any]) -> bytes:

@@ -71,8 +71,8 @@ class _Stickers:
     target: IntArray
 
     def select(self, keep: BoolArray) -> "_Stickers":
-        each = (self.feature, self.there, self.flat_mm, self.placement, self.target)
-        return _Stickers(*(values[keep] for values in each))
+        placement, target = self.placement[keep], self.target[keep]
+        return _Stickers(self.feature[keep], self.there[keep], self.flat_mm[keep], placement, target)
 
 
 def scale_from_spacing(

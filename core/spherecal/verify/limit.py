@@ -93,7 +93,7 @@ def judge_against(
         own = [m for m in measured if m.key == budget.key]
         if not own:
             continue
-        verdicts = [_verdict(m, limit, budget.guard_mm(), budget.guard_mm(n)) for m in own]
+        verdicts: list[Conformity] = [_verdict(m, limit, budget.guard_mm(), budget.guard_mm(n)) for m in own]
         # the pose that comes nearest to its limit or exceeds it most
         worst = max(own, key=lambda m: abs(m.error_mm) - limit.at(m.reference_mm))
         most, verdict = limit.at(worst.reference_mm), _overall(verdicts)

@@ -46,9 +46,8 @@ def cross_validate(
     """The calibration of the whole session, and every placement compared with the rig that the others give."""
     settings, context = settings or CalibrationSettings(), context or Context()
     if len(session.placements) < 3:
-        raise InputError(
-            Phrase("error-few-placements", {"folder": session.where, "placements": len(session.placements)})
-        )
+        values = {"folder": session.where, "placements": len(session.placements)}
+        raise InputError(Phrase("error-few-placements", values))
     session = observed(session, context)
     whole = calibrate(session, settings, context)
     found = []
@@ -72,14 +71,7 @@ def _left_out(placement: str, number: int, whole: Calibration, rig: Rig) -> Left
     own = o.select(rows)
     features = find_features(own)
     weight = np.ones((len(own), 2)) if own.sigma is None else 1.0 / own.sigma**2
-    points = triangulate(
-        features.of_observation,
-        camera[rows],
-        own.uv,
-        weight,
-        len(features),
-        posed(rig.cameras),
-    )
+    points = triangulate(features.of_observation, camera[rows], own.uv, weight, len(features), posed(rig.cameras))
     full = whole.features.of_observation[rows]
     place = np.full((len(features), 3), np.nan)
     place[features.of_observation] = whole.points_mm[full]
@@ -90,10 +82,5 @@ def _left_out(placement: str, number: int, whole: Calibration, rig: Rig) -> Left
     rigid = fit_similarity(place[good], points.points[good], with_scale=False)
     off = np.linalg.norm(rigid.apply(place[good]) - points.points[good], axis=1)
     residual = points.residual[good[features.of_observation]]
-    return LeftOut(
-        placement,
-        int(good.sum()),
-        rms_px=float(np.sqrt((residual**2).sum(axis=1).mean())),
-        shape_rms_mm=float(np.sqrt((off**2).mean())),
-        length_error=sized.scale - 1.0,
-    )
+    rms_px, shape_rms_mm = float(np.sqrt((residual**2).sum(axis=1).mean())), float(np.sqrt((off**2).mean()))
+    return LeftOut(placement, int(good.sum()), rms_px, shape_rms_mm, sized.scale - 1.0)

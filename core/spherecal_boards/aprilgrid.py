@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.targets.board_pattern import KALIBR_BORDER_BITS, BoardPattern, tag_dictionary
+from spherecal.targets.board_pattern import KALIBR_BORDER_BITS, BoardPattern
+from spherecal.targets.marker_set import marker_dictionary
 
 # Squares that touch tags at their corners make one outline of all; black is thinned by this many pixels to part them.
 _THINNED = (3, 5, 1)
@@ -26,10 +27,7 @@ _RIGHT = 2.0  # a wrong turn fits this many times worse at least; it is off by w
 
 
 def find_aprilgrid(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray] | None:
-    """Indices (k,) and places (k, 2) px of the corners in a grey image; None where two tags are not found.
-
-    `image`: grey image of 8 bits, (h, w).
-    """
+    """Indices (k,) and places (k, 2) px of the corners in a grey image of 8 bits; None where two tags are not found."""
     ids, corners, border = _tags(image, pattern)
     if len(ids) < _LEAST_TAGS:
         return None
@@ -63,7 +61,7 @@ def _seen(image: NDArray[np.uint8], pattern: BoardPattern, border: int, thinned:
     settings = cv2.aruco.DetectorParameters()
     settings.markerBorderBits = border
     seen = image if thinned == 1 else cv2.dilate(image, np.ones((thinned, thinned), np.uint8))
-    corners, ids, _ = cv2.aruco.ArucoDetector(tag_dictionary(pattern.dictionary), settings).detectMarkers(seen)
+    corners, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(pattern.dictionary), settings).detectMarkers(seen)
     if ids is None:
         return {}
     own, at, times = np.unique(np.asarray(ids).ravel(), return_index=True, return_counts=True)
@@ -118,7 +116,7 @@ def _refined(
 ) -> tuple[IntArray, FloatArray] | None:
     """The corners at the saddle of the grey values; those that leave their window are left out."""
     assert pattern.marker_mm is not None
-    bits = tag_dictionary(pattern.dictionary).markerSize + 2 * border
+    bits = marker_dictionary(pattern.dictionary).markerSize + 2 * border
     clear = min(border / bits, pattern.pitch_mm / pattern.marker_mm - 1)  # of a tag's side: black, and white beside it
     side = _sides(index, uv, pattern)
     out = np.full(uv.shape, np.nan)

@@ -11,7 +11,7 @@ import numpy as np
 
 from spherecal.adjust.network import free_network
 from spherecal.adjust.state import State
-from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
@@ -21,16 +21,16 @@ from spherecal.data.session import Placement, Session
 from spherecal.detect.session_images import observed
 from spherecal.diagnose.image_settings import image_settings
 from spherecal.diagnose.plausibility import implausible
+from spherecal.result.build_result import unsolved
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, residuals_px
 from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
-from spherecal_boards.bar_model import Lengths
 from spherecal_boards.bar_start import LEAST_COMMON, BarStart, lags_of, start_from_pairs
 from spherecal_boards.bar_steps import bar_step
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
-from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing
+from spherecal_boards.board_result import Fit, assemble_fit
 from spherecal_boards.camera_lag import flipped_back, in_step, lag_findings
-from spherecal_boards.frames_evidence import FrameAdjustment, Tested, frame_evidence, frame_test
+from spherecal_boards.frames_evidence import frame_evidence, frame_test
 
 METHOD = "bar"
 # With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.
@@ -60,13 +60,14 @@ def calibrate_bar(
     names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     network = free_network(recording.point, o.camera, o.uv, recording.n_points, free, group).with_sigma(o.sigma)
-    start = start_from_pairs(recording, _all_lengths(session, recording), known, settings.seed, context)
+    seen_twice = np.bincount(recording.point, minlength=recording.n_points) >= 2
+    start = start_from_pairs(recording, known_lengths(session, recording, seen_twice), known, settings.seed, context)
     watch.lap("pairs of cameras")
     features = find_features(o)
     linking = [*about, *late, *unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)]
     if not start.placed.any():
         lost = Finding("nothing-reconstructed", "error", {"least": LEAST_COMMON}, kind="bar")
-        return assemble_nothing(session, o, features, [lost, *linking], METHOD, watch.seconds)
+        return unsolved(session, o, features, [lost, *linking], METHOD, watch.seconds)
     work = BarNetwork(session, recording, network, known, start.reference, start.placed)
     rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
     translation = np.where(start.placed[:, None], start.translation, 0.0)
@@ -87,33 +88,19 @@ def _result(
 ) -> Calibration:
     recording, network, session = work.recording, work.network, work.session
     o = recording.observations
-    at = _points_of(features, recording)
+    at = np.empty(len(features), dtype=np.int64)  # the problem's point of every feature
+    at[features.of_observation] = recording.point
     cofactor = np.full((recording.n_points, 3, 3), np.nan)
     if adjusted.covariance is not None:
         cofactor[adjusted.points] = adjusted.covariance.points
     residual = residuals_px(network, adjusted.state)
     residual[~start.placed[o.camera]] = np.nan
     placed = start.placed & (np.bincount(o.camera[adjusted.used], minlength=len(start.placed)) > 0)
-    fit = Fit(
-        o,
-        features,
-        start.reference,
-        placed,
-        adjusted.state,
-        adjusted.model.problem,
-        adjusted.covariance,
-        adjusted.state.points[at],
-        cofactor[at],
-        residual,
-        adjusted.used,
-        adjusted.variance,
-        adjusted.minimum.converged,
-        adjusted.has_prior,
-        adjusted.joint,
-        FrameAdjustment(
-            adjusted.rows, adjusted.minimum, adjusted.redundancy, _tested(work, adjusted), network.free, network.group
-        ),
-    )
+    points = adjusted.state.points
+    whole = replace(adjusted.state, points=np.where(np.isfinite(points), points, 0.0))
+    tested = frame_test(adjusted.model, whole, adjusted.minimum, adjusted.redundancy) if adjusted.joint else None
+    places, lenses = (points[at], cofactor[at]), (network.free, network.group)
+    fit = Fit(o, features, start.reference, placed, adjusted, *places, residual, tested, *lenses)
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
@@ -130,16 +117,6 @@ def _result(
     if scale.relative_uncertainty is not None:
         findings.append(scale_finding("waved-bar", scale.relative_uncertainty))
     return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
-
-
-def _tested(work: BarNetwork, adjusted: BarAdjusted) -> Tested | None:
-    state = adjusted.state
-    whole = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
-    return frame_test(adjusted.model, whole, adjusted.minimum, adjusted.redundancy) if adjusted.joint else None
-
-
-def _all_lengths(session: Session, recording: BarRecording) -> Lengths:
-    return known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
 
 
 def _in_step(
@@ -179,19 +156,11 @@ def _in_stretches(session: Session, recording: BarRecording) -> Session:
     return replace(session, placements=tuple(Placement(name) for name in names), bar_poses=(), observations=o)
 
 
-def _points_of(features: Features, recording: BarRecording) -> IntArray:
-    """The problem's point of every feature, (m,)."""
-    point = np.empty(len(features), dtype=np.int64)
-    point[features.of_observation] = recording.point
-    return point
-
-
 def _certificate(adjusted: BarAdjusted, recording: BarRecording) -> float:
     """The certificates' share of the scale's relative uncertainty, which no number of frames averages."""
     lengths = adjusted.model.lengths
-    share = np.bincount(
-        lengths.certificate, (lengths.length / lengths.sigma) ** 2, minlength=len(recording.bar.lengths)
-    )
+    squares = (lengths.length / lengths.sigma) ** 2
+    share = np.bincount(lengths.certificate, squares, minlength=len(recording.bar.lengths))
     relative = np.array([standard_uncertainty(c) / c.length_mm for c in recording.bar.lengths])
     return float(np.sqrt(((share / share.sum()) ** 2 * relative**2).sum()))
 

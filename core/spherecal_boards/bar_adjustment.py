@@ -45,11 +45,10 @@ class BarNetwork:
 
 @dataclass(frozen=True)
 class BarAdjusted(Adjusted):
-    """An adjusted network; `covariance` has the cofactors of `points` (p,); `rows`: the observation of each row."""
+    """An adjusted network of a bar; `covariance` has the cofactors of `points` (p,)."""
 
     model: BarModel
     points: IntArray = field(kw_only=True)
-    rows: IntArray = field(kw_only=True)
 
 
 def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
@@ -68,11 +67,9 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
-    """Cameras chained over pairs, each pair adjusted alone; marks triangulated; without covariance.
+    """Cameras chained over pairs (parent, camera) in order, each adjusted alone; marks triangulated; no covariance.
 
     A camera keeps the intrinsics of the pair that placed it.
-
-    `parents`: the pairs (parent, camera), each parent before its cameras.
     """
     start, rotation, translation = state, state.rotation.copy(), state.translation.copy()
     intrinsics = state.intrinsics.copy()
@@ -82,10 +79,8 @@ def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], 
         pair = _adjusted_pair(alone, start, context)
         rotation_change = pair.rotation[camera] @ pair.rotation[parent].T
         translation_change = pair.translation[camera] - rotation_change @ pair.translation[parent]
-        rotation[camera], translation[camera] = (
-            rotation_change @ rotation[parent],
-            rotation_change @ translation[parent] + translation_change,
-        )
+        rotation[camera] = rotation_change @ rotation[parent]
+        translation[camera] = rotation_change @ translation[parent] + translation_change
         intrinsics[camera] = pair.intrinsics[camera]
     state = replace(state, rotation=rotation, translation=translation, intrinsics=intrinsics)
     points, good = usable_features(work.network, state, work.placed[work.network.camera])

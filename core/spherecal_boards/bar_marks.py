@@ -61,10 +61,7 @@ def scale_bar(session: Session) -> Bar:
 
 
 def bar_recording(session: Session, bar: Bar) -> BarRecording:
-    """The observations of a bar's marks in all of its poses.
-
-    Marks are observed by their own names, or as dots of targets whose origins they are.
-    """
+    """The observations of a bar's marks in all poses, by their own names or as dots of targets about them."""
     o = session.observations
     assert o is not None
     first = len(session.placements)
@@ -73,6 +70,7 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
     frame_of[[index for index, _ in poses]] = np.arange(len(poses))
     requested = [mark.target for mark in bar.marks.values()]
     keep = (frame_of[o.placement] >= 0) & np.isin(o.target, requested)
+    by_dots = {mark.target for mark in bar.marks.values() if mark.point == "centre"}
     # a mark observed under its own name needs no dots
     named = {(mark.target, mark.point) for mark in bar.marks.values()}
     own = o.select(keep)
@@ -80,31 +78,22 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
     slots = [
         (int(t), int(p))
         for t, p in kinds.T
-        if (int(t), o.points[p]) in named or (_layout(session, int(t)) is not None and _by_dots(bar, int(t)))
+        if (int(t), o.points[p]) in named or (int(t) in by_dots and _layout(session, int(t)) is not None)
     ]
     if not slots:
         raise InputError(Phrase("error-no-marks", {"folder": session.where, "bar": bar.id}))
     lookup = {slot: i for i, slot in enumerate(slots)}
     slot = np.array([lookup.get(key, -1) for key in zip(own.target.tolist(), own.point.tolist(), strict=True)])
     own, slot = own.select(slot >= 0), slot[slot >= 0]
-    return BarRecording(
-        bar,
-        own,
-        frame_of[own.placement] * len(slots) + slot,
-        np.array([t for t, _ in slots]),
-        np.array([p for _, p in slots]),
-        np.array([index for index, _ in poses]),
-        tuple(pose.temperature_c for _, pose in poses),
-    )
+    target, point = (np.array([one[i] for one in slots]) for i in (0, 1))
+    pose, temperature_c = np.array([index for index, _ in poses]), tuple(pose.temperature_c for _, pose in poses)
+    return BarRecording(bar, own, frame_of[own.placement] * len(slots) + slot, target, point, pose, temperature_c)
 
 
 def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) -> Lengths:
-    """The certified lengths of every frame both of whose ends are given by points that are `seen`.
-
-    `seen`: points that are known, (points,) in the order of frames and slots.
-    """
+    """The certified lengths of every frame both of whose ends are given by points (points,) that are `seen`."""
     seen = seen.reshape(recording.n_frames, recording.slots)
-    parts: list[Lengths] = []
+    rows: list[tuple[IntArray | FloatArray, ...]] = []
     for number, certified in enumerate(recording.bar.lengths):
         ends = [
             _end(session, recording, recording.bar.marks[name], seen)
@@ -113,27 +102,14 @@ def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) ->
         both = np.flatnonzero(np.isfinite(ends[0][:, 0]) & np.isfinite(ends[1][:, 0]))
         length = np.array([reference_length(certified, recording.bar, t) for t in recording.temperature_c])
         standard = max(standard_uncertainty(certified), _LEAST_TIE_MM)
-        parts.append(
-            Lengths(
-                both, (ends[1] - ends[0])[both], length[both], np.full(len(both), standard), np.full(len(both), number)
-            )
-        )
-    return Lengths(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("frame", "coefficient", "length", "sigma", "certificate")
-        )
-    )
+        each = np.full(len(both), standard), np.full(len(both), number)
+        rows.append((both, (ends[1] - ends[0])[both], length[both], *each))
+    return Lengths(*(np.concatenate(column) for column in zip(*rows, strict=True)))
 
 
 def standard_uncertainty(certified: BarLength) -> float:
     """A certificate's standard uncertainty in mm."""
     return certified.expanded_uncertainty_mm / certified.coverage_factor
-
-
-def _by_dots(bar: Bar, target: int) -> bool:
-    """Whether a target's origin is a mark, to be found from its dots."""
-    return any(mark.target == target and mark.point == "centre" for mark in bar.marks.values())
 
 
 def _layout(session: Session, target: int) -> dict[str, FloatArray] | None:

@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.adjust import engine
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_boards.frame_network import Ties
 from spherecal_boards.frames_covariance import PointRows
 
@@ -25,12 +25,6 @@ class Lengths:
     length: FloatArray
     sigma: FloatArray
     certificate: IntArray
-
-    def select(self, keep: BoolArray) -> "Lengths":
-        """Some of the rows, (m,) bool."""
-        return Lengths(
-            self.frame[keep], self.coefficient[keep], self.length[keep], self.sigma[keep], self.certificate[keep]
-        )
 
 
 @dataclass(frozen=True)
@@ -61,10 +55,7 @@ class BarModel:
         return engine.residuals(self.problem, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the point (n,2,3).
-
-        `robust`: multiplies the rows of each observation, (n,); None for 1.
-        """
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and point (n,2,3), rows times `robust` (n,)."""
         linear = engine.linearise(self.problem, state, robust)
         return linear.residual, linear.by_camera, linear.by_point
 
@@ -82,17 +73,11 @@ class BarModel:
         return np.einsum("ms,msi->mi", self.lengths.coefficient, points)
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
-        """The state with its points moved by their steps.
-
-        `state`, `step`: the state, and the shifts of each frame's slots, (f,3s).
-        """
+        """The state with its points moved by the shifts of each frame's slots, (f,3s)."""
         return replace(state, points=state.points + step.reshape(-1, 3))
 
     def point_rows(self, state: State, points: IntArray) -> PointRows:
-        """Points of the problem in the world, and how they follow their frames; all define the datum.
-
-        `points`: the points, (p,) indices.
-        """
+        """Points (p,) of the problem in the world, and how they follow their frames; all define the datum."""
         by_frame = np.zeros((len(points), self.slots, 3, 3))
         by_frame[np.arange(len(points)), points % self.slots] = np.eye(3)
         by_frame = by_frame.transpose(0, 2, 1, 3).reshape(len(points), 3, -1)

@@ -13,10 +13,10 @@ from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
 from spherecal.geometry.camera import undistort
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
+from spherecal.initialise.view_graph import common_counts, groups_of
 from spherecal_boards.bar_marks import BarRecording
 from spherecal_boards.bar_model import Lengths
-from spherecal_boards.board_result import groups_of
-from spherecal_boards.camera_lag import AGREE_PX, MOST_FRAMES, Compared, Lag, find_lags
+from spherecal_boards.camera_lag import AGREE_PX, MOST_FRAMES, Compared, Lag, Link, find_lags
 
 LEAST_COMMON = 20
 # As in initialise/two_view.py: nominal intrinsics bend epipolar lines by up to this.
@@ -26,15 +26,6 @@ _LEAST_SHARE = 0.5  # of a pair's points that must agree with it
 # Median deviation of a pair's lengths from their median. Where one camera is mirrored, points in front of both fit too,
 # with lengths that scatter by 0.31 to 0.79; those of right pairs by at most 0.045 (rigs A, B, random, 3 each).
 _MOST_SCATTER = 0.15
-
-
-@dataclass(frozen=True)
-class CameraPair:
-    """Camera b in the frame of camera a, in mm, `x_b = rotation @ x_a + translation`, and its weight as an edge."""
-
-    rotation: FloatArray
-    translation: FloatArray
-    weight: float
 
 
 @dataclass(frozen=True)
@@ -60,13 +51,10 @@ class BarStart:
 def start_from_pairs(
     recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, seed: int, context: Context
 ) -> BarStart:
-    """Poses (mm) of all cameras that pairs with `LEAST_COMMON` common points reach, in the best linked one's frame.
-
-    `intrinsics`: what is known of the cameras, (c,16).
-    """
+    """Poses (mm) of all cameras that pairs with `LEAST_COMMON` common points reach, in the best linked one's frame."""
     n = len(recording.observations.cameras)
     xy, table, common = _seen(recording, intrinsics)
-    pairs: dict[tuple[int, int], CameraPair] = {}
+    pairs: dict[tuple[int, int], Link] = {}
     todo = np.argwhere(np.triu(common >= LEAST_COMMON, 1)).tolist()
     for number, (a, b) in enumerate(todo):
         context.report("pairs of cameras", number / len(todo))
@@ -75,9 +63,7 @@ def start_from_pairs(
         focal = float(intrinsics[[a, b], 0].mean())
         pair = _solve_pair(recording, lengths, _Common(points, xy[rows[0]], xy[rows[1]], focal), seed)
         if pair is not None:
-            pairs[a, b] = pair
-            back = pair.rotation.T
-            pairs[b, a] = CameraPair(back, -back @ pair.translation, pair.weight)
+            pairs[a, b], pairs[b, a] = pair, pair.back()
     return _chain(pairs, common, n)
 
 
@@ -129,8 +115,7 @@ def _seen(recording: BarRecording, intrinsics: FloatArray) -> tuple[FloatArray, 
     xy, usable = undistort(o.uv, intrinsics[o.camera])
     table = np.full((len(o.cameras), recording.n_points), -1)
     table[o.camera[usable], recording.point[usable]] = np.flatnonzero(usable)
-    seen = (table >= 0).astype(np.float32)
-    return xy, table, np.rint(seen @ seen.T).astype(np.int64)
+    return xy, table, common_counts(table >= 0)
 
 
 @dataclass(frozen=True)
@@ -143,7 +128,7 @@ class _Common:
     focal: float
 
 
-def _solve_pair(recording: BarRecording, lengths: Lengths, common: _Common, seed: int) -> CameraPair | None:
+def _solve_pair(recording: BarRecording, lengths: Lengths, common: _Common, seed: int) -> Link | None:
     """A pair of cameras from the points that both see; None where these do not agree."""
     points, first, second, focal = common.points, common.first, common.second, common.focal
     frames = np.unique(points // recording.slots)
@@ -166,7 +151,7 @@ def _solve_pair(recording: BarRecording, lengths: Lengths, common: _Common, seed
     if len(ratio) < 3 or np.median(np.abs(ratio / np.median(ratio) - 1)) > _MOST_SCATTER:
         return None
     factor = 1.0 / float(np.median(ratio))
-    return CameraPair(rotation, translation * factor, error * (1 + LEAST_COMMON / len(points)))
+    return Link(rotation, translation * factor, error * (1 + LEAST_COMMON / len(points)))
 
 
 def _triangulated(
@@ -200,7 +185,7 @@ def _length_ratios(recording: BarRecording, lengths: Lengths, points: IntArray, 
     return np.linalg.norm(difference, axis=1) / lengths.length[whole]
 
 
-def _chain(pairs: dict[tuple[int, int], CameraPair], common: IntArray, n: int) -> BarStart:
+def _chain(pairs: dict[tuple[int, int], Link], common: IntArray, n: int) -> BarStart:
     """Shortest paths from the reference: of the largest linked group, the camera with most common points."""
     weight, linked = np.zeros((n, n)), np.zeros((n, n), dtype=np.int64)
     for (a, b), pair in pairs.items():

@@ -20,6 +20,8 @@ from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import UNMEASURED_PRINT, Session
 from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
 from spherecal.diagnose.plausibility import implausible
+from spherecal.initialise.view_graph import groups_of
+from spherecal.result.build_result import unsolved
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.board_adjustment import (
     BoardNetwork,
@@ -29,24 +31,16 @@ from spherecal_boards.board_adjustment import (
     leave_chained,
     residuals_px,
 )
-from spherecal_boards.board_chain import (
-    BoardStart,
-    Links,
-    chain,
-    common_placements,
-    compare_views,
-    find_links,
-    whole,
-)
+from spherecal_boards.board_chain import BoardStart, Links, chain, common_placements, compare_views, find_links, whole
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views
-from spherecal_boards.board_result import Fit, assemble_fit, assemble_nothing, groups_of
+from spherecal_boards.board_result import Fit, assemble_fit
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
 from spherecal_boards.camera_lag import AGREE_PX, Compared, find_lags, flipped_back, in_step, lag_findings
 from spherecal_boards.eccentricity import eccentricity
-from spherecal_boards.frames_evidence import FrameAdjustment, frame_evidence
+from spherecal_boards.frames_evidence import frame_evidence
 from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
 
 METHOD = "board"
@@ -90,13 +84,18 @@ def calibrate_board(
     findings = [*_about_observations(images, foreign), *late, *implausible(replace(session, observations=recorded))]
     if not start.poses:
         features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
-        return _nothing(session, observations, features, findings, watch.seconds)
+        lost = Finding("nothing-reconstructed", "error", {"least": LEAST_POINTS}, kind="board")
+        return unsolved(session, observations, features, [lost, *findings], METHOD, watch.seconds)
     network, state, groups = _chained(session, views, start, free, group, context)
     placed = np.isfinite(state.translation[:, 0])
     solution, about_shape = _adjusted(session, network, state, start.candidates, context, settings.joint)
     watch.lap("joint adjustment")
-    findings += _linking(session, start.poses, placed, views)
-    findings += [*about_shape, *_groups_finding(session, groups)]
+    common = common_placements(start.poses, views.n_cameras, views.n_placements)
+    findings += unlinked(tuple(camera.id for camera in session.cameras), common, placed, "board", LEAST_POINTS)
+    findings += about_shape
+    if len(groups) > 1:
+        named = [[session.cameras[c].id for c in group] for group in groups]
+        findings.append(Finding("groups-of-cameras", "info", {"groups": named}))
     session = replace(session, observations=observations)
     return _result(session, solution, network, placed, findings, watch, context)
 
@@ -176,18 +175,14 @@ def _start(
     return BoardStart(intrinsics, candidates, found)
 
 
-def _assumed(session: Session) -> BoolArray:
-    """Cameras (c,) whose focal length is only assumed."""
-    return np.array(["focal_length" in camera.assumed for camera in session.cameras])
-
-
 def _chained(
     session: Session, views: BoardViews, start: BoardStart, free: BoolArray, group: IntArray, context: Context
 ) -> tuple[BoardNetwork, State, list[list[int]]]:
     """The network, its state with NaN for cameras and placements that are not linked, and the groups behind it."""
     links = find_links(views, start.poses, start.intrinsics, context)
     known = np.array([camera.prior for camera in session.cameras])
-    known = np.where(_assumed(session)[:, None], start.intrinsics, known)  # nobody knows better than the first images
+    assumed = np.array(["focal_length" in camera.assumed for camera in session.cameras])
+    known = np.where(assumed[:, None], start.intrinsics, known)  # nobody knows better than the first images
     network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
     state, groups = chain(network, start, links, context)
     placed = np.isfinite(state.translation[:, 0])
@@ -214,7 +209,8 @@ def _adjusted(
     if stated == "nominal" or (stated is None and not doubts):
         return nominal_solution(adjusted), doubts
     solution = estimated_solution(network, adjusted, linked, context)
-    if stated is None and not (solution.tested and solution.converged and solution.variance < adjusted.variance):
+    found = solution.adjusted
+    if stated is None and not (solution.tested and found.minimum.converged and found.variance < adjusted.variance):
         return nominal_solution(adjusted), doubts
     kind = "asked" if stated else "by-itself"
     return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm}, kind=kind)]
@@ -260,7 +256,8 @@ def _result(
     watch: Stopwatch,
     context: Context,
 ) -> Calibration:
-    observations, state, views, used = session.observations, solution.state, network.views, solution.used
+    observations, adjusted, views = session.observations, solution.adjusted, network.views
+    state, used, covariance = adjusted.state, adjusted.used, adjusted.covariance
     assert observations is not None
     residual = residuals_px(views, state)
     placed = placed & (np.bincount(views.camera[used], minlength=len(placed)) > 0)
@@ -274,34 +271,14 @@ def _result(
     points = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[of_board])
     points = np.where((at >= 0)[:, None], points + state.placement_translation[placement], np.nan)
     cofactor = np.full((len(features), 3, 3), np.nan)
-    if solution.covariance is not None:
-        cofactor = np.where((at >= 0)[:, None, None], solution.covariance.points[at], np.nan)
-    fit = Fit(
-        observations,
-        features,
-        network.reference,
-        placed,
-        state,
-        solution.problem,
-        solution.covariance,
-        points,
-        cofactor,
-        residual,
-        used,
-        solution.variance,
-        solution.converged,
-        solution.has_prior,
-        solution.joint,
-        FrameAdjustment(
-            solution.rows, solution.minimum, solution.redundancy, solution.tested, network.free, network.group
-        ),
-    )
+    if covariance is not None:
+        cofactor = np.where((at >= 0)[:, None, None], covariance.points[at], np.nan)
+    tested, lenses = solution.tested, (network.free, network.group)
+    fit = Fit(observations, features, network.reference, placed, adjusted, points, cofactor, residual, tested, *lenses)
     scale = RigScale("board", None)
-    if solution.covariance is not None and np.isfinite(solution.variance):
+    if covariance is not None and np.isfinite(adjusted.variance):
         own = board_uncertainty(session)
-        noise = float(
-            np.hypot(np.sqrt(solution.variance) * solution.covariance.relative_scale, solution.print_relative)
-        )
+        noise = float(np.hypot(np.sqrt(adjusted.variance) * covariance.relative_scale, solution.print_relative))
         relative = float(np.hypot(noise, UNMEASURED_PRINT if own is None else own))
         scale = RigScale("board", relative)
         findings = [*findings, scale_finding("board" if own is None else "certified-board", relative)]
@@ -309,13 +286,6 @@ def _result(
     findings = [*findings, *common_findings(session, fit, "board"), *diagnosed(evidence, "board")]
     watch.lap("diagnosis")
     return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
-
-
-def _nothing(
-    session: Session, observations: Observations, features: Features, findings: list[Finding], seconds: dict[str, float]
-) -> Calibration:
-    lost = Finding("nothing-reconstructed", "error", {"least": LEAST_POINTS}, kind="board")
-    return assemble_nothing(session, observations, features, [lost, *findings], METHOD, seconds)
 
 
 def _about_observations(images: BoardImages | None, foreign: int) -> list[Finding]:
@@ -329,17 +299,3 @@ def _about_observations(images: BoardImages | None, foreign: int) -> list[Findin
     if foreign:
         found.append(Finding("not-on-board", "warning", {"observations": foreign}))
     return found
-
-
-def _linking(session: Session, found: ViewPoses, placed: BoolArray, views: BoardViews) -> list[Finding]:
-    seen = np.zeros((views.n_cameras, views.n_placements), dtype=np.int64)
-    for camera, placement in found:
-        seen[camera, placement] = 1
-    return unlinked(tuple(camera.id for camera in session.cameras), seen @ seen.T, placed, "board", LEAST_POINTS)
-
-
-def _groups_finding(session: Session, groups: list[list[int]]) -> list[Finding]:
-    if len(groups) < 2:
-        return []
-    named = [[session.cameras[c].id for c in group] for group in groups]
-    return [Finding("groups-of-cameras", "info", {"groups": named})]

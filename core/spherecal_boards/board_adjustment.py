@@ -1,6 +1,6 @@
 """The joint adjustment of cameras and board placements: robust first, then gate and plain least squares in turns."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,19 +47,13 @@ class BoardNetwork:
 
 @dataclass(frozen=True)
 class BoardAdjusted(Adjusted):
-    """An adjusted network; `rows`: the observation of each row."""
+    """An adjusted network of a board."""
 
     model: BoardModel
-    rows: IntArray = field(kw_only=True)
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
-    """The state with a pose of each placement that placed cameras see: the one of their poses that fits all best.
-
-    NaN where no camera with a pose sees the board.
-
-    `cameras`: cameras that have a pose, (c,).
-    """
+    """The state with poses of the placements that placed cameras (c,) see, each that which fits all best; or NaN."""
     rotation = np.full((views.n_placements, 3, 3), np.nan)
     translation = np.full((views.n_placements, 3), np.nan)
     by_placement: dict[int, list[tuple[int, list[BoardPose]]]] = {}
@@ -81,10 +75,7 @@ def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: Boo
 def view_error(
     views: BoardViews, state: State, camera: int, placement: int, rotation: FloatArray, translation: FloatArray
 ) -> float:
-    """Median distance in px of a view's points from those predicted for a pose of the board; infinite behind.
-
-    `rotation`, `translation`: pose of the board in the world, (3,3) and (3,) mm.
-    """
+    """Median distance in px of a view's points from those predicted for a pose of the board; infinite behind."""
     rows = views.of(camera, placement)
     world = views.points_mm[views.point[rows]] @ rotation.T + translation
     x = world @ state.rotation[camera].T + state.translation[camera]
@@ -98,8 +89,6 @@ def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, con
     """A state after robust adjustments: poses, then the main intrinsics, then all.
 
     Cauchy's loss, every observation with the same weight (docs/formulation.md, section Adjustment).
-
-    `candidates`: observations that take part, (n,).
     """
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
@@ -111,11 +100,7 @@ def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, con
 def adjust_boards(
     network: BoardNetwork, start: State, first: BoolArray, candidates: BoolArray, context: Context
 ) -> BoardAdjusted:
-    """The least-squares network from a start, with covariance; intrinsics that the data do not determine get a prior.
-
-    `first`: observations of the robust start, (n,); `candidates`: observations of which all that agree take part in the
-    end, (n,).
-    """
+    """The least-squares network from a start, with covariance; intrinsics not determined by the data get a prior."""
     state = robust_start(network, start, first, context)
     group, views = network.group, network.views
     has_prior = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
@@ -129,10 +114,7 @@ def adjust_boards(
 
 
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
-    """The cameras as they were chained, the board's placements alone adjusted to them; without covariance.
-
-    `candidates`: observations that may take part, (n,).
-    """
+    """The cameras as they were chained, the board's placements alone adjusted to them; without covariance."""
     views = network.views
     gated = gate(network, state, candidates)
     nobody = np.zeros(views.n_cameras, dtype=bool)
@@ -162,10 +144,7 @@ def _refine(
 
 
 def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """All points of the board at every placement that is used: placement, point, and whether it was seen, (p,) each.
-
-    `views`, `used`: what the cameras see, and which observations are used, (n,).
-    """
+    """All points of the board at every placement that is used: placement, point, and whether it was seen, (p,) each."""
     count = len(views.points_mm)
     placements = np.unique(views.placement[used])
     seen = np.zeros((views.n_placements, count), dtype=bool)

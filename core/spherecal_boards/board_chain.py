@@ -17,20 +17,11 @@ from spherecal.geometry.rotation import nearest_rotation
 from spherecal_boards.board_adjustment import BoardNetwork, ViewPoses, place_boards, robust_start
 from spherecal_boards.board_model import BoardViews
 from spherecal_boards.board_start import BoardPose
-from spherecal_boards.camera_lag import MOST_FRAMES, Compared, lagged, least_error
+from spherecal_boards.camera_lag import MOST_FRAMES, Compared, Link, lagged, least_error
 
 GROUP_SIZE = 4
 # Placements that a pair's relative pose is taken from, and is tried on: more gain nothing and cost time squared.
 _DRAWN, _TRIED = 6, 12
-
-
-@dataclass(frozen=True)
-class Link:
-    """The pose of camera b in the frame of camera a: `x_b = rotation @ x_a + translation`; its weight as an edge."""
-
-    rotation: FloatArray
-    translation: FloatArray
-    weight: float
 
 
 Links = dict[tuple[int, int], Link]
@@ -54,10 +45,7 @@ def common_placements(found: ViewPoses, n_cameras: int, n_placements: int) -> In
 
 
 def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, context: Context) -> Links:
-    """The relative poses of all pairs of cameras that see the board together, both ways.
-
-    `intrinsics`: of each camera, (c,16).
-    """
+    """The relative poses of all pairs of cameras that see the board together, both ways."""
     common = common_placements(found, views.n_cameras, views.n_placements)
     pairs = np.argwhere(np.triu(common, 1) > 0)
     links: Links = {}
@@ -65,9 +53,7 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
         context.report("pairs of cameras", number / len(pairs))
         link = _link(views, found, intrinsics, a, b)
         if link is not None:
-            links[a, b] = link
-            back = link.rotation.T
-            links[b, a] = Link(back, -back @ link.translation, link.weight)
+            links[a, b], links[b, a] = link, link.back()
     return links
 
 
@@ -139,10 +125,7 @@ def _spread(n: int, most: int) -> list[int]:
 
 
 def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], camera: PosedCameras) -> float:
-    """Median distance in px of a camera's view (rows) from the board by another camera, for the better of its poses.
-
-    `camera`: the one camera, in the frame of the other.
-    """
+    """Median distance in px of a camera's view (rows) from the board by another camera, for the better of its poses."""
     points, best = views.points_mm[views.point[rows]], np.inf
     for pose in poses:
         x = (points @ pose.rotation.T + pose.translation) @ camera.rotation.T + camera.translation
@@ -153,10 +136,7 @@ def _error_in(views: BoardViews, rows: IntArray, poses: Sequence[BoardPose], cam
 
 
 def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Context) -> tuple[State, list[list[int]]]:
-    """Cameras and placements in the reference camera's frame, and the groups by which they were chained.
-
-    Groups of up to four cameras, as in [Tao21].
-    """
+    """Cameras and placements in the reference camera's frame, and the groups (of up to four) of the chain."""
     views = network.views
     n = views.n_cameras
     state = State(np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), start.intrinsics.copy(), views.points_mm)
@@ -206,8 +186,7 @@ def _adjust_group(network: BoardNetwork, start: BoardStart, links: Links, group:
         state.translation[b] = link.rotation @ state.translation[a] + link.translation
         reached.append(b)
     members = np.isin(np.arange(n), group)
-    state = place_boards(network.views, start.poses, state, members)
-    state = whole(state)
+    state = whole(place_boards(network.views, start.poses, state, members))
     own = start.candidates & members[network.views.camera]
     # shared intrinsics may be another group's as well: each group here estimates its own
     alone = replace(network, reference=group[0], group=np.arange(n))

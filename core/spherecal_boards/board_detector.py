@@ -21,12 +21,7 @@ class BoardDetector:
         self._pattern = pattern
 
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
-        """The board's points in a grey image; none where it is not seen.
-
-        How blurred the image is remains unknown (NaN).
-
-        `image`: grey image of 8 or 16 bits, (h, w); `settings` None: nothing is ignored.
-        """
+        """The board's points in a grey image (h, w) of 8 or 16 bits; none where it is not seen. Blur: unknown (NaN)."""
         found = find_board(np.require(image, requirements=["C"]), self._pattern)
         if found is None:
             return _detections(np.empty(0, np.int64), np.empty((0, 2)))

@@ -23,26 +23,19 @@ from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.lens import misfits
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
-from spherecal.diagnose.moves import (
-    credible,
-    find_moves,
-    least_visible,
-    pose_values,
-    prepare,
-    rows_of,
-    scatters,
-)
+from spherecal.diagnose.moves import credible, find_moves, least_visible, pose_values, prepare, rows_of, scatters
 from spherecal.diagnose.run_checks import (
-    LITTLE_COVERAGE,
     STATED_LENGTH_MM,
-    WEAK_FOCAL_SD,
     held_lenses,
     image_coverage,
+    little_coverage,
     outliers,
+    weak_focal_lengths,
 )
 from spherecal.diagnose.soundness import MANY_OUTLIERS, MOST_CAMERAS, unsound
 from spherecal.diagnose.swapped_cameras import swapped_cameras
-from spherecal_boards.board_result import Fit, groups_of
+from spherecal.initialise.view_graph import groups_of
+from spherecal_boards.board_result import Fit
 from spherecal_boards.frames_evidence import FrameEvidence
 from spherecal_boards.moving_board import moving_board
 
@@ -56,11 +49,7 @@ ALL_LENSES = {"board": 2.0, "bar": 4.0}
 def unlinked(
     camera_ids: tuple[str, ...], linked: IntArray, placed: BoolArray, what: Shown, least: int
 ) -> list[Finding]:
-    """The finding on cameras that could not be linked, group by group; none where all are placed.
-
-    `camera_ids`: of all cameras, (c,); `linked`: above 0 for cameras that are linked directly, (c,c); `placed`: cameras
-    that have a pose, (c,).
-    """
+    """The finding on cameras that could not be linked (c,c), group by group; none where all are placed."""
     if placed.all():
         return []
     ids = np.array(camera_ids)
@@ -75,9 +64,9 @@ def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
     """Findings that boards and bars share."""
     return [
         *_convergence(fit, what),
-        *_held(session, fit, what),
+        *held_lenses(session, fit.adjusted.state.intrinsics, fit.adjusted.has_prior & fit.placed, what),
         *_weak(session, fit, what),
-        *_coverage(session, fit, what),
+        *little_coverage(session, fit.placed, image_coverage(fit.observations, fit.adjusted.used, session), what),
         *_outliers(session, fit),
     ]
 
@@ -112,7 +101,7 @@ def _anomalies(e: FrameEvidence) -> Anomalies:
     tests = prepare(e.probe, e.observations.placement[e.adjusted.rows], e.context)
     if tests is None:
         return Anomalies(misfits=tuple(misfits(e.probe, sizes, e.noise_px, {}, e.context)))
-    fixed = fixed_focal_lengths(e).statistic
+    fixed = fixed_focal_lengths(e)
     moves = [move for move in find_moves(e.probe, tests) if move.statistic > fixed[move.camera]]
     moves = moves if credible(moves, len(sizes)) else []
     known = {}
@@ -149,47 +138,27 @@ def scale_finding(source: Literal["waved-bar", "certified-board", "board"], rela
 
 
 def _convergence(fit: Fit, what: Shown) -> list[Finding]:
-    if not fit.joint:
+    if not fit.adjusted.joint:
         return [Finding("no-joint-adjustment", "error", kind=what)]
-    found = [] if fit.converged else [Finding("not-converged", "error", kind=what)]
-    return found if fit.covariance is not None else [*found, Finding("degenerate-geometry", "error", kind=what)]
-
-
-def _held(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    return held_lenses(session, fit.state.intrinsics, fit.has_prior & fit.placed, what)
+    found = [] if fit.adjusted.minimum.converged else [Finding("not-converged", "error", kind=what)]
+    degenerate = Finding("degenerate-geometry", "error", kind=what)
+    return found if fit.adjusted.covariance is not None else [*found, degenerate]
 
 
 def _weak(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    columns = fit.problem.intrinsic_columns
-    if fit.covariance is None or not len(columns) or columns[0] != 0:
+    adjusted, problem = fit.adjusted, fit.adjusted.model.problem
+    columns = problem.intrinsic_columns
+    if adjusted.covariance is None or not len(columns) or columns[0] != 0:
         return []
-    cofactors = np.maximum(fit.covariance.cameras[:, POSE, POSE], 0.0)
-    sd = np.sqrt(fit.variance * cofactors) / fit.state.intrinsics[:, 0]
-    weak = np.flatnonzero(fit.problem.free_intrinsics[:, 0] & fit.placed & ~fit.has_prior & (sd > WEAK_FOCAL_SD))
-    if not len(weak):
-        return []
-    worst = weak[np.argmax(sd[weak])]
-    values = {"limit_ppm": WEAK_FOCAL_SD * 1e6, "worst": session.cameras[worst].id, "worst_ppm": sd[worst] * 1e6}
-    return [Finding("weak-self-calibration", "warning", values, tuple(session.cameras[c].id for c in weak), kind=what)]
-
-
-def _coverage(session: Session, fit: Fit, what: Shown) -> list[Finding]:
-    coverage = image_coverage(fit.observations, fit.used, session)
-    little = np.flatnonzero(fit.placed & (coverage < LITTLE_COVERAGE))
-    if not len(little):
-        return []
-    worst = little[np.argmin(coverage[little])]
-    values = {
-        "limit_percent": 100 * LITTLE_COVERAGE,
-        "least": session.cameras[worst].id,
-        "percent": 100 * coverage[worst],
-    }
-    return [Finding("little-coverage", "warning", values, tuple(session.cameras[c].id for c in little), kind=what)]
+    cofactors = np.maximum(adjusted.covariance.cameras[:, POSE, POSE], 0.0)
+    sd = np.sqrt(adjusted.variance * cofactors) / adjusted.state.intrinsics[:, 0]
+    free = problem.free_intrinsics[:, 0] & fit.placed & ~adjusted.has_prior
+    return weak_focal_lengths(session, free, sd, what)
 
 
 def _outliers(session: Session, fit: Fit) -> list[Finding]:
     candidates = np.isfinite(fit.residual[:, 0])
-    out = candidates & ~fit.used
+    out = candidates & ~fit.adjusted.used
     count, share = int(out.sum()), float(out.sum() / max(candidates.sum(), 1))
     if not count:
         return []

@@ -20,7 +20,7 @@ from spherecal.data.session import Session
 from spherecal.files.json_file import JsonValue
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.board_pattern import BoardPattern, charuco_board
-from spherecal.targets.images import read_image
+from spherecal.targets.images import check_size, read_image
 from spherecal_boards.aprilgrid import find_aprilgrid
 from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.circles import find_circles
@@ -42,10 +42,7 @@ _FIRST = 20  # images, spread over the recording, of which one at least must sho
 
 @dataclass(frozen=True)
 class FoundBoard:
-    """The points of a board in one image: row-major index (k,), uv (k,2) px.
-
-    `diameter` is that of the dots over their pitch, NaN for corners.
-    """
+    """The points of a board in one image: row-major index (k,), uv (k,2) px; dots' diameter over their pitch."""
 
     index: IntArray
     uv: FloatArray
@@ -54,10 +51,7 @@ class FoundBoard:
 
 @dataclass(frozen=True)
 class BoardImages:
-    """All boards found: observations (target = row-major index, point `centre`), images without one, dot diameter.
-
-    `missed` lists (placement, camera) ids; `diameter` is that of the dots over their pitch, NaN for corners.
-    """
+    """All boards found: observations (target = row-major index, point `centre`); (placement, camera) without one."""
 
     observations: Observations
     missed: tuple[tuple[str, str], ...]
@@ -80,7 +74,10 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
         _find_all(session, pattern, jobs, [number for number in some if number not in found], found, context)
         if not any(found.values()):
             tried = sorted(found)[:: max(1, len(found) // LOOKED_AT)][:LOOKED_AT]
-            raise _nothing(session, pattern, [jobs[number][2] for number in tried], len(found), len(jobs))
+            hint = what_would_fit([eight_bits(read_image(jobs[number][2])) for number in tried], pattern)
+            values = {"folder": session.where, "images": len(jobs), "tried": len(found)}
+            what = "error-board-not-found" if len(found) == len(jobs) else "error-board-not-in-first"
+            raise InputError(Phrase(what, values), hint)
     return _collect(session, jobs, [found[number] for number in range(len(jobs))])
 
 
@@ -103,7 +100,9 @@ def _find_all(
 
     def look(number: int) -> FoundBoard | None:
         _, camera, path = jobs[number]
-        return finder(_read(path, session.cameras[camera].image_size))
+        image = read_image(path)
+        check_size(path, image, session.cameras[camera].image_size)
+        return finder(image)
 
     with ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="board") as pool:
         try:
@@ -115,18 +114,8 @@ def _find_all(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _nothing(session: Session, pattern: BoardPattern, paths: list[Path], tried: int, images: int) -> InputError:
-    """The error that no image shows the board: what some of them show instead, and which board would fit."""
-    hint = what_would_fit([eight_bits(read_image(path)) for path in paths], pattern)
-    values = {"folder": session.where, "images": images, "tried": tried}
-    return InputError(Phrase("error-board-not-found" if tried == images else "error-board-not-in-first", values), hint)
-
-
 def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Phrase:
-    """What images show in which a board was not found, and the board that is found in them.
-
-    `images`: grey images of 8 bits, (h, w) each.
-    """
+    """What images of 8 bits show in which a board was not found, and the board that is found in them."""
     if pattern.kind in ("circles", "asymmetric-circles"):
         return Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
     if pattern.kind == "chessboard" and (fit := _fitting(images, None, pattern)):
@@ -156,10 +145,7 @@ def _fitting(images: list[NDArray[np.uint8]], markers: Markers | None, pattern: 
 
 
 def look_for_board(images: list[NDArray[np.uint8]], known: Mapping[str, Any]) -> dict[str, Any]:
-    """The board that images show, as entry of session.json, from what is known of it: kind, pitch and what else.
-
-    `images`: grey images of 8 bits, (h, w) each.
-    """
+    """The board that images of 8 bits show, as entry of session.json, from what is known: kind, pitch and what else."""
     markers = None if known["kind"] == "chessboard" else look_for_markers(images)
     if markers is not None and markers.mirrored:
         mirrored = Phrase("board-mirrored", {"seen": markers.words()})
@@ -183,29 +169,8 @@ def seen_boards(
 
 
 def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
-    """The board in one grey image; None where it is not seen, or is ambiguous.
-
-    `image`: grey image of 8 or 16 bits, (h,w).
-    """
+    """The board in one grey image of 8 or 16 bits; None where it is not seen, or is ambiguous."""
     return _finder(pattern)(image)
-
-
-def _read(path: Path, size: tuple[int, int]) -> GreyImage:
-    image = read_image(path)
-    if image.shape[::-1] != tuple(size):
-        raise InputError(
-            Phrase(
-                "error-image-size",
-                {
-                    "file": path,
-                    "width": image.shape[1],
-                    "height": image.shape[0],
-                    "camera_width": size[0],
-                    "camera_height": size[1],
-                },
-            )
-        )
-    return image
 
 
 def _collect(session: Session, jobs: list[tuple[int, int, Path]], found: list[FoundBoard | None]) -> BoardImages:

@@ -15,10 +15,7 @@ _LEAST_FRAMES = 2
 
 
 def priors_of(group: IntArray, known: FloatArray, has_prior: BoolArray, noise: float) -> Priors:
-    """Priors (c,16) of these cameras' groups, weighed against image points as both scatter; or NO_PRIORS.
-
-    `group`: which cameras share intrinsics, (c,); `has_prior`: cameras whose intrinsics the data cannot carry, (c,).
-    """
+    """Priors (c,16) of the groups of cameras that need one, weighed as both scatter; or NO_PRIORS."""
     if not has_prior.any():
         return NO_PRIORS
     members = np.isin(group, group[has_prior])
@@ -27,10 +24,7 @@ def priors_of(group: IntArray, known: FloatArray, has_prior: BoolArray, noise: f
 
 
 def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: IntArray) -> BoolArray:
-    """Cameras (c,) whose group has too few observations, or frames, to estimate intrinsics.
-
-    `camera`, `frame`: camera and frame of each observation, (n,).
-    """
+    """Cameras (c,) whose group has too few observations, or frames, to estimate intrinsics."""
     count = int(group.max()) + 1
     observations = np.bincount(group[camera], minlength=count)
     seen = np.unique(np.stack([group[camera], frame]), axis=1)
@@ -40,10 +34,7 @@ def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: I
 
 
 def poorly_determined(problem: Problem, state: State, covariance: FrameCovariance | None, variance: float) -> BoolArray:
-    """Cameras (c,) whose focal length is less certain than a data sheet's; all free ones where all is singular.
-
-    `covariance`, `variance` None where all is singular, and variance of unit weight.
-    """
+    """Cameras (c,) whose focal length is less certain than a data sheet's; all free ones where all is singular."""
     columns = problem.intrinsic_columns
     if not len(columns) or columns[0] != 0:
         return np.zeros(problem.n_cameras, dtype=bool)

@@ -57,10 +57,7 @@ class BoardViews:
 
 
 def board_views(observations: Observations, points_mm: FloatArray, point: IntArray) -> BoardViews:
-    """What the cameras see of a board.
-
-    `points_mm`: the board's points in its frame, (p,3) mm; `point`: which of them each observation shows, (n,).
-    """
+    """What the cameras see of a board's points (p,3) mm: which of them each observation shows, (n,)."""
     o = observations
     return BoardViews(points_mm, o.placement, o.camera, point, o.uv, o.sigma, len(o.placements), len(o.cameras))
 
@@ -92,10 +89,7 @@ class BoardModel:
         return engine.residuals(self.rigid, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by placement (n,2,6).
-
-        `robust`: multiplies the rows of each observation, (n,); None for 1.
-        """
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and placement (n,2,6), rows times `robust` (n,)."""
         linear = engine.linearise(self.rigid, state, robust)
         return linear.residual, linear.by_camera, linear.by_placement
 
@@ -104,10 +98,7 @@ class BoardModel:
         return Ties(np.zeros(0, dtype=np.int64), np.zeros((0, POSE)), np.zeros(0))
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
-        """The state with its placements turned about the board's origin, and shifted.
-
-        `state`, `step`: the state, and a turn (rad) and a shift (mm) of each placement, (f,6).
-        """
+        """The state with its placements turned (rad) about the board's origin, and shifted (mm), by steps (f,6)."""
         return replace(
             state,
             placement_rotation=exp_rotation(step[:, :3]) @ state.placement_rotation,

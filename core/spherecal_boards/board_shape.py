@@ -10,7 +10,7 @@ from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise as minimise_points
-from spherecal.adjust.levenberg import Minimum, Settings
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem, sorted_problem
 from spherecal.adjust.rows import Priors
 from spherecal.adjust.state import State
@@ -21,6 +21,7 @@ from spherecal.diagnose.score import make_score_test
 from spherecal.geometry.transform import fit_similarity
 from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
 from spherecal_boards.board_intrinsic_priors import priors_of
+from spherecal_boards.board_model import BoardModel
 from spherecal_boards.frame_network import cameras_only
 from spherecal_boards.frames_adjustment import progress
 from spherecal_boards.frames_covariance import FrameCovariance
@@ -33,43 +34,18 @@ _REPEATS = 2.0
 
 @dataclass(frozen=True)
 class BoardSolution:
-    """The result of a board's adjustment with fixed or estimated points; covariance.points are board_points'.
+    """A board's adjustment with fixed or estimated points, prepared for tests; covariance.points are board_points'."""
 
-    `rows`: the observation of each row; `test` and `cofactors`: the network prepared for tests, None where singular.
-    """
-
-    state: State
-    problem: Problem
-    used: BoolArray
-    variance: float
-    converged: bool
-    has_prior: BoolArray
-    covariance: FrameCovariance | None
-    minimum: Minimum
-    redundancy: int
-    rows: IntArray
+    adjusted: BoardAdjusted
     tested: Tested | None
     print_mm: float | None = None
     print_relative: float = 0.0
-    joint: bool = True
 
 
 def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
     """The solution with the board's points fixed."""
-    return BoardSolution(
-        adjusted.state,
-        adjusted.model.problem,
-        adjusted.used,
-        adjusted.variance,
-        adjusted.minimum.converged,
-        adjusted.has_prior,
-        adjusted.covariance,
-        adjusted.minimum,
-        adjusted.redundancy,
-        adjusted.rows,
-        frame_test(adjusted.model, adjusted.state, adjusted.minimum, adjusted.redundancy) if adjusted.joint else None,
-        joint=adjusted.joint,
-    )
+    done = adjusted.minimum, adjusted.redundancy
+    return BoardSolution(adjusted, frame_test(adjusted.model, adjusted.state, *done) if adjusted.joint else None)
 
 
 def shape_finding(adjusted: BoardAdjusted) -> list[Finding]:
@@ -106,8 +82,6 @@ def estimated_solution(
     """The solution with the board's points estimated too; their mean size is the nominal one's.
 
     It starts from the adjustment with fixed points, whose gate their errors widen.
-
-    `candidates`: observations that may take part, (n,).
     """
     views, nominal = network.views, network.views.points_mm
     noise = adjusted.sigma0
@@ -138,21 +112,17 @@ def estimated_solution(
     tested = None
     if cofactors is not None and redundancy > 0:
         tested = Tested(make_score_test(problem, at_first, cofactors, minimum.cost, redundancy), cofactors)
-    return BoardSolution(
+    found = BoardAdjusted(
         replace(state, points=np.where(seen[:, None], state.points, nominal)),
-        cameras_only(problem),
+        BoardModel(problem, cameras_only(problem)),
         used,
-        variance,
-        minimum.converged,
-        adjusted.has_prior,
-        _as_frames(cofactors, problem, state, placement, point),
         minimum,
         redundancy,
-        rows,
-        tested,
-        per_coordinate,
-        per_coordinate / spread,
+        _as_frames(cofactors, problem, state, placement, point),
+        adjusted.has_prior,
+        rows=rows,
     )
+    return BoardSolution(found, tested, per_coordinate, per_coordinate / spread)
 
 
 def _problem(network: BoardNetwork, used: BoolArray, priors: Priors) -> tuple[Problem, IntArray, BoolArray]:
@@ -183,28 +153,21 @@ def _world_is_first_board(state: State, problem: Problem) -> State:
     """The same network with the world frame that of the board at its reference placement."""
     shown = np.bincount(problem.placement, minlength=problem.n_placements) > 0
     first = int(np.argmax(shown))
-    r, t = state.placement_rotation[first], state.placement_translation[first]
-    rotation = state.placement_rotation @ r.T
-    return replace(
-        state,
-        points=state.points @ r.T + t,
-        placement_rotation=rotation,
-        placement_translation=state.placement_translation - rotation @ t,
-    )
+    return _carried(state, state.placement_rotation[first], state.placement_translation[first])
 
 
 def _metric(state: State, nominal: FloatArray, seen: BoolArray, reference: int) -> State:
     """The network in the reference camera's frame, its board laid over the nominal one by a similarity."""
     state = state.seen_from(reference)
     fit = fit_similarity(state.points[seen], nominal[seen])
-    state = state.scaled(fit.scale)
-    rotation = state.placement_rotation @ fit.rotation.T
-    return replace(
-        state,
-        points=state.points @ fit.rotation.T + fit.translation,
-        placement_rotation=rotation,
-        placement_translation=state.placement_translation - rotation @ fit.translation,
-    )
+    return _carried(state.scaled(fit.scale), fit.rotation, fit.translation)
+
+
+def _carried(state: State, rotation: FloatArray, translation: FloatArray) -> State:
+    """The same network with the board's own frame turned and shifted."""
+    points, placements = state.points @ rotation.T + translation, state.placement_rotation @ rotation.T
+    shifted = state.placement_translation - placements @ translation
+    return replace(state, points=points, placement_rotation=placements, placement_translation=shifted)
 
 
 def _as_frames(

@@ -56,10 +56,7 @@ class BoardPose:
 
 
 def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
-    """The (camera, placement) with at least `LEAST_POINTS` points, not on a line.
-
-    `views`, `used`: what the cameras see, and which observations count, (n,).
-    """
+    """The (camera, placement) with at least `LEAST_POINTS` points, not on a line."""
     good = []
     for camera, placement in views.views:
         rows = views.of(camera, placement)
@@ -74,11 +71,7 @@ def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
 
 
 def start_intrinsics(
-    views: BoardViews,
-    usable: list[tuple[int, int]],
-    cameras: Sequence[CameraSpec],
-    free: BoolArray,
-    context: Context,
+    views: BoardViews, usable: list[tuple[int, int]], cameras: Sequence[CameraSpec], free: BoolArray, context: Context
 ) -> FloatArray:
     """Intrinsics (c,16) of each camera alone: estimated where views and `free` allow, else its prior.
 
@@ -138,10 +131,7 @@ def _calibrate(
 
 
 def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[BoardPose]:
-    """The board's pose in a camera's frame, best first; two where a plane board's view allows two.
-
-    `views`, `rows`: what the cameras see, and the rows of one view, (k,); `intrinsics`: of the camera, (16,).
-    """
+    """The board's pose in a camera's frame, best first; two where a plane board's view (rows) allows two."""
     xy, good = undistort(views.uv[rows], intrinsics)
     rows, xy = rows[good], xy[good]
     if len(rows) < LEAST_POINTS:
@@ -175,9 +165,8 @@ def _solve(points: FloatArray, xy: FloatArray, method: int) -> list[tuple[FloatA
     for i in range(count):
         rotation, translation = cv2.solvePnPRefineLM(points, xy, np.eye(3), None, rotations[i], shifts[i])
         if np.isfinite(rotation).all() and np.isfinite(translation).all():
-            out.append(
-                (exp_rotation(np.asarray(rotation, dtype=float).ravel()), np.asarray(translation, dtype=float).ravel())
-            )
+            turn, shift = (np.asarray(part, dtype=float).ravel() for part in (rotation, translation))
+            out.append((exp_rotation(turn), shift))
     return out
 
 

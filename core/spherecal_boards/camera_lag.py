@@ -31,6 +31,19 @@ Compared = tuple[float, IntArray, Flip | None]
 
 
 @dataclass(frozen=True)
+class Link:
+    """The pose of camera b in the frame of camera a: `x_b = rotation @ x_a + translation`; its weight as an edge."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    weight: float
+
+    def back(self) -> "Link":
+        """The pose of camera a in the frame of camera b."""
+        return Link(self.rotation.T, -self.rotation.T @ self.translation, self.weight)
+
+
+@dataclass(frozen=True)
 class Lag:
     """A camera (index) whose images show what another one saw `frames` (f,) frames before, or are flipped."""
 
@@ -42,10 +55,7 @@ class Lag:
 
 
 def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -> list[Lag]:
-    """The cameras that are out of step with most others, or the second one of two.
-
-    `common`: frames that two cameras share, (c,c); `compare`: of two cameras, as recorded or (True) shifted at best.
-    """
+    """The cameras that are out of step with most others, or the second one of two, by comparing their common frames."""
     n = len(common)
     shared = common - np.diag(common.diagonal())
     pairs = {
@@ -74,10 +84,7 @@ def find_lags(common: IntArray, compare: Callable[[int, int, bool], Compared]) -
 
 
 def in_step(lags: list[Lag], camera: IntArray, frame: IntArray) -> tuple[IntArray, IntArray]:
-    """Frames (k,) with those of late cameras put back, and which of all observations these are (k,).
-
-    What has no frame then is left out. `camera`, `frame`: of each observation, (n,).
-    """
+    """Frames (k,) with those of late cameras put back, and which observations these are; others have no frame."""
     moved = frame.copy()
     for lag in lags:
         own = np.flatnonzero(camera == lag.camera)

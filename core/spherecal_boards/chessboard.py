@@ -1,6 +1,6 @@
 """The inner corners of a chessboard in one image: OpenCV's two finders at two sizes, then a fit of each corner."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -39,7 +39,10 @@ _ORDER = 4  # of the polynomial for lens and paper
 def find_chessboard(image: Grey, pattern: BoardPattern) -> FloatArray | None:
     """The corners (rows, columns, 2) px in the board's order; None where the board is not seen whole."""
     for coarse in _coarse(image, (pattern.columns, pattern.rows)):
-        grid = _upright(image, _refined(image, coarse), pattern)
+        saddles = _saddles(image, coarse)  # the older finder may be off by several px
+        start = min([coarse] if saddles is None else [coarse, saddles], key=off_grid_px)
+        fitted = fit_corners(image, start, square_px(start))
+        grid = _upright(image, fitted if off_grid_px(fitted) <= _WORSE * off_grid_px(start) else start, pattern)
         if off_grid_px(grid) <= ROUGH * square_px(grid):
             return grid if is_whole_board(image, grid) else None  # another board: its size is seen once only
     return None
@@ -76,14 +79,6 @@ def largest_chessboard(image: Grey) -> FloatArray | None:
     return None
 
 
-def _refined(image: Grey, coarse: FloatArray) -> FloatArray:
-    """The corners as they are fitted, unless that leaves them clearly farther from a smooth grid."""
-    saddles = _saddles(image, coarse)  # the older finder may be off by several px
-    start = min([coarse] if saddles is None else [coarse, saddles], key=off_grid_px)
-    fitted = fit_corners(image, start, square_px(start))
-    return fitted if off_grid_px(fitted) <= _WORSE * off_grid_px(start) else start
-
-
 def _saddles(image: Grey, coarse: FloatArray) -> FloatArray | None:
     """The corners by OpenCV's fit of saddles near the board, made smaller if its squares are large."""
     rows, columns = coarse.shape[:2]
@@ -99,8 +94,7 @@ def _saddles(image: Grey, coarse: FloatArray) -> FloatArray | None:
     if not found or corners is None:
         return None
     grid = (np.asarray(corners, dtype=float).reshape(rows, columns, 2) + 0.5) / scale - 0.5 + low
-    turns: list[Callable[[FloatArray], FloatArray]] = [lambda g: g, lambda g: g[::-1, ::-1]]
-    return min((turn(grid) for turn in turns), key=lambda g: float(np.abs(g - coarse).max()))
+    return min((grid, grid[::-1, ::-1]), key=lambda g: float(np.abs(g - coarse).max()))
 
 
 def square_px(grid: FloatArray) -> float:

@@ -46,32 +46,21 @@ class Circles:
     def __len__(self) -> int:
         return len(self.uv)
 
-    def select(self, keep: BoolArray) -> "Circles":
-        """Those that `keep` (n,) selects."""
-        return Circles(self.uv[keep], self.semi_axes[keep], self.ring[keep], self.sigma[keep])
-
 
 def find_circles(image: GreyImage, light: bool) -> Circles:
     """All dark (or light) round dots in a grey image, whole ones only; `image`: grey image of 8 or 16 bits, (h, w)."""
     grey = image.astype(np.float32)
     low, high = np.percentile(grey, (0.5, 99.5))
-    if high <= low:
-        return _none()
-    grey = (grey - low) / np.float32(high - low)
-    if light:
-        grey = 1 - grey
-    found = [row for window in _WINDOWS for row in _components(grey, window)]
-    rows = _without_doubles(np.array(found).reshape(-1, 6))
-    measured = [_measure(grey, row) for row in rows]
-    kept = [m for m in measured if m is not None]
-    if not kept:
-        return _none()
-    table = np.array(kept)
+    kept = []
+    if high > low:
+        grey = (grey - low) / np.float32(high - low)
+        if light:
+            grey = 1 - grey
+        found = [row for window in _WINDOWS for row in _components(grey, window)]
+        measured = [_measure(grey, row) for row in _without_doubles(np.array(found).reshape(-1, 6))]
+        kept = [m for m in measured if m is not None]
+    table = np.array(kept).reshape(-1, 6)
     return Circles(table[:, :2], table[:, 2:4], table[:, 4] > 0, table[:, 5])
-
-
-def _none() -> Circles:
-    return Circles(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, dtype=bool), np.zeros(0))
 
 
 def _components(grey: FloatArray, window: float) -> list[FloatArray]:
@@ -107,18 +96,13 @@ def _ellipse_of(contour: np.ndarray, shape: tuple[int, ...], most_area: float) -
     misfit = abs(area / (np.pi * long * short) - 1)
     if misfit > _MOST_MISFIT + _MISFIT_OF_SMALL / short / 4 or long > _MOST_SLENDER * short:
         return None
-    if not _along_ellipse(contour, u, v, long, short, vectors):
+    local = (contour[:, 0] - (u, v)) @ vectors[:, ::-1] / (long, short)
+    off = np.abs(np.hypot(local[:, 0], local[:, 1]) - 1) * short
+    if not float(np.percentile(off, 95)) <= 1.0 + 0.1 * short:  # to a pixel and a tenth
         return None
     # a contour runs through the middles of its outermost pixels
     angle = np.arctan2(vectors[1, 1], vectors[0, 1])
     return np.array([u, v, long + 0.5, short + 0.5, angle, misfit])
-
-
-def _along_ellipse(contour: np.ndarray, u: float, v: float, long: float, short: float, vectors: FloatArray) -> bool:
-    """Whether the points of a contour lie on the ellipse, to a pixel and a tenth."""
-    local = (contour[:, 0] - (u, v)) @ vectors[:, ::-1] / (long, short)
-    off = np.abs(np.hypot(local[:, 0], local[:, 1]) - 1) * short
-    return float(np.percentile(off, 95)) <= 1.0 + 0.1 * short
 
 
 def _without_doubles(rows: FloatArray) -> FloatArray:

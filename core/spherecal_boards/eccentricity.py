@@ -13,8 +13,6 @@ def eccentricity(views: BoardViews, poses: ViewPoses, intrinsics: FloatArray, ra
 
     The dual of a circle about C with radius vectors a, b is a a' + b b' - C C' in homogeneous image coordinates. Its
     ellipse's centre is that conic's third column.
-
-    `intrinsics`: of each camera, (c,16).
     """
     out = np.zeros_like(views.uv)
     for (camera, placement), found in poses.items():

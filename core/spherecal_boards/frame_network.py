@@ -68,10 +68,7 @@ class FrameModel(Protocol):
         ...
 
     def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k).
-
-        `robust`: multiplies the rows of each observation, (n,); None for 1.
-        """
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k), rows times `robust` (n,)."""
         ...
 
     def ties(self, state: State) -> Ties:
@@ -79,10 +76,7 @@ class FrameModel(Protocol):
         ...
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
-        """The state after a step of the frames.
-
-        `state`, `step`: the state, and the changes of each frame's unknowns, (f,q).
-        """
+        """The state after a step (f,q) of the frames."""
         ...
 
 
@@ -106,10 +100,7 @@ class ReducedFrames:
 
 
 def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
-    """Sums of values over equal indices, (n, ...).
-
-    `index`, `values`: index of each value, (m,), and the values, (m, ...).
-    """
+    """Sums of values (m, ...) over equal indices (m,), (n, ...)."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     columns = [np.bincount(index, flat[:, k], n) for k in range(flat.shape[1])]
     return np.stack(columns, axis=1, dtype=np.float64).reshape(n, *values.shape[1:])
@@ -222,7 +213,10 @@ class _Frames:
         return len(self.model.part)
 
     def linearise(self, state: State) -> Linearised:
-        return self.model.linearise(state, _robust_weight(self.model, state, self.cauchy))
+        robust = None
+        if self.cauchy is not None:
+            robust = 1.0 / np.sqrt(1.0 + (self.model.residuals(state) ** 2).sum(axis=1) / self.cauchy**2)
+        return self.model.linearise(state, robust)
 
     def cost(self, state: State, linear: Linearised) -> float:
         return total_cost(self.model, state, self.cauchy)
@@ -242,12 +236,6 @@ def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
     rest = (prior_residuals(model.problem, state)[0] ** 2).sum() + (model.ties(state).residual ** 2).sum()
     total = 0.5 * float(squared.sum() + rest)
     return total if np.isfinite(total) else np.inf
-
-
-def _robust_weight(model: FrameModel, state: State, cauchy: float | None) -> FloatArray | None:
-    if cauchy is None:
-        return None
-    return 1.0 / np.sqrt(1.0 + (model.residuals(state) ** 2).sum(axis=1) / cauchy**2)
 
 
 def _step(model: FrameModel, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:

@@ -1,7 +1,7 @@
 """What the adjustments of boards and bars share: their outcome, the robust steps, gates, and who gets a prior."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -24,8 +24,8 @@ START_ITERATIONS = 60
 class Adjusted:
     """An adjusted network: state, model, used observations (n,), cameras whose intrinsics have a prior (c,).
 
-    `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint` False: cameras are as they were
-    chained.
+    `rows`: the observation of each row. `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint`
+    False: cameras are as they were chained.
     """
 
     state: State
@@ -37,6 +37,7 @@ class Adjusted:
     has_prior: BoolArray
     noise_known: bool = False
     joint: bool = True
+    rows: IntArray = field(kw_only=True)
 
     @property
     def variance(self) -> float:

@@ -57,10 +57,7 @@ def frame_covariance(model: FrameModel, state: State, points: PointRows) -> Fram
 
 
 def frame_factors(model: FrameModel, state: State) -> tuple[ReducedFrames, FloatArray] | None:
-    """The reduced normal equations and the cofactors (e,e) of all cameras' columns, the reference camera's pose fixed.
-
-    None where the network is singular.
-    """
+    """The reduced equations and cofactors (e,e) of the cameras' columns, the reference's pose fixed; or None."""
     try:
         normal = reduce(model, state, model.linearise(state, None), 0.0)
         inverse = _inverse(symmetric(normal.matrix))
@@ -114,7 +111,10 @@ def _transformed(
             covariance[own] += through @ points.by_frame[own].transpose(0, 2, 1) - mixed - mixed.transpose(0, 2, 1)
     covariance += moved @ noise @ moved.transpose(0, 2, 1)
     similarity = moments @ (gauge_rows @ inverse @ gauge_rows.T + noise) @ moments
-    cameras = _all_cameras(inverse, camera_motions @ moments, gauge_rows, noise)
+    gauge_weights = camera_motions @ moments  # B C B' + G M N M G', B = 1 - G M A, (e,e)
+    mixed = inverse @ gauge_rows.T @ gauge_weights.T
+    noisy = gauge_rows @ inverse @ gauge_rows.T + noise
+    cameras = inverse - mixed - mixed.T + gauge_weights @ noisy @ gauge_weights.T
     width = len(cameras) // model.problem.n_cameras
     own = np.array([cameras[c : c + width, c : c + width] for c in range(0, len(cameras), width)])
     relative = float(np.sqrt(similarity[6, 6])) / spread
@@ -128,11 +128,3 @@ def _motions(model: FrameModel, state: State, points: PointRows) -> tuple[FloatA
     spread = float(np.sqrt((offset[points.in_datum] ** 2).sum(axis=1).mean()))
     of_points = moved_points(points.place, centroid, spread)
     return of_points, moved_cameras(model.problem, state, centroid, spread), spread
-
-
-def _all_cameras(
-    inverse: FloatArray, gauge_weights: FloatArray, gauge_rows: FloatArray, noise: FloatArray
-) -> FloatArray:
-    """B C B' + G M N M G', B = 1 - G M A, (e,e)."""
-    mixed = inverse @ gauge_rows.T @ gauge_weights.T
-    return inverse - mixed - mixed.T + gauge_weights @ (gauge_rows @ inverse @ gauge_rows.T + noise) @ gauge_weights.T

@@ -81,21 +81,6 @@ class Tested:
     cofactors: ReferenceCofactors | Covariance
 
 
-@dataclass(frozen=True)
-class FrameAdjustment:
-    """What an adjustment over frames leaves for the diagnosis: its rows (the observation of each), minimum, tests.
-
-    `free` (c,16) intrinsics are estimated, cameras of one `group` (c,) share them.
-    """
-
-    rows: IntArray
-    minimum: Minimum
-    redundancy: int
-    tested: Tested | None
-    free: BoolArray
-    group: IntArray
-
-
 def frame_test(model: FrameModel, state: State, minimum: Minimum, redundancy: int) -> Tested | None:
     """The tests of an adjustment over frames at its minimum; None where it is singular or has no redundancy."""
     if redundancy <= 0 or not minimum.cost > 0:
@@ -114,18 +99,8 @@ def frame_test(model: FrameModel, state: State, minimum: Minimum, redundancy: in
             for first, dense in dense_couplings(normal, model.problem.n_cameras)
         ]
     )
-    test = FrameTest(
-        model.problem,
-        linear,
-        linear.residual.ravel(),
-        inverse,
-        sparse.csr_array(shift),
-        normal.inverse,
-        2 * minimum.cost,
-        redundancy,
-        model.part,
-        model.parts,
-    )
+    system = linear, linear.residual.ravel(), inverse, sparse.csr_array(shift), normal.inverse
+    test = FrameTest(model.problem, *system, 2 * minimum.cost, redundancy, model.part, model.parts)
     return Tested(test, ReferenceCofactors(inverse, frames * q))
 
 
@@ -179,16 +154,17 @@ def frame_evidence(
 
     `form`: the ball's that is most alike: a bar's marks are free, a board is rigid.
     """
-    done = fit.adjustment
-    if done is None or not fit.joint:
+    adjusted = fit.adjusted
+    if not adjusted.joint:
         return None
     o, features = fit.observations, fit.features
-    network = free_network(features.of_observation, o.camera, o.uv, len(features), done.free, done.group)
-    tested = done.tested
-    adjusted = Adjustment(fit.state, fit.problem, done.rows, fit.used, done.minimum, done.redundancy)
+    network = free_network(features.of_observation, o.camera, o.uv, len(features), fit.free, fit.group)
+    tested, minimum = fit.tested, adjusted.minimum
+    problem, used = adjusted.model.problem, (adjusted.rows, adjusted.used)
+    fitted = Adjustment(adjusted.state, problem, *used, minimum, adjusted.redundancy)
     cofactors = None if tested is None else tested.cofactors
-    solved = BallFit(network.with_sigma(o.sigma), adjusted, cofactors, fit.has_prior, fit.placed)  # type: ignore[arg-type]
-    state = replace(fit.state, points=fit.points)
+    solved = BallFit(network.with_sigma(o.sigma), fitted, cofactors, adjusted.has_prior, fit.placed)  # type: ignore[arg-type]
+    state = replace(adjusted.state, points=fit.points)
     n = len(fit.placed)
     counts = np.zeros((n, n), dtype=np.int64)
     return FrameEvidence(
@@ -203,7 +179,7 @@ def frame_evidence(
         ModelChoice(form, Phrase("as-asked")),
         Solution(state, None, 1.0, scale, 0.0, {}),
         fit.residual,
-        fit.used,
+        adjusted.used,
         context,
         None if tested is None else tested.test,
     )

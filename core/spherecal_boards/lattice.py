@@ -60,16 +60,15 @@ def label_shifted(circles: Circles, rows: int, columns: int, mirrored: bool) -> 
             place = np.column_stack([row, column // 2])
             fits = row.max() + 1 == rows and ((column - row % 2) % 2 == 0).all() and column.max() // 2 + 1 == columns
             whole = len(place) >= _WHOLE * rows * columns and len(place) > len(best.circle)
-            if fits and whole and _turned_over(np.column_stack([row, column]), circles.uv[grown.circle]) == mirrored:
+            if fits and whole and _axes(np.column_stack([row, column]), circles.uv[grown.circle])[1] == mirrored:
                 best = Labelled(grown.circle, place)
     return best if len(best.circle) >= _LEAST_DOTS else None
 
 
-def _turned_over(place: IntArray, uv: FloatArray) -> bool:
-    """Whether rows count upward in the image, seen with the columns to the right."""
-    axes = np.linalg.lstsq(place - place.mean(axis=0), uv - uv.mean(axis=0), rcond=None)[0]
-    down, right = axes
-    return bool(right[0] * down[1] - right[1] * down[0] < 0)
+def _axes(place: IntArray, uv: FloatArray) -> tuple[FloatArray, bool]:
+    """The step to the next column in the image, and whether rows count upward, seen with the columns to the right."""
+    down, right = np.linalg.lstsq(place - place.mean(axis=0), uv - uv.mean(axis=0), rcond=None)[0]
+    return right, bool(right[0] * down[1] - right[1] * down[0] < 0)
 
 
 def _lattices(circles: Circles) -> list[Labelled]:
@@ -134,17 +133,12 @@ def _grow(uv: FloatArray, area: FloatArray, tree: KDTree, seed: int, first: Floa
     return Labelled(circle, np.array([place[c] for c in circle], dtype=np.int64).reshape(-1, 2))
 
 
-def _turns() -> list[IntArray]:
-    """Integer maps of the plane onto itself: the eight of a square first, then sheared ones.
-
-    A board seen very obliquely may be grown along its diagonals.
-    """
-    maps = [np.array(m).reshape(2, 2) for m in product((-1, 0, 1), repeat=4)]
-    maps = [m for m in maps if abs(m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) == 1]
-    return sorted(maps, key=lambda m: int(np.abs(m).sum()))
-
-
-_TURNS = _turns()
+# Integer maps of the plane onto itself: the eight of a square first, then sheared ones, since a board that is seen very
+# obliquely may be grown along its diagonals.
+_MAPS = [np.array(m).reshape(2, 2) for m in product((-1, 0, 1), repeat=4)]
+_TURNS = sorted(
+    (m for m in _MAPS if abs(m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) == 1), key=lambda m: int(np.abs(m).sum())
+)
 
 
 def _by_rings(
@@ -194,9 +188,7 @@ def _by_extent(grown: Labelled, uv: FloatArray, rows: int, columns: int, mirrore
         place = place - place.min(axis=0)
         if tuple(place.max(axis=0) + 1) != (rows, columns) or len(place) < _WHOLE * rows * columns:
             continue
-        axes = np.linalg.lstsq(place - place.mean(axis=0), uv[grown.circle] - uv[grown.circle].mean(axis=0), rcond=None)
-        down, right = axes[0]
-        turned_over = right[0] * down[1] - right[1] * down[0] < 0
+        right, turned_over = _axes(place, uv[grown.circle])
         if turned_over != mirrored:
             continue
         score = float(right[0] / np.linalg.norm(right)) - 0.1 * int(np.abs(turn).sum() > 2)

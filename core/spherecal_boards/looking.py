@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.board_pattern import APRILTAGS, tag_dictionary
+from spherecal.targets.board_pattern import APRILTAGS
+from spherecal.targets.marker_set import marker_dictionary
 from spherecal_boards.chessboard import largest_chessboard
 
 Grey = NDArray[np.uint8]
@@ -61,11 +62,8 @@ class Markers:
 
 
 def look_for_markers(images: Sequence[GreyImage]) -> Markers | None:
-    """The markers of the dictionary of which most are seen and lie as on a board; None where there are none.
-
-    `images`: grey images of 8 bits, (h, w) each.
-    """
-    small = [_small(image) for image in images]
+    """The markers of the dictionary of which most are seen, in images of 8 bits, and lie as on a board; else None."""
+    small = [_small(image, _LONGEST_SIDE) for image in images]
     for mirrored in (False, True):
         settings = _most_seen(small, mirrored)
         if settings is None:
@@ -108,9 +106,9 @@ def _named(markers: Markers) -> Markers:
     return replace(markers, dictionary=next(f"{stem}_{n}" for n in _SIZES if markers.ids[-1] < n))
 
 
-def _small(image: GreyImage) -> Grey:
+def _small(image: GreyImage, longest: int) -> Grey:
     grey = np.asarray(image, dtype=np.uint8)
-    scale = _LONGEST_SIDE / max(grey.shape)
+    scale = longest / max(grey.shape)
     if scale < 1:
         grey = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     return grey
@@ -120,7 +118,7 @@ def _markers(image: Grey, family: str, border: int, inverted: bool, mirrored: bo
     seen = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
     settings = cv2.aruco.DetectorParameters()
     settings.markerBorderBits = border
-    detector = cv2.aruco.ArucoDetector(tag_dictionary(family), settings)
+    detector = cv2.aruco.ArucoDetector(marker_dictionary(family), settings)
     corners, ids, _ = detector.detectMarkers(np.asarray(255 - seen, np.uint8) if inverted else seen)
     if ids is None:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
@@ -158,7 +156,9 @@ def _laid(markers: Markers, kind: str, columns: int, first: int) -> tuple[float,
         if len(own) < _LEAST_MARKERS or own.min() < 0:
             continue
         place = _places(own, columns, kind)
-        seen, inside = cv2.findHomography(place, corners.mean(axis=1), cv2.RANSAC, _OFF * _step(corners), None, _TRIES)
+        # roughly a square's side in px: markers are a half to nine tenths of it
+        step = 1.4 * float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+        seen, inside = cv2.findHomography(place, corners.mean(axis=1), cv2.RANSAC, _OFF * step, None, _TRIES)
         if seen is None or inside is None or inside.sum() < _LEAST_MARKERS or not np.isfinite(seen).all():
             continue
         good = inside.ravel() > 0
@@ -201,11 +201,6 @@ def _places(own: IntArray, columns: int, kind: str) -> FloatArray:
     return np.column_stack([column, 2 * pair + odd]).astype(float)
 
 
-def _step(corners: FloatArray) -> float:
-    """Roughly a square's side in px: markers are a half to nine tenths of it."""
-    return 1.4 * float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
-
-
 # --- chessboards -----------------------------------------------------------------------------------------------------
 
 
@@ -213,10 +208,7 @@ def look_for_chessboard(images: Sequence[GreyImage]) -> tuple[int, int] | None:
     """Rows and columns of inner corners of the largest chessboard that is seen; None where none is."""
     seen: dict[tuple[int, int], int] = {}
     for image in images:
-        grey = np.asarray(image, dtype=np.uint8)
-        scale = min(1.0, 1200 / max(grey.shape))
-        small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
-        grid = largest_chessboard(np.asarray(small, dtype=np.uint8))
+        grid = largest_chessboard(_small(image, 1200))
         if grid is not None:
             rows, columns = sorted(grid.shape[:2])
             seen[rows, columns] = seen.get((rows, columns), 0) + 1

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.moves import LEAST_POINTS
 from spherecal_boards.frames_evidence import FrameEvidence
@@ -42,7 +41,9 @@ def _between(e: FrameEvidence) -> Finding | None:
     by_pose, residual, rows = probe.by_pose(), probe.residual.reshape(-1, 2), e.adjusted.rows
     image = np.unique(np.stack([e.observations.placement, e.observations.camera])[:, rows], axis=1, return_inverse=True)
     tested = []
-    for own in _groups(image[1].reshape(-1)):
+    label = image[1].reshape(-1)
+    order = np.argsort(label, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
         if len(own) >= LEAST_POINTS:
             x, y = by_pose[own].reshape(-1, POSE), residual[own].reshape(-1)
             rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
@@ -62,23 +63,10 @@ def _between(e: FrameEvidence) -> Finding | None:
     return Finding("board-moving", "warning", {"size_mm": size_mm, "size_px": float(size_px)}, kind="between")
 
 
-def _groups(label: IntArray) -> list[IntArray]:
-    order = np.argsort(label, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-
-
 def _apart(e: FrameEvidence) -> Finding | None:
     """The finding on placements of which most have no two cameras that agree."""
-    seen, kept = _views(e, e.candidates), _views(e, e.used)
+    seen, kept = e.image_counts(e.candidates), e.image_counts(e.used)
     shared = (seen >= LEAST_POINTS).sum(axis=1) >= 2
     agree = ((seen >= LEAST_POINTS) & (2 * kept > seen)).sum(axis=1) >= 2
     count, of = int((shared & ~agree).sum()), int(shared.sum())
     return Finding("board-moving", "error", {"count": count, "of": of}, kind="apart") if 2 * count > of else None
-
-
-def _views(e: FrameEvidence, some: BoolArray) -> IntArray:
-    """How many of some observations (n,) each camera has of each placement, (placements, cameras)."""
-    o = e.observations
-    return np.bincount(
-        o.placement[some] * len(o.cameras) + o.camera[some], minlength=len(o.placements) * len(o.cameras)
-    ).reshape(len(o.placements), -1)

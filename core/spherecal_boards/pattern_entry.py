@@ -14,7 +14,8 @@ from spherecal.files.json_file import JsonValue, decode, parse_json, printable, 
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION
 from spherecal.files.session_file import BOARD
 from spherecal.files.toml_text import toml_of
-from spherecal.targets.board_pattern import APRILTAGS, BoardKind, BoardPattern, tag_dictionary
+from spherecal.targets.board_pattern import APRILTAGS, BoardKind, BoardPattern
+from spherecal.targets.marker_set import marker_count
 
 _FIELDS = tuple(BOARD.schema["properties"])
 _TEXTS = ("kind", "polarity", "dictionary", "shape")
@@ -54,7 +55,10 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     tags = kind in ("charuco", "aprilgrid")
     if tags:
         needed = (rows + 1) * (columns + 1) // 2 if kind == "charuco" else rows * columns
-        _check_count(given["rows"], dictionary, f.get("first_id", 0) + needed)
+        there = marker_count(dictionary)
+        if (needed := f.get("first_id", 0) + needed) > there:
+            said = {"needed": needed, "dictionary": dictionary, "there": there}
+            raise given["rows"].error(Phrase("problem-board-tags", said))
     return BoardPattern(
         kind,
         rows,
@@ -153,12 +157,8 @@ def _written(text: str) -> dict[str, Any]:
     for field in fields:
         name, equal, value = (part.strip() for part in field.partition("="))
         if not equal or name not in _FIELDS:
-            raise InputError(
-                Phrase(
-                    "error-board-option",
-                    {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"},
-                )
-            )
+            said = {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"}
+            raise InputError(Phrase("error-board-option", said))
         entry[name] = value if name in _TEXTS else _value(name, value)
     return entry
 
@@ -203,9 +203,3 @@ def _dictionary(value: JsonValue) -> str:
     if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
         raise value.error(Phrase("problem-board-dictionary", {"name": name}))
     return name
-
-
-def _check_count(rows: JsonValue, dictionary: str, needed: int) -> None:
-    there = len(tag_dictionary(dictionary).bytesList)
-    if needed > there:
-        raise rows.error(Phrase("problem-board-tags", {"needed": needed, "dictionary": dictionary, "there": there}))

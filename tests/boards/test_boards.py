@@ -14,7 +14,8 @@ from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.targets.board_pattern import BoardPattern, figure, tag_dictionary
+from spherecal.targets.board_pattern import BoardPattern, figure
+from spherecal.targets.marker_set import marker_dictionary
 from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board
 from spherecal_boards.pattern_entry import board_entry, board_pattern
@@ -130,7 +131,7 @@ def test_a_charuco_board_is_opencvs_own() -> None:
         board = pattern(BOARDS[name])
         assert board.marker_mm is not None
         opencv = cv2.aruco.CharucoBoard(
-            (board.columns + 1, board.rows + 1), board.pitch_mm, board.marker_mm, tag_dictionary(board.dictionary)
+            (board.columns + 1, board.rows + 1), board.pitch_mm, board.marker_mm, marker_dictionary(board.dictionary)
         )
         opencv.setLegacyPattern(board.legacy)
         theirs = opencv.generateImage((560 // 7 * (board.columns + 1), 80 * (board.rows + 1)), marginSize=0)

@@ -54,8 +54,7 @@ class Free:
 class Rigid:
     """The ball keeps its shape: X = R_t S + T_t.
 
-    `placement`: pose of the ball at each observation, (n,); `free_placement`: which of the poses are estimated, (t,);
-    the others are the world itself.
+    `placement` (n,): pose at each observation; `free_placement` (t,): estimated ones, the others are the world itself.
     """
 
     placement: IntArray
@@ -105,10 +104,9 @@ class Deformable:
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """The ball's shape, known from an earlier calibration.
+    """The ball's shape, known from an earlier calibration, for a standard deviation of unit weight of 1.
 
-    `places`: where the dots are in the ball's frame, (p,3); `information`: inverses of their covariances (p,3,3), for a
-    standard deviation of unit weight of 1; zeros where nothing is known of a point.
+    `places` (p,3) in the ball's frame; `information` (p,3,3): inverses of their covariances, 0 where nothing is known.
     """
 
     places: FloatArray
@@ -129,8 +127,7 @@ class ShapePrior:
 class Stored:
     """The ball keeps a shape that is stored (a ball profile): its dots are observations of the shape.
 
-    `placement, free_placement`: as of Rigid; all placements but the first, the world itself, are free; `shape`: the
-    stored shape.
+    As Rigid; all placements but the first, the world itself, are free.
     """
 
     placement: IntArray

@@ -23,14 +23,7 @@ from spherecal.adjust.lens_field import beyond_lens, field_basis
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
-from spherecal.adjust.variance_components import (
-    Effects,
-    Estimate,
-    effect_cofactors,
-    estimated,
-    least_cost,
-    solved,
-)
+from spherecal.adjust.variance_components import Effects, Estimate, effect_cofactors, estimated, least_cost, solved
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread

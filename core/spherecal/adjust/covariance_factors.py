@@ -132,10 +132,7 @@ def moments_of(places: FloatArray) -> FloatArray:
 
 
 def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
-    """A generalised inverse (d,d) of a matrix whose null space is known, and its condition number.
-
-    `gauge`: vectors that span its null space, (d,g).
-    """
+    """A generalised inverse (d,d) of a matrix whose null space `gauge` (d,g) spans, and its condition number."""
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = matrix * scale[:, None]
     scaled *= scale

@@ -25,10 +25,7 @@ class Places:
 
 
 def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
-    """Rotation (f,3,3) of each feature's point, and the rotated point (f,3); empty in the free form.
-
-    `places` None in the free form.
-    """
+    """Rotation (f,3,3) of each feature's point, and the rotated point (f,3); empty in the free form."""
     if places is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
     rotation = state.placement_rotation[places.placement]
@@ -52,10 +49,7 @@ class Motions:
 def datum_motions(problem: Problem, state: State, places: Places | None = None) -> Motions:
     """Three shifts, three turns about the centroid and one stretch, as far as the datum removes them.
 
-    One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes the stretch
-    seen.
-
-    `places` None in the free form.
+    One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes it seen.
     """
     locked = np.flatnonzero((np.bincount(problem.camera, minlength=problem.n_cameras) > 0) & ~problem.free_pose)
     seen = np.diff(problem.point_start) > 0
@@ -81,10 +75,7 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
 
 
 def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
-    """How points (m,3) move, (m,3,7).
-
-    `centroid`, `spread` (3,).
-    """
+    """How points (m,3) move, (m,3,7), about `centroid` (3,)."""
     out = np.zeros((len(at), 3, 7))
     out[:, :, :3] = np.eye(3)
     out[:, :, 3:6] = -cross_matrix(at - centroid) / spread
@@ -96,8 +87,6 @@ def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: 
     """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points.
 
     Those without a pose do not: one NaN would spread to every function of all cameras.
-
-    `centroid`, `spread` (3,).
     """
     cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation
@@ -124,10 +113,7 @@ def _moved_placements(state: State, centroid: FloatArray, spread: float) -> Floa
 
 
 def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How placements move when a stored shape fixes the ball's points in their frame, (t*6,7); the first is the world.
-
-    In a stretch the shape grows in its frame.
-    """
+    """How placements move when a stored shape fixes the points in their frame, (t*6,7); the first is the world."""
     translation = state.placement_translation
     out = np.zeros((len(translation), POSE, 7))
     out[:, 3:, :3] = np.eye(3)

@@ -71,20 +71,10 @@ def shape_noise_of(problem: Problem, linear: Linear) -> ShapeNoise:
     start = np.append(first, len(problem.uv))
     by_point = linear.at(slice(None)).by_point
     normal = _summed(np.einsum("nki,nkj->nij", by_point, by_point), start)
-    place = of_row[first]
+    group, place = np.cumsum(is_first) - 1, of_row[first]
+    dot, placement = problem.point[first], problem.placement[first]
     q, p = shape_noise_matrices(normal, problem.ball.shape_sd[place])
-    return ShapeNoise(
-        problem,
-        linear,
-        start,
-        np.cumsum(is_first) - 1,
-        place,
-        problem.point[first],
-        problem.placement[first],
-        normal,
-        q,
-        p,
-    )
+    return ShapeNoise(problem, linear, start, group, place, dot, placement, normal, q, p)
 
 
 def _summed(values: FloatArray, start: IntArray) -> FloatArray:
@@ -93,10 +83,7 @@ def _summed(values: FloatArray, start: IntArray) -> FloatArray:
 
 
 def shape_noise_matrices(normal: FloatArray, shape_sd: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1, (g,3,3) each.
-
-    `shape_sd`: tau of each place, (g,).
-    """
+    """Q = tau^2 (I + tau^2 V)^-1 and I - Q V = (I + tau^2 V)^-1, (g,3,3) each; `shape_sd` is tau (g,)."""
     variance = (shape_sd**2)[:, None, None]
     p = np.linalg.inv(np.eye(3) + variance * normal)
     p = 0.5 * (p + p.transpose(0, 2, 1))

@@ -13,9 +13,7 @@ from scipy import sparse
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.deformable import shape_noise_matrices, shape_noise_of
-from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
@@ -94,9 +92,9 @@ def deformable_factors(inverted: Inverted, state: State, places: Places) -> Defo
     pose = np.concatenate([-cross_matrix(lever_arm), np.broadcast_to(np.eye(3), (count, 3, 3))], axis=2)
     of_pose = start + POSE * places.placement
     by_pose = _blocks(np.arange(count), of_pose, pose, (3 * count, columns))
-    met = _images_by_columns(problem, linear, count) + _blocks(
-        np.arange(count), of_pose, normal @ pose, (3 * count, columns)
-    )
+    by_images = linear.by_placement[:, :, 3:].transpose(0, 2, 1) @ linear.by_camera
+    met = _blocks(problem.ball.place, problem.layout.block_offset[problem.camera], by_images, (3 * count, columns))
+    met += _blocks(np.arange(count), of_pose, normal @ pose, (3 * count, columns))
     through = through @ rotation
     through_dots = _blocks(np.arange(count), 3 * places.point, through, (3 * count, 3 * p))
     dots = -(_diagonal(dot_inverse) @ (through_dots.T @ met))
@@ -127,13 +125,6 @@ def deformable_factors(inverted: Inverted, state: State, places: Places) -> Defo
         by_columns,
         through_dots,
     )
-
-
-def _images_by_columns(problem: Problem, linear: Linearisation, count: int) -> sparse.csr_array:
-    """J' times the cameras' derivatives, of every feature, (3f,e)."""
-    met = linear.by_placement[:, :, 3:].transpose(0, 2, 1) @ linear.by_camera
-    first = problem.layout.block_offset[problem.camera]
-    return _blocks(problem.ball.place, first, met, (3 * count, problem.layout.expanded))
 
 
 def _blocks(feature: np.ndarray, first: np.ndarray, values: FloatArray, shape: tuple[int, int]) -> sparse.csr_array:

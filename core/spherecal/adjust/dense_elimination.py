@@ -28,10 +28,7 @@ def is_dense(problem: Problem) -> bool:
 
 
 def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
-    """Add the observations of some points, which are eliminated, to the reduced system's upper triangle.
-
-    `points`: the points, (m,).
-    """
+    """Add the observations of some points (m,), which are eliminated, to the reduced system's upper triangle."""
     layout = problem.layout
     for first in range(0, len(points), _CHUNK):
         some = points[first : first + _CHUNK]

@@ -1,8 +1,4 @@
-"""Levenberg's adjustment with the identity as damping, as older programs have it: for comparison only.
-
-Such damping does not know the unknowns' units and limits pixels, radians and lengths by the same number. The product
-damps the diagonal.
-"""
+"""Levenberg's adjustment with the identity as damping, as older programs have it: for comparison only."""
 
 from dataclasses import dataclass
 

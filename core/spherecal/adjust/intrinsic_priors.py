@@ -44,10 +44,7 @@ def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
 
 
 def shown_lenses(free: BoolArray, placed: BoolArray, has_prior: BoolArray) -> BoolArray:
-    """Cameras (c,) whose estimated lenses say how good nominal values are in this rig; none where they are too few.
-
-    `free`: estimated intrinsics, (c,16).
-    """
+    """Cameras (c,) whose estimated lenses say how good nominal values are in this rig; none where they are too few."""
     shown = free[:, 0] & placed & ~has_prior
     return shown & (shown.sum() >= LEAST_SHOWN)
 
@@ -80,11 +77,9 @@ def like_the_others(known: FloatArray, estimated: FloatArray, shown: BoolArray) 
 def with_intrinsic_priors(
     network: Network, known: FloatArray, has_prior: BoolArray, noise: float, sigma: FloatArray | None = None
 ) -> Network:
-    """The network with a prior on the intrinsics (c,16) of the groups of these cameras, and on rational denominators.
+    """The network with a prior on the intrinsics (c,16) of these cameras' groups, and on rational denominators.
 
-    Priors are to weigh against image points as both really scatter.
-
-    `has_prior`: cameras whose intrinsics the data cannot carry, (c,); `sigma` (c,16) None for that of nominal values.
+    Priors are to weigh against image points as both really scatter; `sigma` (c,16) None: that of nominal values.
     """
     rational = network.free[:, _DENOMINATOR].any(axis=1)
     if not (has_prior | rational).any():
@@ -98,10 +93,7 @@ def with_intrinsic_priors(
 
 
 def poorly_observed(network: Network, candidates: BoolArray) -> BoolArray:
-    """Cameras (c,) whose intrinsics group has too few image points to estimate them.
-
-    `candidates`: observations that may be used, (n,).
-    """
+    """Cameras (c,) whose intrinsics group has too few image points among `candidates` (n,) to estimate them."""
     matched = candidates & (network.views(candidates) >= 2)[network.feature]
     by_group = np.bincount(network.group[network.camera[matched]], minlength=network.group.max() + 1)
     return network.free.any(axis=1) & (by_group[network.group] < LEAST_OBSERVATIONS)

@@ -72,9 +72,8 @@ class _Bundle:
         step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
         if step is None:
             return None
-        point_step, after = engine.back_substitute(
-            problem, linear.linear, normal.reduced, problem.layout.expand_vector(step)
-        )
+        whole = problem.layout.expand_vector(step)
+        point_step, after = engine.back_substitute(problem, linear.linear, normal.reduced, whole)
         residual = linear.linear.residual
         before = 0.5 * float((residual**2).sum() - linear.shape_noise.taken(residual))
         new = moved(problem, state, step, point_step)
@@ -94,10 +93,8 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
         found = levenberg_marquardt(model, state, settings, on_step)
         if not isinstance(problem.ball, Deformable) or not len(problem.uv):
             return found
-        shape_residual = shape_noise_of(problem, engine.linear_model(problem, found.state, None)).shape_residual(
-            found.state
-        )
-        return replace(found, state=replace(found.state, shape_residual=shape_residual))
+        noise = shape_noise_of(problem, engine.linear_model(problem, found.state, None))
+        return replace(found, state=replace(found.state, shape_residual=noise.shape_residual(found.state)))
 
 
 def _robust_weight(problem: Problem, state: State, cauchy: float | None) -> FloatArray | None:

@@ -140,11 +140,9 @@ def levenberg_marquardt(
 
 
 def solve_damped(matrix: FloatArray, gradient: FloatArray, diagonal: FloatArray, damping: float) -> FloatArray | None:
-    """The step (d,) of damped normal equations, None where they are singular; the matrix is used up.
+    """The step (d,) of damped normal equations (d,d), (d,), used up; None where they are singular.
 
     Large matrices are worked on in place: at 1500 unknowns each pass over one costs as much as a tenth of its factor.
-
-    `matrix`, `gradient`: the equations, (d,d) valid in its upper triangle and (d,).
     """
     own = np.einsum("ii->i", matrix)
     own += damping * np.maximum(diagonal, 1e-30)

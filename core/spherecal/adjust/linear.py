@@ -1,7 +1,4 @@
-"""The linearisation of a large problem, computed block by block when needed instead of kept in memory.
-
-Its derivatives take 400 bytes an observation, ten times what the observation itself does.
-"""
+"""The linearisation of a large problem, computed block by block when needed: it takes 400 bytes an observation."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -24,10 +21,7 @@ MOST_IN_MEMORY = 150_000
 
 
 class Linearisation(NamedTuple):
-    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6).
-
-    Those by the placement are (0,2,6) in the free form.
-    """
+    """Weighted residuals (n,2), derivatives by camera (n,2,6+k), point (n,2,3), placement (n,2,6) or, free, (0,2,6)."""
 
     residual: FloatArray
     by_camera: FloatArray
@@ -115,10 +109,7 @@ Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
-    """The linearisation: in memory where that is small or places have shape noise, else computed by blocks.
-
-    `problem`, `state`, `robust_weight`, `linearise` (n,); None, and what linearises.
-    """
+    """The linearisation: in memory where that is small or places have shape noise, else computed by blocks."""
     if len(problem.uv) <= MOST_IN_MEMORY or isinstance(problem.ball, Deformable):
         return linearise(problem, state, robust_weight)
     return LinearByBlocks(problem, state, robust_weight, linearise)
@@ -139,10 +130,7 @@ class PointBlock(NamedTuple):
 def point_blocks(
     problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArray | None = None
 ) -> Iterator[PointBlock]:
-    """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are in memory.
-
-    `points`: points in the order wanted, (m,); `may_begin`: where a new part may begin (m,); None for anywhere.
-    """
+    """The points (m,) in order, in parts of some `ROWS_AT_ONCE` observations which begin where they may (m,)."""
     placement, place = problem.ball.placement, problem.ball.place
     start = problem.point_start
     if isinstance(linear, Linearisation):
@@ -156,12 +144,5 @@ def point_blocks(
         end = np.cumsum(own)
         begin = end - own
         rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
-        yield PointBlock(
-            some,
-            begin,
-            end,
-            problem.camera[rows],
-            placement[rows] if len(placement) else placement,
-            place[rows] if len(place) else place,
-            linear.at(rows),
-        )
+        of_rows, at_rows = (each[rows] if len(each) else each for each in (placement, place))
+        yield PointBlock(some, begin, end, problem.camera[rows], of_rows, at_rows, linear.at(rows))

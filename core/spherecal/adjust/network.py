@@ -82,11 +82,9 @@ class Network:
         return self if sigma is None else replace(self, sigma=sigma)
 
     def problem(self, used: BoolArray, free: BoolArray, placed: BoolArray, weighted: bool) -> tuple[Problem, IntArray]:
-        """The bundle adjustment of the used observations, and which observation each of its rows is.
+        """The bundle adjustment of the used observations (n,), and which observation each of its rows is.
 
-        Of the placed cameras only those that still see something have unknowns.
-
-        `used`: observations (n,); `free`: intrinsics to estimate (c,16); `placed`: cameras that have a pose (c,).
+        Of the placed cameras (c,) only those that still see something have unknowns, of these the `free` (c,16).
         """
         rows = np.flatnonzero(used)
         placed = placed & (np.bincount(self.camera[rows], minlength=len(placed)) > 0)
@@ -115,20 +113,14 @@ class Network:
         return self.lengths.select(seen.all(axis=1))
 
     def triangulated(self, state: State, rows: BoolArray) -> Triangulation:
-        """All features triangulated from some observations with the cameras (and placements) of `state`.
-
-        `rows`: observations to take, (n,).
-        """
+        """All features triangulated from some observations (n,) with the cameras (and placements) of `state`."""
         take = np.flatnonzero(rows)
         weight = 1.0 / self._sigma(take) ** 2
         view, cameras = self._views_of_the_ball(state, take)
         return triangulate(self.feature[take], view, self.uv[take], weight, self.n_features, cameras)
 
     def angles(self, state: State, rows: BoolArray) -> FloatArray:
-        """The largest angle (m,) rad between two rays of each feature, as `triangulated` takes them.
-
-        `rows`: observations to take, (n,).
-        """
+        """The largest angle (m,) rad between two rays of each feature, as `triangulated` takes them from rows (n,)."""
         take = np.flatnonzero(rows)
         view, cameras = self._views_of_the_ball(state, take)
         return ray_angles(self.feature[take], view, self.uv[take], self.n_features, cameras)
@@ -150,9 +142,8 @@ class Network:
         # of the ball, which a pose of the camera cannot have: all else is smaller
         size = np.cbrt(np.linalg.det(state.placement_rotation))
         size = np.where(np.abs(size - 1) < 1e-9, 1.0, size)
-        rotation = np.einsum("cij,tjk->ctik", state.rotation, state.placement_rotation / size[:, None, None]).reshape(
-            -1, 3, 3
-        )
+        turn = state.placement_rotation / size[:, None, None]
+        rotation = np.einsum("cij,tjk->ctik", state.rotation, turn).reshape(-1, 3, 3)
         translation = np.einsum("cij,tj->cti", state.rotation, state.placement_translation) + state.translation[:, None]
         translation = translation / size[:, None]
         count = len(size)
@@ -166,11 +157,8 @@ class Network:
             return points
         turned = np.einsum("nij,nj->ni", state.placement_rotation[self.ball.placement], points)
         carried = turned + state.placement_translation[self.ball.placement]
-        return (
-            carried + state.shape_residual[self.ball.place]
-            if len(state.shape_residual) and len(self.ball.place)
-            else carried
-        )
+        has_noise = len(state.shape_residual) and len(self.ball.place)
+        return carried + state.shape_residual[self.ball.place] if has_noise else carried
 
     def camera_points(self, state: State) -> FloatArray:
         """The observed point of every observation in its camera's frame, (n,3); NaN where it is not known."""
@@ -190,13 +178,7 @@ class Network:
 def free_network(
     feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, free: BoolArray, group: IntArray
 ) -> Network:
-    """The network in which every feature is a point of its own: no camera locked, all observations weigh the same.
-
-    The parameters are the Network's.
-
-    `feature`, `camera`, `uv`: of each observation (n,), (n,), (n,2) px; `free`, `group`: intrinsics to estimate (c,16),
-    and which cameras share them (c,).
-    """
+    """The network in which every feature is a point of its own: no camera locked, all observations weigh the same."""
     noise, locked = np.ones(len(group)), np.zeros(len(group), dtype=bool)
     sigma = np.broadcast_to(1.0, uv.shape)  # one number: 16 MB less of a million observations
     return Network(feature, camera, uv, sigma, n_features, free, group, noise, locked)

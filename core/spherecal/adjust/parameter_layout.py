@@ -67,10 +67,7 @@ class Layout:
         return len(np.unique(used)) == len(used)
 
     def fold_matrix(self, expanded: FloatArray, is_gathered: bool = False) -> FloatArray:
-        """The reduced matrix (d, d), valid in its upper triangle.
-
-        `expanded`: the expanded matrix (e, e), of which the upper block triangle is valid.
-        """
+        """The reduced matrix (d,d) of the expanded one (e,e); of both the upper (block) triangle is valid."""
         if self._first is not None and (self._is_plain or (is_gathered and self._share_all)):
             return expanded if self.size == self.expanded else expanded[np.ix_(self._first, self._first)]
         half = self._fold @ symmetric(expanded)

@@ -27,18 +27,12 @@ _MOST_KEPT = 200_000
 
 @dataclass(frozen=True)
 class PointFactors(CovarianceFactors):
-    """Factors whose sources of noise are the points.
-
-    `shifts`: -V^-1 W' of all points by all columns (3p,e), kept where there are very many observations of few points.
-    """
+    """Factors whose sources of noise are the points; `shifts` -V^-1 W' (3p,e): kept where few points are seen often."""
 
     shifts: sparse.csr_array | None
 
     def shifts_of(self, rows: slice) -> tuple[FloatArray, FloatArray]:
-        """Shifts of some observations' points by their cameras' (k,3,w) and placements' (k,3,6) parameters: -V^-1 W'.
-
-        Those by placements are (0,3,6) in the free form. Zeros for points that are kept.
-        """
+        """Shifts -V^-1 W' of observations' points by cameras (k,3,w) and placements (k,3,6); 0 for kept points."""
         if len(self.problem.uv) > arrays.ROWS_AT_ONCE:
             return self._shifts_of(rows)
         by_camera, by_placement = self._all_shifts
@@ -79,9 +73,14 @@ class PointFactors(CovarianceFactors):
         if self.places is None:
             out = self.point_inverse.copy()
             if self.shifts is not None:
-                _add_share(out, self.shifts, self.inverse)
+                for first in range(0, len(out), _CHUNK):
+                    rows = self.shifts[3 * first : 3 * (first + _CHUNK)].toarray()
+                    moved = (rows @ self.inverse).reshape(-1, 3, len(self.inverse))
+                    out[first : first + _CHUNK] += moved @ rows.reshape(moved.shape).transpose(0, 2, 1)
             else:
-                _add_camera_share(out, self)
+                for begin, end in _runs_of_points(self.problem):
+                    by_camera = self.shifts_of(slice(begin, end))[0]
+                    _add_share_of(out, self, begin, by_camera, *_pairs(self.problem, begin, end))
                 kept = self.problem.kept_points
                 after = self.n_camera_columns
                 for position, p in enumerate(kept):
@@ -140,10 +139,7 @@ class PointFactors(CovarianceFactors):
 
 
 def point_factors(inverted: Inverted, state: State, places: Places | None) -> PointFactors:
-    """The factors of a network of free points, or of dots whose features are at `places`.
-
-    `places` None in the free form.
-    """
+    """The factors of a network of free points (`places` None), or of dots whose features are at `places`."""
     problem, motions = inverted.problem, inverted.motions
     g, expanded = motions.columns.shape[1], problem.layout.expanded
     rotation, lever_arm = carried_dots(state, places)
@@ -268,21 +264,6 @@ def _shifts(parts: PointFactors, first: int, last: int) -> sparse.csr_array:
         values.append(value.ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     return sparse.csr_array(entries, shape=(3 * (last - first), problem.layout.expanded))
-
-
-def _add_camera_share(out: FloatArray, parts: PointFactors) -> None:
-    """Add K C K' of each point to (p,3,3), one product for each pair of cameras that meets in some of the points."""
-    for begin, end in _runs_of_points(parts.problem):
-        by_camera = parts.shifts_of(slice(begin, end))[0]
-        _add_share_of(out, parts, begin, by_camera, *_pairs(parts.problem, begin, end))
-
-
-def _add_share(out: FloatArray, shifts: sparse.csr_array, inverse: FloatArray) -> None:
-    """Add K C K' of each point to (p,3,3), by kept shifts (3p,e)."""
-    for first in range(0, len(out), _CHUNK):
-        rows = shifts[3 * first : 3 * (first + _CHUNK)].toarray()
-        moved = (rows @ inverse).reshape(-1, 3, len(inverse))
-        out[first : first + _CHUNK] += moved @ rows.reshape(moved.shape).transpose(0, 2, 1)
 
 
 def _runs_of_points(problem: Problem) -> Iterator[tuple[int, int]]:

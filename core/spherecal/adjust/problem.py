@@ -8,6 +8,7 @@ columns. `Layout.fold_matrix` then drops locked columns and adds up those of cam
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -109,37 +110,20 @@ class Problem:
 
     def select(self, keep: BoolArray | IntArray | slice) -> "Problem":
         """The same problem with only some of the observations."""
-        return replace(
-            self,
-            camera=self.camera[keep],
-            point=self.point[keep],
-            uv=self.uv[keep],
-            weight=self.weight[keep],
-            ball=self.ball.select(keep),
-        )
+        rows = {name: getattr(self, name)[keep] for name in ("camera", "point", "uv", "weight")}
+        return replace(self, ball=self.ball.select(keep), **rows)
 
 
 def sorted_problem(
-    camera: IntArray, point: IntArray, uv: FloatArray, sigma: FloatArray | None, n_points: int, **blocks: object
+    camera: IntArray, point: IntArray, uv: FloatArray, sigma: FloatArray | None, n_points: int, **blocks: Any
 ) -> tuple[Problem, IntArray]:
-    """A Problem from observations in any order, and the order it put them in, (n,) indices.
-
-    `sigma`: standard deviations (n,2) px of the image points; None where all weigh the same.
-    """
+    """A Problem from observations in any order, and the order (n,) it put them in; `sigma` None: all weigh the same."""
     ball = blocks.pop("ball", FREE)
     assert isinstance(ball, BallModel)
     order = np.lexsort((camera, ball.place, point) if len(ball.place) else (camera, point))
     weight = np.ones_like(uv) if sigma is None else 1.0 / sigma
-    problem = Problem(
-        camera[order],
-        point[order],
-        uv[order],
-        weight[order],
-        n_points,
-        ball=ball.select(order),
-        **blocks,  # type: ignore[arg-type]
-    )
-    return problem, order
+    camera, point, uv, weight = camera[order], point[order], uv[order], weight[order]
+    return Problem(camera, point, uv, weight, n_points, ball=ball.select(order), **blocks), order
 
 
 def _layout(problem: Problem) -> Layout:
@@ -177,17 +161,9 @@ def _layout(problem: Problem) -> Layout:
     free = np.ones(int(offset[-1]) - rest, dtype=bool)
     free[: POSE * problem.n_placements] = np.repeat(problem.ball.free_placement, POSE)
     column[rest:][free] = next_column + np.arange(free.sum())
-    return Layout(
-        n_cameras,
-        offset[:-1],
-        width,
-        int(offset[-1]),
-        next_column + int(free.sum()),
-        column,
-        np.array(prior_columns, dtype=np.int64),
-        np.array(prior_camera, dtype=np.int64),
-        np.array(prior_intrinsic, dtype=np.int64),
-    )
+    priors = (np.array(each, dtype=np.int64) for each in (prior_columns, prior_camera, prior_intrinsic))
+    size = next_column + int(free.sum())
+    return Layout(n_cameras, offset[:-1], width, int(offset[-1]), size, column, *priors)
 
 
 def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: FloatArray) -> State:
@@ -195,7 +171,8 @@ def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: 
     layout, c = problem.layout, problem.n_cameras
     step = layout.expand_vector(reduced_step)
     cameras = step[: c * (POSE + len(problem.intrinsic_columns))].reshape(c, -1)
-    rotation, translation = _moved_poses(state.rotation, state.translation, cameras[:, :POSE])
+    turn = exp_rotation(cameras[:, :3])
+    rotation, translation = turn @ state.rotation, np.einsum("cij,cj->ci", turn, state.translation) + cameras[:, 3:POSE]
     intrinsics = state.intrinsics.copy()
     intrinsics[:, problem.intrinsic_columns] += cameras[:, POSE:]
     points = state.points + point_step
@@ -213,11 +190,6 @@ def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: 
     return replace(
         new, placement_rotation=placement_rotation, placement_translation=state.placement_translation + poses[:, 3:]
     )
-
-
-def _moved_poses(rotation: FloatArray, translation: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-    rotation_change = exp_rotation(step[:, :3])
-    return rotation_change @ rotation, np.einsum("cij,cj->ci", rotation_change, translation) + step[:, 3:]
 
 
 def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:

@@ -54,9 +54,6 @@ def with_right_poses(
     """The network with every doubtful camera at its best pose, adjusted again (equal weights) if one changed.
 
     A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
-
-    `used`, `candidates`: observations that fit, and all that may be used (n,); `placed`: cameras that have a pose,
-    (c,).
     """
     for number in range(ROUNDS):
         context.report("resection", number / ROUNDS)
@@ -82,10 +79,7 @@ def with_right_poses(
 def doubtful_cameras(
     network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray
 ) -> BoolArray:
-    """Cameras (c,) that may be in a wrong minimum: conspicuous residuals, few points, many left out.
-
-    `used`, `candidates`: observations that fit, and all that may (n,).
-    """
+    """Cameras (c,) that may be in a wrong minimum: conspicuous residuals, few points, many candidates left out."""
     size = residual_size(network, state)
     n = len(placed)
     known = candidates & np.isfinite(state.points[network.feature, 0])

@@ -34,9 +34,8 @@ class LengthRows:
 
     def select(self, keep: BoolArray) -> "LengthRows":
         """Some of the rows, (m,) bool."""
-        return LengthRows(
-            self.points[keep], self.coefficient[keep], self.length[keep], self.covariance[np.ix_(keep, keep)]
-        )
+        covariance = self.covariance[np.ix_(keep, keep)]
+        return LengthRows(self.points[keep], self.coefficient[keep], self.length[keep], covariance)
 
 
 NO_LENGTHS = LengthRows(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 0)))

@@ -40,13 +40,8 @@ class State:
 
     def scaled(self, factor: float) -> "State":
         """The same network with all lengths multiplied by `factor`."""
-        return replace(
-            self,
-            translation=self.translation * factor,
-            points=self.points * factor,
-            placement_translation=self.placement_translation * factor,
-            shape_residual=self.shape_residual * factor,
-        )
+        lengths = ("translation", "points", "placement_translation", "shape_residual")
+        return replace(self, **{name: getattr(self, name) * factor for name in lengths})
 
     def free(self, points: FloatArray) -> "State":
         """The free form: the same cameras and points (f,3) of the world."""
@@ -73,7 +68,5 @@ class State:
             return replace(moved, points=points, placement_rotation=of_ball, placement_translation=translation)
         of_ball = r @ self.placement_rotation @ r.T
         return replace(
-            moved,
-            placement_rotation=of_ball,
-            placement_translation=self.placement_translation @ r.T + t - of_ball @ t,
+            moved, placement_rotation=of_ball, placement_translation=self.placement_translation @ r.T + t - of_ball @ t
         )

@@ -51,10 +51,7 @@ class Estimate:
 
 
 def estimated(effects: Effects, start: FloatArray, limit: FloatArray | None = None) -> Estimate:
-    """The amplitudes of greatest restricted likelihood from start variances (parts,), and the coefficients by them.
-
-    `limit`: the largest that the variances may be, (parts,); None for any.
-    """
+    """Coefficients, and amplitudes of greatest restricted likelihood from variances (parts,), at most `limit`."""
     if np.count_nonzero(start[effects.part]) > LARGE:
         start = _by_own_equations(effects, start)
     return _iterated(effects, start, limit)

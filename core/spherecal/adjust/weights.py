@@ -95,11 +95,9 @@ def _own_unknowns(problem: Problem) -> FloatArray:
 
 
 def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
-    """Noise (c,) of cameras for a start, from their typical residuals: only conspicuous cameras differ.
+    """Noise (c,) of cameras for a start, from typical residuals of some rows (n,): only conspicuous cameras differ.
 
     Without it a blurred camera pulls the points it shares, and good observations of its partners fail the gate.
-
-    `used`: observations to judge by, (n,).
     """
     size = residual_size(network, state)
     typical = float(np.median(size[used])) if used.any() else 0.0
@@ -112,10 +110,7 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
 
 
 def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context: Context) -> tuple[Network, Adjustment]:
-    """The adjustment again with every camera weighted by its own noise, and the network with these weights.
-
-    `placed`: cameras that have a pose, (c,).
-    """
+    """The adjustment again with every camera weighted by its own noise, and the network with these weights."""
     for _ in range(ROUNDS):
         factor = camera_noise(adjusted.problem, adjusted.state)
         network = replace(network, noise=network.noise * factor)

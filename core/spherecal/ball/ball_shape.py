@@ -15,7 +15,6 @@ from spherecal.adjust.point_factors import PointFactors, shift_matrix
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.data.observations import Features
 from spherecal.geometry.transform import Similarity
 
 # Rows of the dots' shifts that are multiplied at a time: 1500 of up to 2,000 columns are 24 MB.
@@ -25,10 +24,7 @@ OTHER_BALL = 0.03
 
 
 def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
-    """Cofactors (d,3,3) of dots among themselves, in the unit of the network squared.
-
-    `points`: its points, (p,3); `dots`: which of them, (d,) indices.
-    """
+    """Cofactors (d,3,3) of some dots (d,) of the points (p,3) among themselves, in the network's unit squared."""
     parts = covariance._parts
     assert isinstance(parts, PointFactors)
     own, at = parts.point_inverse[dots], points[dots]
@@ -66,10 +62,9 @@ class KnownDots:
 
 @dataclass(frozen=True)
 class Anchored:
-    """A network based on a stored shape, in mm, and its start.
+    """A network based on a stored shape, in mm, and its start; `matched` (t,): placements whose ball has that shape.
 
-    `matched` (t,): placements whose ball has that shape; `common` (t,): dots of each that the shape knows;
-    `mm_per_unit` of the free network.
+    `common` (t,): dots of each that the shape knows; `mm_per_unit` of the free network.
     """
 
     rigid: RigidNetwork
@@ -82,7 +77,9 @@ class Anchored:
 def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) -> Anchored | None:
     """A free network with the stored shape in place of its ball; None where no placement shows that shape."""
     network, features, n_placements = ball.network, ball.features, ball.n_placements
-    known = _place_known(features, dots)
+    keys = {key: i for i, key in enumerate(zip(dots.target.tolist(), dots.point.tolist(), strict=True))}
+    pairs = zip(features.target.tolist(), features.point.tolist(), strict=True)
+    known = np.array([keys.get(pair, -1) for pair in pairs], dtype=np.int64)
     motions: dict[int, Similarity] = {}
     common = np.zeros(n_placements, dtype=np.int64)
     for t in range(ball.n_ball):
@@ -125,12 +122,9 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
         placement_translation=shifted,
         anchored=every[:, 0] < 0,
     )
-    alignment = Alignment(
-        np.arange(n_placements),
-        np.tile(np.eye(3), (n_placements, 1, 1)),
-        np.zeros((n_placements, 3)),
-        np.zeros((n_placements, n_placements), dtype=np.int64),
-    )
+    turns, shifts = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
+    nothing_shared = np.zeros((n_placements, n_placements), dtype=np.int64)
+    alignment = Alignment(np.arange(n_placements), turns, shifts, nothing_shared)
     places_of = Places(point, block[features.placement])
     return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common, unit)
 
@@ -140,10 +134,3 @@ def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:
     off = np.linalg.norm(motion.apply(shape) - there, axis=1)
     size = motion.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
     return bool(np.median(off) <= OTHER_BALL * size)
-
-
-def _place_known(features: Features, dots: KnownDots) -> IntArray:
-    """The dot of the shape that each feature is (f,), -1 for none."""
-    keys = {key: i for i, key in enumerate(zip(dots.target.tolist(), dots.point.tolist(), strict=True))}
-    pairs = zip(features.target.tolist(), features.point.tolist(), strict=True)
-    return np.array([keys.get(pair, -1) for pair in pairs], dtype=np.int64)

@@ -63,10 +63,7 @@ class BallFit:
 
 
 def solve_free(network: Network, start: InitialPoses, candidates: BoolArray, run: Run) -> BallFit:
-    """The free form from the start of the network.
-
-    `candidates`: observations to start with, (n,).
-    """
+    """The free form from the start of the network, with some of its observations (n,)."""
 
     def solution(described: Network) -> BallFit:
         return solve_from(described, start, candidates, run)
@@ -77,10 +74,7 @@ def solve_free(network: Network, start: InitialPoses, candidates: BoolArray, run
 def solve_from(
     network: Network, start: InitialPoses, candidates: BoolArray, run: Run, rigid: RigidNetwork | None = None
 ) -> BallFit:
-    """The solution from a rough start.
-
-    `rigid` None in the free form.
-    """
+    """The solution from a rough start; `rigid` None in the free form."""
     placed = start.placed
     state, used = robust_start(network, start.state, candidates, placed, run.context)
     found = with_right_poses(network, state, used, candidates, placed, run.context)
@@ -108,10 +102,7 @@ def with_lengths(fit: BallFit, rows: LengthRows, factor: float, run: Run) -> Bal
 def finished_solution(
     network: Network, adjusted: Adjustment, placed: BoolArray, run: Run, rigid: RigidNetwork | None = None
 ) -> BallFit:
-    """The solution with its weights and its covariance.
-
-    `placed`: cameras that have a pose, (c,); `rigid` None in the free form.
-    """
+    """The solution with its weights and its covariance; `rigid` None in the free form."""
     if not run.plain:
         network, adjusted = weighted(network, adjusted, placed, run.context)
         places = None if rigid is None else rigid.places
@@ -135,16 +126,9 @@ def with_effects_unknown(fit: BallFit) -> BallFit:
 
 
 def solve_with_priors(
-    network: Network,
-    candidates: BoolArray,
-    placed: BoolArray,
-    solution: Callable[[Network], BallFit],
-    run: Run,
+    network: Network, candidates: BoolArray, placed: BoolArray, solution: Callable[[Network], BallFit], run: Run
 ) -> BallFit:
-    """The solution; cameras whose intrinsics the data do not determine get a prior.
-
-    `candidates`, `placed`: observations that may be used (n,), and cameras that have a pose (c,).
-    """
+    """The solution of observations (n,) and placed cameras (c,); those that the data do not determine get a prior."""
     has_prior = poorly_observed(network, candidates) & placed
     fit = solution(with_intrinsic_priors(network, run.known, has_prior, 1.0))
 

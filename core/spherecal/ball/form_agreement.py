@@ -39,10 +39,7 @@ class Agreement:
 
 
 def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agreement:
-    """How far cameras agree on motions of dots; (0, inf) where no dot is seen at two placements.
-
-    `feature` (placement, target, point).
-    """
+    """How far cameras agree on motions of dots; (0, inf) where no dot is seen at two placements."""
     problem = rigid.problem
     feature = feature[rigid.rows]
     sums = np.zeros(4)
@@ -58,10 +55,7 @@ def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agr
 
 
 def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature: IntArray) -> FloatArray:
-    """Sums over the places of dots: terms between cameras, what noise gives of them, its own share, their scatter.
-
-    The last three for noise of variance 1 (the scatter half of its variance).
-    """
+    """Sums over the places of dots: terms between cameras, and of unit noise their sum, own share, half scatter."""
     group, at = np.unique(feature, return_inverse=True)
     at = at.reshape(-1)
     n_points = int(point.max(initial=-1)) + 1

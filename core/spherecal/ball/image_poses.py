@@ -11,14 +11,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust import engine
-from spherecal.adjust.bundle import (
-    RobustStep,
-    refine,
-    residual_size,
-    robust_adjustment,
-    robust_start,
-    triangulated,
-)
+from spherecal.adjust.bundle import RobustStep, refine, residual_size, robust_adjustment, robust_start, triangulated
 from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import Network, free_network
@@ -62,41 +55,26 @@ class ImagePoses:
     variance: float
 
     def change_px(self, rows: IntArray, change: FloatArray) -> float:
-        """By how much (rms per axis, px) changes of pose shift the points of some images.
-
-        `rows`: the images, (k,) indices; `change` (6,).
-        """
+        """By how much (rms per axis, px) changes of pose (k,6) shift the points of some images (k,)."""
         steps = np.broadcast_to(change, (len(rows), POSE))
         squares = float(np.einsum("ni,nij,nj->", steps, self.by_pose_px2[rows], steps))
         return float(np.sqrt(squares / (2 * max(int(self.points[rows].sum()), 1))))
 
 
 def images_of(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
-    """The network of images, camera by camera, of the ball that does not move: image = camera * n_ball + placement.
-
-    `rows`: observations to take, (k,) indices.
-    """
+    """The network of images of the ball that does not move, of rows (k,): image = camera * n_ball + placement."""
     image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
     dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
     dot = np.unique(dots, axis=0, return_inverse=True)[1].reshape(-1)
-    images = free_network(
-        dot,
-        image,
-        network.uv[rows],
-        int(dot.max(initial=-1)) + 1,
-        np.repeat(network.free, n_ball, axis=0),
-        np.repeat(network.group, n_ball),
-    )
+    free, group = np.repeat(network.free, n_ball, axis=0), np.repeat(network.group, n_ball)
+    images = free_network(dot, image, network.uv[rows], int(dot.max(initial=-1)) + 1, free, group)
     return replace(images, sigma=network.sigma[rows], noise=np.repeat(network.noise, n_ball))
 
 
 def solve_images(
     ball: BallNetwork, state: State, placed: BoolArray, alignment: Alignment, context: Context
 ) -> ImagePoses | None:
-    """The images' own poses from a rig's; None where there are too many, or too few for a statement.
-
-    `placed`: cameras that have a pose, (c,).
-    """
+    """The images' own poses from a rig's; None where there are too many, or too few for a statement."""
     network, features, n_ball = ball.network, ball.features, ball.n_ball
     roots = alignment.root[:n_ball]
     together = roots == np.bincount(roots).argmax()
@@ -108,12 +86,8 @@ def solve_images(
         return None
     rotation = np.einsum("cij,tjk->ctik", state.rotation, alignment.rotation[:n_ball])
     translation = np.einsum("cij,tj->cti", state.rotation, alignment.translation[:n_ball]) + state.translation[:, None]
-    start = State(
-        rotation.reshape(-1, 3, 3),
-        translation.reshape(-1, 3),
-        np.repeat(state.intrinsics, n_ball, axis=0),
-        np.full((images.n_features, 3), np.nan),
-    )
+    lenses, unknown = np.repeat(state.intrinsics, n_ball, axis=0), np.full((images.n_features, 3), np.nan)
+    start = State(rotation.reshape(-1, 3, 3), translation.reshape(-1, 3), lenses, unknown)
     start, used = _settled(images, start, enough, context)
     fit = refine(images, start, used, enough, context)
     own = np.flatnonzero(np.bincount(fit.problem.camera, minlength=len(enough)))
@@ -122,16 +96,11 @@ def solve_images(
     if normal is None or fit.redundancy <= 0 or not fit.minimum.converged:
         return None
     points = np.bincount(fit.problem.camera, minlength=len(enough))[own]
-    return ImagePoses(
-        own // n_ball,
-        own % n_ball,
-        points,
-        fit.state.rotation[own],
-        fit.state.translation[own],
-        normal,
-        _squares(fit.problem, linear)[own],
-        fit.variance,
-    )
+    by_pose = linear.by_camera[:, :, :POSE] / fit.problem.weight[:, :, None]
+    squares = np.zeros((fit.problem.n_cameras, POSE, POSE))
+    np.add.at(squares, fit.problem.camera, by_pose.transpose(0, 2, 1) @ by_pose)
+    poses = fit.state.rotation[own], fit.state.translation[own]
+    return ImagePoses(own // n_ball, own % n_ball, points, *poses, normal, squares[own], fit.variance)
 
 
 def _settled(images: Network, start: State, enough: BoolArray, context: Context) -> tuple[State, BoolArray]:
@@ -151,14 +120,6 @@ def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArra
     judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
     off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= FIXED_LENS_MISFIT_PX, len(enough))
     return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
-
-
-def _squares(problem: Problem, linear: Linearisation) -> FloatArray:
-    """J'J (images,6,6) in px^2 of the images' own points by their poses."""
-    by_pose = linear.by_camera[:, :, :POSE] / problem.weight[:, :, None]
-    out = np.zeros((problem.n_cameras, POSE, POSE))
-    np.add.at(out, problem.camera, by_pose.transpose(0, 2, 1) @ by_pose)
-    return out
 
 
 def _of_poses(problem: Problem, state: State, linear: Linearisation, images: IntArray) -> FloatArray | None:
@@ -184,10 +145,7 @@ def hang_together(
     cameras: dict[int, Similarity],
     placements: dict[int, Similarity],
 ) -> None:
-    """Add cameras and placements that images (camera, placement) lead to: the best one of which one end is known first.
-
-    A pose of an image is its camera's after its placement's.
-    """
+    """Add cameras and placements that images lead to: the best one of which one end is known first."""
     while True:
         open_ended = [(c, t) for c, t in images if (c in cameras) != (t in placements)]
         if not open_ended:
@@ -201,11 +159,5 @@ def hang_together(
 
 def known_intrinsics(images: Network) -> Network:
     """The images for start values: nothing of their lenses is estimated, all points weigh the same."""
-    count = len(images.group)
-    return replace(
-        images,
-        sigma=np.ones_like(images.uv),
-        noise=np.ones(count),
-        free=np.zeros_like(images.free),
-        group=np.arange(count),
-    )
+    count, free = len(images.group), np.zeros_like(images.free)
+    return replace(images, sigma=np.ones_like(images.uv), noise=np.ones(count), free=free, group=np.arange(count))

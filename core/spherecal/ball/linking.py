@@ -67,15 +67,11 @@ def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[in
     intrinsics = main.state.intrinsics.copy()
     for group in groups[1:]:
         intrinsics[group.placed] = group.state.intrinsics[group.placed]
-    state = State(
-        np.repeat(main.state.rotation, n_ball, axis=0),
-        np.repeat(main.state.translation, n_ball, axis=0),
-        np.repeat(intrinsics, n_ball, axis=0),
-        np.full((images.n_features, 3), np.nan),
-    )
-    return root, InitialPoses(
-        state, np.repeat(main.placed, n_ball) & np.tile(np.arange(n_ball) == root, len(main.placed))
-    )
+    cameras = (main.state.rotation, main.state.translation, intrinsics)
+    rotation, translation, lenses = (np.repeat(x, n_ball, axis=0) for x in cameras)
+    state = State(rotation, translation, lenses, np.full((images.n_features, 3), np.nan))
+    placed = np.repeat(main.placed, n_ball) & np.tile(np.arange(n_ball) == root, len(main.placed))
+    return root, InitialPoses(state, placed)
 
 
 def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) -> InitialPoses:
@@ -122,10 +118,7 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 def _rig(
     start: InitialPoses, resected: InitialPoses, count: IntArray, alignment: Alignment, root: int, taken: IntArray
 ) -> tuple[InitialPoses, Alignment]:
-    """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that shows it.
-
-    `taken` (t,): which placements these are.
-    """
+    """Cameras and taken placements (t,) from the images' poses, each from the image with most dots (count (c,t))."""
     n_ball = count.shape[1]
     placed = resected.placed.reshape(-1, n_ball) & (count > 0)
     image = {(c, t): _pose(resected.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
@@ -141,10 +134,7 @@ def _rig(
     roots = np.arange(len(alignment.root))
     ball_rotation, ball_translation = alignment.rotation.copy(), alignment.translation.copy()
     for t, pose in placements.items():
-        ball_rotation[taken[t]], ball_translation[taken[t]], roots[taken[t]] = (
-            pose.rotation,
-            pose.translation,
-            taken[root],
-        )
+        ball_rotation[taken[t]], ball_translation[taken[t]] = pose.rotation, pose.translation
+        roots[taken[t]] = taken[root]
     linked = replace(alignment, root=roots, rotation=ball_rotation, translation=ball_translation)
     return InitialPoses(state, placed), linked

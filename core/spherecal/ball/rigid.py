@@ -28,11 +28,10 @@ BLUNDER = 6.0
 
 @dataclass(frozen=True)
 class Alignment:
-    """How the placements of a network are connected by dots they share.
+    """How the placements of a network are connected by dots they share, counted in `shared` (t,t).
 
-    - `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little.
-    - `rotation` (t,3,3) and `translation` (t,3) carry that ball to the placement (I and 0 for roots).
-    - `shared` (t,t) counts dots.
+    `root` (t,): the placement in whose frame each one's ball is described, itself where it shares too little;
+    `rotation` (t,3,3), `translation` (t,3) carry that ball to the placement.
     """
 
     root: IntArray
@@ -53,10 +52,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class RigidNetwork:
-    """A network whose features are dots of the ball, and what the features of the free network are in it.
-
-    `feature` (n,) is the free network's of each observation.
-    """
+    """A network of dots of the ball; `feature` (n,) is what each observation shows in the free network."""
 
     network: Network
     places: Places
@@ -101,12 +97,7 @@ class BallNetwork:
 
 
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
-    """How the ball's placements are connected by the dots they share.
-
-    A tree of the pairs with most shared dots, outward from the placement that shares most.
-
-    `points`: where they are (f,3), NaN where unknown.
-    """
+    """How the ball's placements are connected by shared dots (points (f,3)): a tree of the pairs with most of them."""
     place = _by_dot(features, points, n_ball)
     known = np.isfinite(place[:, :, 0])
     counts = known.astype(np.int64) @ known.T
@@ -148,10 +139,7 @@ def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArra
 
 
 def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
-    """The motion of dots from one placement to another, None where too few agree.
-
-    `source`, `goal`: dots before and after, (n,3); `tags`: their targets, (n,).
-    """
+    """The motion of dots from one placement (n,3) to another (n,3), None where too few agree; `tags`: their targets."""
     if len(source) < LEAST_SHARED:
         return None
     motion = fit_similarity(source, goal, with_scale)
@@ -184,21 +172,14 @@ def _outward(shared: IntArray, motions: dict[tuple[int, int], Similarity]) -> di
 
 
 def share_shape(network: Network, features: Features, state: State, alignment: Alignment) -> tuple[RigidNetwork, State]:
-    """The rigid network of a free one, and its start: the free state's cameras, the placements as aligned.
-
-    The start's points are unknown (NaN): they are to be located from all their placements.
-    """
+    """The rigid network of a free one, and its start: cameras, placements as aligned, points unknown (NaN)."""
     block = np.zeros(len(alignment.root), dtype=np.int64)
     block[alignment.moved] = 1 + np.arange(alignment.moved.sum())  # block 0 is the world
     keys = np.stack([alignment.root[features.placement], features.target, features.point], axis=1)
     dots, point = np.unique(keys, axis=0, return_inverse=True)
     point = point.reshape(-1)
-    rigid = replace(
-        network,
-        feature=point[network.feature],
-        n_features=len(dots),
-        ball=Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0),
-    )
+    ball = Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0)
+    rigid = replace(network, feature=point[network.feature], n_features=len(dots), ball=ball)
     start = replace(
         state,
         points=np.full((len(dots), 3), np.nan),

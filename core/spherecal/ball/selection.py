@@ -112,10 +112,7 @@ def choose_ball_model(
     requested: RequestedModel,
     run: Run,
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason.
-
-    `other_groups` (c,).
-    """
+    """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason."""
     run.context.report("rigid ball", 0.0)
     alignment = ball.aligned(free.adjusted.state.points)
     if not free.placed.all():
@@ -262,10 +259,7 @@ def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: 
 def _soft_solution(
     rigid: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, requested: RequestedModel, run: Run
 ) -> tuple[BallFit, ModelChoice] | None:
-    """The soft form of the cameras that the free one places, and how much shape noise it has.
-
-    None where it was not asked for and the shape noise is so large that it would do harm.
-    """
+    """The soft form of the cameras that the free one places, with its shape noise; None where that would do harm."""
     noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
     used, placed, unit_mm = free.adjusted.used, free.placed, requested.mm_per_unit(free)
     if requested.shape_sd_mm is None:

@@ -38,12 +38,7 @@ class _Trial:
 def estimate_shape_variance(
     rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context
 ) -> tuple[float, Adjustment]:
-    """The shape noise (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
-
-    0 where the rigid form's variance is no larger than the free form's.
-
-    `used`, `placed`: observations (n,) and cameras (c,) of the free form.
-    """
+    """The shape noise (for a sd of unit weight of 1; 0 where nothing asks for it) and the network adjusted with it."""
     state, used, problem, rows = _start(rigid, first, used, placed)
     settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
     redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
@@ -55,7 +50,9 @@ def estimate_shape_variance(
         if abs(ratio - 1) < TOLERANCE or (shape_sd == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
             return shape_sd, Adjustment(state, _with_shape_variance(problem, shape_sd), rows, used, done, redundancy)
         if shape_sd == 0.0:
-            shape_sd = _first_guess(problem, state, ratio)
+            tied = shape_noise_of(problem, engine.linearise(problem, state, None))
+            per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
+            shape_sd = float(np.sqrt((ratio - 1) / np.median(per_row)))
             continue
         trials.append(_Trial(float(np.log(shape_sd)), float(np.log(ratio))))
         shape_sd = float(np.exp(_next(trials)))
@@ -102,10 +99,3 @@ def _next(trials: list[_Trial]) -> float:
     if low < step < high:
         return step
     return 0.5 * (low + high) if np.isfinite(low + high) else last.shape_sd + np.sign(last.excess)
-
-
-def _first_guess(problem: Problem, state: State, ratio: float) -> float:
-    """The shape noise that alone would explain the additional noise in the images of a typical dot."""
-    tied = shape_noise_of(problem, engine.linearise(problem, state, None))
-    per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
-    return float(np.sqrt((ratio - 1) / np.median(per_row)))

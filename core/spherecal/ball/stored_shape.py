@@ -84,11 +84,7 @@ def _misfit(with_ball: Adjustment, free: Adjustment) -> float:
 
 
 def _with_the_rest(
-    there: Anchored,
-    first: Adjustment,
-    placed: BoolArray,
-    candidates: BoolArray,
-    run: Run,
+    there: Anchored, first: Adjustment, placed: BoolArray, candidates: BoolArray, run: Run
 ) -> tuple[Adjustment, BoolArray]:
     """The adjustment with cameras that the free form did not link, but that see the known ball."""
     if placed.all():

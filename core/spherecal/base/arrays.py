@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,14 +36,12 @@ def blocks(count: int) -> Iterator[slice]:
         yield slice(first, min(first + ROWS_AT_ONCE, count))
 
 
-def blocks_of_groups(start: IntArray, at_once: int | None = None) -> Iterator[tuple[int, int]]:
+def blocks_of_groups(start: IntArray) -> Iterator[tuple[int, int]]:
     """Groups of sorted rows, first to last (exclusive), of about `ROWS_AT_ONCE` rows together.
 
     A group is never split, so that sums over its rows are the same bits whatever the size of the blocks.
-
-    `at_once` None for `ROWS_AT_ONCE`.
     """
-    first = np.flatnonzero(np.diff(start[:-1] // (at_once or ROWS_AT_ONCE), prepend=-1)).tolist()
+    first = np.flatnonzero(np.diff(start[:-1] // ROWS_AT_ONCE, prepend=-1)).tolist()
     yield from pairwise([*first, len(start) - 1])
 
 
@@ -82,7 +80,8 @@ def same_value(a: object, b: object) -> bool:
     if a is b:
         return True
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return _same_arrays(np.asarray(a), np.asarray(b))
+        a, b = np.asarray(a), np.asarray(b)
+        return bool(np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc"))
     if type(a) is not type(b):
         return bool(a == b)
     parts, others = _parts(a), _parts(b)
@@ -103,13 +102,6 @@ def _parts(value: object) -> Mapping | None:
     return value if isinstance(value, Mapping) else None
 
 
-def _same_arrays(a: NDArray, b: NDArray) -> bool:
-    if a.shape != b.shape:
-        return False
-    numbers = a.dtype.kind in "fc" and b.dtype.kind in "fc"
-    return bool(np.array_equal(a, b, equal_nan=numbers))
-
-
 def brief(value: object) -> str:
     """A value in a few words: shape and type of a large array, the first and number of many items."""
     if isinstance(value, np.ndarray):
@@ -117,14 +109,10 @@ def brief(value: object) -> str:
             return np.array2string(value, precision=6, separator=", ").replace("\n", "")
         return f"<{' x '.join(map(str, value.shape))} {value.dtype}>"
     if isinstance(value, Mapping):
-        return "{" + _items([f"{key!r}: {brief(item)}" for key, item in _first(value.items())], len(value)) + "}"
+        return "{" + _items([f"{key!r}: {brief(item)}" for key, item in islice(value.items(), _FEW)], len(value)) + "}"
     if isinstance(value, tuple | list):
-        return "(" + _items([brief(item) for item in _first(value)], len(value)) + ")"
+        return "(" + _items([brief(item) for item in value[:_FEW]], len(value)) + ")"
     return repr(value)
-
-
-def _first(values) -> list:
-    return [value for value, _ in zip(values, range(_FEW), strict=False)]
 
 
 def _items(shown: list[str], count: int) -> str:

@@ -11,10 +11,7 @@ from spherecal.base.messages.values import Phrase
 
 @dataclass(frozen=True)
 class Progress:
-    """One progress event: named stage, done part of that stage (0..1), and where it is.
-
-    `detail`: a name, or a phrase with numbers; `iteration` and `cost` of an adjustment.
-    """
+    """One progress event: named stage, done part of it (0..1), where it is; `iteration`, `cost` of an adjustment."""
 
     stage: str
     fraction: float

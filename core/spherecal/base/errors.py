@@ -80,9 +80,6 @@ class OutputError(SpherecalError):
 class MissingPackage(SpherecalError, ImportError):
     """A function needs a package that is not installed."""
 
-    def __init__(self, message: Words, hint: Words = "") -> None:
-        super().__init__(message, hint)
-
 
 @contextmanager
 def needing(package: str, what: Words) -> Iterator[None]:

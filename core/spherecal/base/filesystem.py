@@ -16,6 +16,7 @@ import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
@@ -201,19 +202,13 @@ Fits = Callable[[BinaryIO, Path, int], None]
 
 
 def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
-    """The contents of a regular file of at most `most` bytes.
-
-    `fits` None to read it.
-    """
+    """The contents of a regular file of at most `most` bytes, if it fits."""
     with _plain_reading(path):
         return _read(os.open(path, _TO_READ), path, most, fits)
 
 
 def read_below(root: Path, relative: str, most: int) -> bytes:
-    """As `read_file`, of a file below a folder; no link on the way is followed.
-
-    `most`: how many bytes it may have.
-    """
+    """As `read_file`, of a file below a folder; no link on the way is followed."""
     with _plain_reading(root / relative), _place(root, relative) as place:
         try:
             descriptor = place.open(os.O_RDONLY | _NO_WAIT)
@@ -504,32 +499,23 @@ Known = Callable[[str], bool]
 
 
 def plain_files(folder: Path, most: int) -> list[str]:
-    """The regular files below a folder, with "/" between parts; links are not followed.
-
-    Folders that cannot be listed are left out.
-    """
-    found: list[str] = []
-    for relative, state in _entries(folder, "", readable_only=True):
-        if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None:
-            found.append(relative)
-            if len(found) == most:
-                break
-    return found
+    """The first `most` regular files below a folder, with "/" between parts; no links, no unreadable folders."""
+    found = (
+        relative
+        for relative, state in _entries(folder, "", readable_only=True)
+        if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None
+    )
+    return list(islice(found, most))
 
 
-def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
-    """Files below a folder that `known` does not name, with "/" between parts; links and pipes too.
+def strangers(folder: Path, known: Known) -> list[str]:
+    """The first three files below a folder that `known` does not name; links, pipes and empty folders too."""
 
-    A folder counts by what is in it.
-    """
-    found: list[str] = []
-    for relative, state in _entries(folder, ""):
-        plain = stat.S_ISREG(state.st_mode) or (relative.endswith("/") and stat.S_ISDIR(state.st_mode))
-        if is_link(state) or not plain or not known(relative):
-            found.append(relative)
-            if len(found) == most:
-                break
-    return found
+    def is_plain(relative: str, state: os.stat_result) -> bool:
+        return stat.S_ISREG(state.st_mode) or (relative.endswith("/") and stat.S_ISDIR(state.st_mode))
+
+    entries = _entries(folder, "")
+    return list(islice((r for r, s in entries if is_link(s) or not is_plain(r, s) or not known(r)), 3))
 
 
 def _entries(
@@ -554,10 +540,7 @@ def _entries(
 
 
 def remove_folder_below(root: Path, relative: str, known: Known) -> bool:
-    """Remove what `known` names from a folder below `root`, and the folder where nothing else is left; whether it went.
-
-    Nothing else is touched, and no link is followed.
-    """
+    """Remove what `known` names from a folder below `root`, and the folder where it is empty then; whether it went."""
     with _plain_writing(root / relative):
         try:
             with _place(root, f"{relative}/x"):  # refuses a link on the way
@@ -600,9 +583,6 @@ def scratch_beside(folder: Path) -> Path:
 
 
 def remove_own_folder(folder: Path) -> None:
-    """Remove a folder that this process made under a name of its own, with all that is in it; links are not followed.
-
-    Only for scratch folders: the name must end as `PARTIAL` does, or it is left alone.
-    """
+    """Remove a scratch folder of this process (named as `PARTIAL`) with all that is in it; links are not followed."""
     if folder.name.endswith(PARTIAL):
         shutil.rmtree(folder, ignore_errors=True)

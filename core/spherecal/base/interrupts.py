@@ -54,10 +54,7 @@ def came() -> bool:
 
 @contextmanager
 def uninterrupted(commit: bool = False) -> Iterator[None]:
-    """Hold both signals back until this short piece of work is done.
-
-    They then act as if they had come at its end.
-    """
+    """Hold both signals back until this short piece of work is done; they then act as if they had come at its end."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Python hands signals to the main thread only
         return

@@ -92,10 +92,7 @@ def _ahead() -> Ahead | None:
 
 
 def key_of(one: Any, layout: str | None = None) -> Any:
-    """The type of an argument as kernels.json names it.
-
-    `layout` None for each array's own, C, F or A.
-    """
+    """The type of an argument as kernels.json names it; `layout` None for each array's own, C, F or A."""
     if isinstance(one, np.ndarray):
         flags = one.flags
         found = layout or ("C" if flags.c_contiguous else "F" if flags.f_contiguous else "A")

@@ -9,11 +9,7 @@ from spherecal.base.messages.values import Phrase
 EXPORTERS, IMPORTERS, CAMERA_SOURCES = "spherecal.exporters", "spherecal.importers", "spherecal.camera_sources"
 METHODS = "spherecal.methods"  # of calibration: board and bar
 _LONGEST = 200  # characters of what a package says
-_KINDS = {
-    EXPORTERS: Phrase("an-exporter"),
-    IMPORTERS: Phrase("an-importer"),
-    CAMERA_SOURCES: Phrase("a-camera-source"),
-}
+_KINDS = {EXPORTERS: Phrase("an-exporter"), IMPORTERS: Phrase("an-importer"), CAMERA_SOURCES: Phrase("a-camera-source")}
 
 
 def names(group: str) -> tuple[str, ...]:
@@ -22,10 +18,7 @@ def names(group: str) -> tuple[str, ...]:
 
 
 def load(group: str, name: str, kind: type | tuple[type, ...] | None = None) -> Any:
-    """What an installed package gives under this name, None where there is none.
-
-    `kind` None for any.
-    """
+    """What an installed package gives under this name, None where there is none."""
     found = list(entry_points(group=group, name=name))
     if not found:
         return None
@@ -36,13 +29,11 @@ def load(group: str, name: str, kind: type | tuple[type, ...] | None = None) -> 
         made = found[0].load()
     except Exception as error:  # whatever a stranger's package raises when it is loaded
         what = f"{type(error).__name__}: {error}"[:_LONGEST]
-        raise InputError(
-            Phrase("error-package-broken", {"name": name, "package": _package(found[0]), "why": what})
-        ) from error
+        values = {"name": name, "package": _package(found[0]), "why": what}
+        raise InputError(Phrase("error-package-broken", values)) from error
     if kind is not None and not isinstance(made, kind):
-        raise InputError(
-            Phrase("error-package-kind", {"name": name, "package": _package(found[0]), "kind": _KINDS[group]})
-        )
+        values = {"name": name, "package": _package(found[0]), "kind": _KINDS[group]}
+        raise InputError(Phrase("error-package-kind", values))
     return made
 
 

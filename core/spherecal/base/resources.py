@@ -46,10 +46,7 @@ def cache_folder(name: str) -> Path:
 
 
 def manual_page(language: str = "en") -> Path | None:
-    """The manual's first page in a language (en, de, zh), offline; None where the program came without it.
-
-    Wheel and bundle carry the manual, a checkout has it once `python3 dev.py docs` has made it.
-    """
+    """The manual's first page in a language (en, de, zh), offline; None in a checkout before `dev.py docs`."""
     page = "index.html" if language == "en" else f"guide/{language}/index.html"
     for folder in (_IN_WHEEL / "manual", _IN_SOURCE_TREE.parent / "build" / "site"):
         if (folder / page).is_file():

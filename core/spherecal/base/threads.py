@@ -1,7 +1,4 @@
-"""BLAS on one thread: its matrices are small here, and threads that wait for each other cost more than they bring.
-
-Beside two busy processes the diagnosis of 15 cameras took 50 s with BLAS's own threads, and 1.5 s alone.
-"""
+"""BLAS on one thread: beside two busy processes the diagnosis of 15 cameras took 50 s with its own, and 1.5 s alone."""
 
 import mmap
 from collections.abc import Callable, Iterator

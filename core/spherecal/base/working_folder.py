@@ -29,10 +29,7 @@ def distrust() -> None:
 
 @contextmanager
 def elsewhere() -> Iterator[None]:
-    """A block in the program's own folder, for libraries that look in the working folder on Linux.
-
-    Only while no other thread reads files by relative paths.
-    """
+    """A block in the program's own folder, while no other thread reads files by relative paths; on Linux."""
     if sys.platform != "linux":
         yield
         return

@@ -12,10 +12,7 @@ RepairKind = Literal["leave-out", "split", "swap"]
 
 
 def counted(number: int, noun: str, plural: str | None = None) -> str:
-    """A number and its noun: `1 camera`, `2 cameras`.
-
-    `plural` None: with an s.
-    """
+    """A number and its noun: `1 camera`, `2 cameras`; `plural` where it is not formed with an s."""
     return f"{number} {noun}" if number == 1 else f"{number} {plural or noun + 's'}"
 
 

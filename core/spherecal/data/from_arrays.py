@@ -154,10 +154,7 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
 
 
 def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set: TargetSet | None, rest: str) -> str:
-    """The SHA-256 of what a session from arrays was made of.
-
-    `target_set` None where they are not known.
-    """
+    """The SHA-256 of what a session from arrays was made of."""
     o = observations
     sha = hashlib.sha256(repr((o.placements, o.cameras, o.points)).encode())
     for values in (o.placement, o.camera, o.target, o.point, o.uv, *(() if o.sigma is None else (o.sigma,))):
@@ -233,27 +230,21 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
 def points_by_ids(given: Mapping[str, Any]) -> tuple[IntArray, dict[str, FloatArray]] | None:
     """All ids (n,), and image points (n, 2) or (n, k, 2) by camera, of (ids, uv) or {id: (u, v)}; None for arrays."""
     pairs = {name: _pair(one) for name, one in given.items()}
-    wrong = [
-        name
-        for name, pair in pairs.items()
-        if pair is None and (hasattr(given[name], "keys") or any(pair is not None for pair in pairs.values()))
-    ]
-    if wrong:
-        raise InputError(
-            f"The image points of {wrong[0]} are not (ids, uv) or {{id: (u, v)}} of one frame.", _ONE_FRAME
-        )
     found = {name: pair for name, pair in pairs.items() if pair is not None}
+    wrong = [name for name in pairs if name not in found and (found or hasattr(given[name], "keys"))]
+    if wrong:
+        said = f"The image points of {wrong[0]} are not (ids, uv) or {{id: (u, v)}} of one frame."
+        raise InputError(said, _ONE_FRAME)
     if not found:
         return None
     ids = np.unique(np.concatenate([numbers for numbers, _ in found.values()]))
     width = max(points.shape[1] for _, points in found.values())
     arrays: dict[str, FloatArray] = {}
     for name, (numbers, points) in found.items():
-        if len(numbers) != len(points) or len(np.unique(numbers)) < len(numbers):
-            said = (
-                f"{len(numbers)} ids, but {len(points)} image points" if len(numbers) != len(points) else "an id twice"
-            )
-            raise InputError(f"{name} has {said}.", _ONE_FRAME)
+        if len(numbers) != len(points):
+            raise InputError(f"{name} has {len(numbers)} ids, but {len(points)} image points.", _ONE_FRAME)
+        if len(np.unique(numbers)) < len(numbers):
+            raise InputError(f"{name} has an id twice.", _ONE_FRAME)
         if len(points) and points.shape[1] != width:
             raise InputError(f"{name} has {points.shape[1]} points for an id, other cameras {width}.", _ONE_FRAME)
         filled = np.full((len(ids), width, 2), np.nan)
@@ -392,14 +383,12 @@ def _arrays(given: Mapping[str, ArrayLike], cameras: Sequence[str]) -> dict[str,
     """The image points of each camera, in the cameras' order."""
     if unknown := [str(name) for name in given if name not in cameras]:
         raise InputError(f'"{unknown[0]}" is neither a camera nor a column.', f"Cameras: {', '.join(cameras)}.")
-    return {name: _array(given[name], name) for name in cameras if name in given}
-
-
-def _array(values: ArrayLike, camera: str) -> FloatArray:
-    array = float_array(values, f"The image points of {camera}")
-    if array.ndim not in (2, 3) or array.shape[-1] != 2:
-        raise InputError(f"The image points of {camera} must be (n, 2) or (placements, n, 2), but are {array.shape}.")
-    return array
+    arrays: dict[str, FloatArray] = {}
+    for name in (name for name in cameras if name in given):
+        array = arrays[name] = float_array(given[name], f"The image points of {name}")
+        if array.ndim not in (2, 3) or array.shape[-1] != 2:
+            raise InputError(f"The image points of {name} must be (n, 2) or (placements, n, 2), but are {array.shape}.")
+    return arrays
 
 
 def _numbers(values: Sequence[Any], name: str) -> FloatArray:

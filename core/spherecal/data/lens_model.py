@@ -18,10 +18,7 @@ def with_lens_model(session: Session, model: LensModel) -> Session:
 
 
 def like(camera: CameraSpec, intrinsics: FloatArray) -> CameraSpec:
-    """The camera with the lens model of a calibrated lens, where one of the two is fisheye and the other is not.
-
-    `intrinsics`: the calibrated lens, (16,).
-    """
+    """The camera with the lens model of a calibrated lens (16,), where one of the two alone is fisheye."""
     if bool(is_fisheye(intrinsics)) == bool(is_fisheye(camera.prior)):
         return camera
     return _with_model(camera, lens_model(intrinsics))
@@ -32,10 +29,7 @@ def _with_model(camera: CameraSpec, model: LensModel) -> CameraSpec:
 
 
 def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], model: LensModel) -> FloatArray:
-    """A prior (16,) as the nearest lens of a model.
-
-    `image_size`: width and height in px.
-    """
+    """A prior (16,) as the nearest lens of a model over an image of (width, height) px."""
     found = fit_lens(prior, image_field(image_size), model)
     if found is None:
         raise InputError(Phrase("error-prior-folds", {"camera": camera, "model": model}))

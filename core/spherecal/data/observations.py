@@ -1,6 +1,6 @@
 """Observations as flat arrays, and the features they observe."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,25 +41,13 @@ class Observations(ByValue):
 
     def select(self, keep: BoolArray | IntArray) -> "Observations":
         """The rows that `keep` selects, with the same names."""
-        return Observations(
-            self.placements,
-            self.cameras,
-            self.points,
-            self.placement[keep],
-            self.camera[keep],
-            self.target[keep],
-            self.point[keep],
-            self.uv[keep],
-            None if self.sigma is None else self.sigma[keep],
-        )
+        rows = {name: getattr(self, name)[keep] for name in ("placement", "camera", "target", "point", "uv")}
+        return replace(self, **rows, sigma=None if self.sigma is None else self.sigma[keep])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Features(ByValue):
-    """The distinct features (placement, target, point) of some observations, sorted by these three.
-
-    `of_observation` (n,) gives each observation's feature.
-    """
+    """The distinct features (placement, target, point) of observations, sorted; and that of each observation (n,)."""
 
     placement: IntArray
     target: IntArray
@@ -78,10 +66,7 @@ def find_features(observations: Observations) -> Features:
 
 
 def seen_matrix(features: Features, observations: Observations, keep: BoolArray) -> BoolArray:
-    """Which camera sees which feature, (cameras, features).
-
-    `keep`: which observations count, (n,).
-    """
+    """Which camera sees which feature, (cameras, features), by the observations (n,) that count."""
     seen = np.zeros((len(observations.cameras), len(features)), dtype=bool)
     seen[observations.camera[keep], features.of_observation[keep]] = True
     return seen

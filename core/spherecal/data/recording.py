@@ -40,10 +40,7 @@ class Recording:
 
 
 def calibration_observations(session: Session) -> Observations:
-    """What a calibration may use: the placements, and the marks of the bar that gives the scale.
-
-    Check bars never enter.
-    """
+    """What a calibration may use: placements, and the marks of the bar that gives the scale; never check bars."""
     o = session.observations
     assert o is not None
     take = o.placement < len(session.placements)

@@ -136,17 +136,9 @@ class RigCamera(ReadOnly):
         if given.ndim in (2, 3) and given.shape[:2] == self.image_size[::-1]:
             return opencv.undistort_image(given, self.intrinsics, matrix, self.field)
         if given.ndim < 1 or given.shape[-1] != 2:
-            raise InputError(
-                Phrase(
-                    "error-undistort",
-                    {
-                        "shape": str(given.shape),
-                        "camera": self.id,
-                        "height": self.image_size[1],
-                        "width": self.image_size[0],
-                    },
-                )
-            )
+            (width, height), shape = self.image_size, str(given.shape)
+            values = {"shape": shape, "camera": self.id, "height": height, "width": width}
+            raise InputError(Phrase("error-undistort", values))
         uv = last_axis(given, 2, "image points")
         flat = uv.reshape(-1, 2)
         with np.errstate(invalid="ignore"):
@@ -183,10 +175,7 @@ def table_row(camera: RigCamera) -> dict[str, Any]:
 def camera_of_opencv(
     name: str, given: OpenCVCamera, image_size: ImageSize, fisheye: bool | Collection[str], mm: float
 ) -> RigCamera:
-    """A camera that OpenCV calibrated, without residuals and uncertainties.
-
-    `image_size` (width, height) px, one for all or one for each by id.
-    """
+    """A camera that OpenCV calibrated, without residuals and uncertainties; `image_size` (width, height) px."""
     what = Phrase("camera-named", {"camera": name})
     if problem := id_problem(name):
         raise InputError(Phrase("error-camera-id", {"name": repr(name), "problem": problem}))
@@ -235,10 +224,7 @@ def posed(cameras: Sequence[RigCamera]) -> PosedCameras:
 def lens_corrected(
     cameras: Sequence[RigCamera], camera: IntArray, uv: FloatArray, sigma: FloatArray, noise: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Measured pixels (n,2) as the lens models alone predict them, and their sigmas (n,2) with those of the fields.
-
-    `camera`: which of the cameras each is from, (n,); `noise`: what one unit of sigma is in px.
-    """
+    """Pixels (n,2) as the lens models predict them, and sigmas (n,2), in units of `noise` px, with the fields'."""
     if all(one.field is None for one in cameras):
         return uv, sigma
     uv, sigma = uv.copy(), np.array(np.broadcast_to(sigma, uv.shape))

@@ -17,10 +17,7 @@ _EDGES = (0, 1, 2, 0, 3, 4, 0, 2, 3, 4, 1)  # one line through centre (0) and co
 
 
 def plot_cameras(cameras: Sequence[RigCamera], reference: str | None, ax: Any = None) -> "Axes3D":
-    """The cameras as frusta with their ids, in mm in the world, equal scales; the axes.
-
-    `reference` None for none; `ax` None for a new figure.
-    """
+    """The cameras as frusta with their ids, in mm in the world, equal scales; the axes, new ones where `ax` is None."""
     if not cameras:
         raise InputError(Phrase("error-nothing-to-draw"))
     with needing("matplotlib", "Rig.plot"):

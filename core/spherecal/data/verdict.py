@@ -192,8 +192,7 @@ RULES: dict[str, Rule] = {
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
     "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),
     "ball-size-changed": _care(
-        "scale",
-        "Stated: widened by what it did to the cameras. Over 0.1 %: 0.5 mm on 500 mm, and no ball's warmth.",
+        "scale", "Stated: widened by what it did to the cameras. Over 0.1 %: 0.5 mm on 500 mm, and no ball's warmth."
     ),
     "stickers-change": _care(
         "scale",
@@ -202,8 +201,7 @@ RULES: dict[str, Rule] = {
     ),
     "print-stretched": _care("scale", "Stated, as ball-diameter. Printers differ by up to 0.3 % between directions."),
     "parts-disagree": Rule(
-        "information",
-        "Stated: widened by as much as leaving out single parts changes more than noise would.",
+        "information", "Stated: widened by as much as leaving out single parts changes more than noise would."
     ),
     "ball-profile-refused": Rule("information", "Calibrated without the profile."),
     "not-on-board": Rule("information", "Left out."),
@@ -238,10 +236,7 @@ def is_valid(findings: Sequence[Finding]) -> bool:
 def affected(
     findings: Sequence[Finding], cameras: Sequence[str], region: Affected | None = None
 ) -> tuple[Affected, ...]:
-    """What care concerns: some of the rig's cameras, the scale, the weak part of the volume.
-
-    A finding that names none of them concerns all cameras.
-    """
+    """What care concerns: cameras (all where a finding names none), the scale, the weak part of the volume."""
     names: set[str] = set()
     scale = volume = False
     for finding in findings:
@@ -299,12 +294,8 @@ def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Ca
     rig = calibration.rig
     all_of_them = ruled([*findings, *rig.quality.findings])
     more = affected(findings, [camera.id for camera in rig.cameras])
-    quality = replace(
-        rig.quality,
-        findings=all_of_them,
-        valid=rig.quality.valid and is_valid(findings),
-        affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
-    )
+    valid, parts = rig.quality.valid and is_valid(findings), tuple(dict.fromkeys([*rig.quality.affected, *more]))
+    quality = replace(rig.quality, findings=all_of_them, valid=valid, affected=parts)
     return replace(calibration, rig=replace(rig, quality=quality))
 
 

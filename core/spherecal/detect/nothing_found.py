@@ -26,7 +26,10 @@ def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
         if camera.id in placement.images
     ]
     if not len(observations) and shots:
-        return (_nowhere([path for _, _, path in shots], targets),)
+        paths = [path for _, _, path in shots]
+        cause = why_nothing_in(paths, targets)
+        values = {"images": len(paths), "cause": cause.seen, "remedy": cause.remedy}
+        return (Finding("no-targets", "error", values, kind="any" if len(paths) > 1 else "only"),)
     seen = np.zeros((len(session.placements) + len(session.bar_poses), len(session.cameras)), dtype=bool)
     seen[observations.placement, observations.camera] = True
     found = []
@@ -39,12 +42,6 @@ def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
         if paths and not seen[p].any():
             found.append(_somewhere("placement", placement.id, paths, targets))
     return tuple(found)
-
-
-def _nowhere(paths: list[Path], targets: TargetSet) -> Finding:
-    cause = why_nothing_in(paths, targets)
-    values = {"images": len(paths), "cause": cause.seen, "remedy": cause.remedy}
-    return Finding("no-targets", "error", values, kind="any" if len(paths) > 1 else "only")
 
 
 def _somewhere(kind: Literal["camera", "placement"], name: str, paths: list[Path], targets: TargetSet) -> Finding:

@@ -27,10 +27,7 @@ BORDER_PX = 8.0
 
 
 def with_missed_targets(session: Session, first: Calibration, context: Context) -> Session:
-    """The session with the observations of targets found at places that a first calibration predicts.
-
-    A session of markers is returned as it is.
-    """
+    """The session with targets found at places that a first calibration predicts; one of markers as it is."""
     observations, targets = session.observations, session.target_set
     if observations is None or targets is None or targets.dictionary is not None or not first.rig.cameras:
         return session  # markers are found by their outlines, whatever is expected of them
@@ -133,25 +130,11 @@ def _search(job: _Job, table: CodeTable) -> Found:
 
 def _extended(observations: Observations, jobs: list[_Job], found: list[Found]) -> Observations:
     """The observations with those found again behind them."""
-    placement, camera, target, point, uv, sigma = [], [], [], [], [], []
+    names, more = ("placement", "camera", "target", "point", "uv", "sigma"), []
     for job, result in zip(jobs, found, strict=True):
         n, k = np.nonzero(np.isfinite(result.uv[..., 0]))
-        placement.append(np.full(len(n), job.placement))
-        camera.append(np.full(len(n), job.camera))
-        target.append(result.targets[n])
-        point.append(k)
-        uv.append(result.uv[n, k])
-        sigma.append(result.sigma_uv[n, k])
-    if not sum(map(len, target)):
-        return observations
-    o = observations
-    assert o.sigma is not None
-    return replace(
-        o,
-        placement=np.concatenate([o.placement, *placement]),
-        camera=np.concatenate([o.camera, *camera]),
-        target=np.concatenate([o.target, *target]),
-        point=np.concatenate([o.point, *point]),
-        uv=np.concatenate([o.uv, *uv]),
-        sigma=np.concatenate([o.sigma, *sigma]),
-    )
+        if len(n):
+            image = np.full(len(n), job.placement), np.full(len(n), job.camera)
+            more.append((*image, result.targets[n], k, result.uv[n, k], result.sigma_uv[n, k]))
+    columns = zip(names, zip(*more, strict=True), strict=True) if more else ()
+    return replace(observations, **{k: np.concatenate([getattr(observations, k), *own]) for k, own in columns})

@@ -12,10 +12,9 @@ from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS
-from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit
 from spherecal.ball.image_poses import solve_images
-from spherecal.ball.rigid import Alignment, BallNetwork
+from spherecal.ball.rigid import BallNetwork
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.memory import release_freed
@@ -88,11 +87,10 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     Moves and misfits come from score tests (score.py). Where images differ or contradict each other, or the rigid form
     fits too badly, the images' own poses are asked too, and go before these (decision 0009).
     """
-    adjusted, cofactors = e.adjusted, e.solved.cofactors
-    if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
+    probe = e.probe
+    if probe is None:
         return Anomalies()
-    probe = make_score_test(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
-    main = _Probed(probe, e.observations.placement[adjusted.rows])
+    main = _Probed(probe, e.observations.placement[e.adjusted.rows])
     e.context.report(STAGE, 0.1)
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
     tests = prepare(probe, main.placement, e.context)
@@ -141,11 +139,8 @@ def explained_by_moves(
 ) -> DetectedMotions:
     """What moved, if moves alone and no change of the ball's shape explain the misfit; else nothing.
 
-    Free points hide much of a move, which then passes for a change of shape. Halves of a rig that the moved camera
-    alone connects bend: on rig B 16 % of the moves by 0.5 to 50 mm were named wrongly. The images' own poses know of
-    neither (decision 0009).
-
-    `most_variance` None for no limit.
+    Free points hide much of a move, which then passes for a change of shape: on rig B 16 % of the moves by 0.5 to 50 mm
+    were named wrongly. The images' own poses know of neither (decision 0009).
     """
     state = fit.by_features.state
     n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations
@@ -163,17 +158,12 @@ def explained_by_moves(
     suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(fit.placed.sum()))
     once = len({move.camera for move in found.moves}) == len(found.moves)
     single = found.fitted if suffices and once else None
-    group = find_group_motion(images, len(fit.placed), _ball_centre(features, state, alignment), single, context)
+    own = (features.placement == np.bincount(alignment.root).argmax()) & np.isfinite(state.points[:, 0])
+    middle = state.points[own].mean(axis=0) if own.any() else np.zeros(3)  # of the dots, in the ball's frame
+    group = find_group_motion(images, len(fit.placed), middle, single, context)
     if group is None and suffices and not once:
         group = unstable_camera(found)
     return DetectedMotions(group=group) if group is not None else DetectedMotions(found.moves if suffices else ())
-
-
-def _ball_centre(features: Features, state: State, alignment: Alignment) -> FloatArray:
-    """The middle (3,) of the dots in the frame of the ball that `alignment` leads from."""
-    roots = alignment.root
-    own = (features.placement == np.bincount(roots).argmax()) & np.isfinite(state.points[:, 0])
-    return state.points[own].mean(axis=0) if own.any() else np.zeros(3)
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:

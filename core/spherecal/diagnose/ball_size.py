@@ -81,24 +81,17 @@ class _Test:
         return (axes[:, good] * np.sqrt(self.probe.variance / share[good])).T
 
     def beyond_chance(self, growth: float) -> FloatArray | None:
-        """Sizes (t,), reduced by their expectation by chance; None where they may be chance.
-
-        Warmth makes them grow steadily, so that this one direction is tested too.
-        """
+        """Sizes (t,), also tested for steady growth by warmth, less their expectation by chance; None if by chance."""
         times = np.where(self.seen, np.arange(len(self.seen)) - np.flatnonzero(self.seen).mean(), 0.0)[:, None]
-        steady = self._along(times)
+        columns = self.columns @ times
+        g, normal = columns.T @ self.probe.residual, times.T @ self.normal @ times
+        steady = change_of(g, normal, columns.T @ columns, self.probe.variance)
         tried = [(self.change, self.sizes), (steady, times @ steady.value)]
         tried = [(replace(change, statistic=change.statistic / growth**2), sizes) for change, sizes in tried]
         change, sizes = min(tried, key=lambda one: one[0].log10_p)
         if not change.log10_p < np.log10(WIDENED_FOR_NOTHING / len(tried)):
             return None
         return sizes * np.sqrt(1 - change.dof / change.statistic)
-
-    def _along(self, directions: FloatArray) -> Change:
-        """The test of sizes that are sums of directions (t,m)."""
-        columns = self.columns @ directions
-        g, normal = columns.T @ self.probe.residual, directions.T @ self.normal @ directions
-        return change_of(g, normal, columns.T @ columns, self.probe.variance)
 
     @property
     def sizes(self) -> FloatArray:
@@ -114,8 +107,6 @@ def sizes_to_fit(
 
     Rao's score test (decision 0018). Sizes are taken where chance gives such a statistic in less than one of a million,
     and where they explain more than half of what the rigid form does not.
-
-    `placement`: placement of each observation, (n,).
     """
     if not _can_be_tested(adjusted, count):
         return None

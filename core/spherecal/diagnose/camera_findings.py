@@ -1,7 +1,7 @@
 """Findings on single cameras: blurred ones, lenses beyond the model, focal lengths that are not those of the prior."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -62,22 +62,14 @@ def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
         if name in moved:
             continue
         count = int(e.image_counts(e.used)[:, c].sum())
-        values = {
-            "noise_px": noise[c],
-            "times": noise[c] / median,
-            "others_px": median,
-            "percent": 100 / np.sqrt(2 * count),
-            "points": count,
-        }
+        values = {"noise_px": noise[c], "times": noise[c] / median, "others_px": median}
+        values |= {"percent": 100 / np.sqrt(2 * count), "points": count}
         found.append(Finding("camera-noisy", "warning", values, (name,), leave_out(f"camera:{name}")))
     return found
 
 
 def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str]) -> list[Finding]:
-    """One finding on all cameras whose residuals have structure over their image, moved ones left out.
-
-    None where the ball's shape explains that better. Another lens model is proposed where it fits better.
-    """
+    """One finding on all cameras, moved ones left out, with structure in residuals that no ball's shape explains."""
     misfits = [m for m in anomalies.misfits if e.camera_ids[m.camera] not in moved]
     if not misfits or anomalies.in_shape:
         return []
@@ -127,17 +119,9 @@ def _unseen(e: Evidence, anomalies: Anomalies) -> Phrase | None:
     return Phrase("lens-hides", {"camera": e.camera_ids[c], "shift_mm": shift[c, 0], "noise_mm": shift[c, 1]})
 
 
-@dataclass(frozen=True)
-class FixedFocal:
-    """Of cameras whose focal length is not estimated: the relative change that would fit and its chi-square (c,)."""
-
-    change: FloatArray
-    statistic: FloatArray
-
-
-def fixed_focal_lengths(e: Evidence) -> FixedFocal:
-    """The tests of all focal lengths that were fixed by the user, one by one; zeros for other cameras."""
-    out = FixedFocal(np.zeros(len(e.placed)), np.zeros(len(e.placed)))
+def fixed_focal_lengths(e: Evidence) -> FloatArray:
+    """Chi-square (c,) of all focal lengths that were fixed by the user, one by one; zeros for other cameras."""
+    out = np.zeros(len(e.placed))
     a, problem = e.adjusted, e.adjusted.problem
     fixed = np.flatnonzero(e.placed & ~problem.free_intrinsics[:, 0])
     probe = e.probe if len(fixed) else None
@@ -149,16 +133,12 @@ def fixed_focal_lengths(e: Evidence) -> FixedFocal:
             continue
         predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
         values = ((predicted - a.state.intrinsics[c, 2:4]) * problem.weight[rows])[:, :, None]
-        found = change_of(*probe.block(rows, values), probe.variance)
-        out.change[c], out.statistic[c] = float(found.value[0]), found.statistic
+        out[c] = change_of(*probe.block(rows, values), probe.variance).statistic
     return out
 
 
 def wrong_focal_lengths(e: Evidence) -> list[Finding]:
-    """Priors that the data contradict: estimated focal lengths off by more than 5 %.
-
-    Cameras without a pose that another focal length, or a mirrored image, would place are among them.
-    """
+    """Priors that estimated focal lengths contradict by more than 5 %, or that leave a camera without a pose."""
     prior = np.array([camera.prior[:2].mean() for camera in e.session.cameras])
     ratio = e.solution.state.intrinsics[:, :2].mean(axis=1) / prior
     free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed

@@ -1,6 +1,5 @@
 """All findings on a solved network beside those of its own adjustment, in one list."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from spherecal.base.memory import release_freed
@@ -17,7 +16,7 @@ from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.flattening import EXPLAINS, flattened_ball
 from spherecal.diagnose.geometry import weak_links, weak_places
-from spherecal.diagnose.image_findings import WrongImage, wrong_images
+from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.rejected_edges import edge_findings
@@ -50,7 +49,8 @@ def diagnose(e: Evidence) -> list[Finding]:
 
 def _faults(e: Evidence) -> list[Finding]:
     wrong = wrong_images(e)
-    if _in_trouble(e, wrong):
+    failed = e.solution.covariance is None or not e.adjusted.minimum.converged or not e.placed.all()
+    if wrong or e.choice.beyond or failed:  # the network may be distorted as a whole: its predictions say little
         swapped = swapped_images(e)
         named = {(image.camera, image.placement) for image in swapped}
         wrong = swapped + [image for image in wrong if (image.camera, image.placement) not in named]
@@ -62,9 +62,9 @@ def _faults(e: Evidence) -> list[Finding]:
     anomalies = find_anomalies(e, bool(wrong))
     release_freed()
     # what looks like a move may be a focal length that is fixed at a wrong value, if that explains more
-    anomalies = replace(anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed.statistic[m.camera]))
+    anomalies = replace(anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed[m.camera]))
     motion = anomalies.group_motion
-    if motion is not None and MOST_OF_IT * motion.statistic <= fixed.statistic.max(initial=0.0):
+    if motion is not None and MOST_OF_IT * motion.statistic <= fixed.max(initial=0.0):
         anomalies = replace(anomalies, group_motion=None, explained=False)
     if anomalies.explained:  # so are images and placements that seem to contradict the rest
         wrong = []
@@ -83,9 +83,3 @@ def _faults(e: Evidence) -> list[Finding]:
     found += scattering_poses(e, anomalies)
     focal = [finding for finding in wrong_focal_lengths(e) if not moved & set(finding.where)]
     return [*found, *focal, *noisy_cameras(e, moved)]
-
-
-def _in_trouble(e: Evidence, wrong: Sequence[WrongImage]) -> bool:
-    """Whether the network may be distorted as a whole, so that its own predictions cannot be trusted."""
-    failed = e.solution.covariance is None or not e.adjusted.minimum.converged or not e.placed.all()
-    return bool(wrong) or e.choice.beyond or failed

@@ -46,8 +46,7 @@ def swapped_images(e: Evidence) -> list[WrongImage]:
         lines = {
             (a, j): f for a in range(n) for j in range(n) if a < j and (f := _elsewhere(matches, a, j, t)) is not None
         }
-        share = [[_share(matches, lines, shown, as_if, t) for as_if in range(n)] for shown in range(n)]
-        table = np.array(share)
+        table = np.array([[_share(matches, lines, shown, as_if, t) for as_if in range(n)] for shown in range(n)])
         suspects = [c for c in range(n) if not table[c, c] >= WRONG]  # or nothing known of it as it is
         for a in suspects:
             for b in suspects:
@@ -76,10 +75,7 @@ def _elsewhere(matches: _Matches, a: int, j: int, t: int) -> FloatArray | None:
 
 
 def _share(matches: _Matches, lines: dict[tuple[int, int], FloatArray], shown: int, as_if: int, t: int) -> float:
-    """The share of an image's points at a placement that lie on their lines, if camera `as_if` had taken it.
-
-    The median over the partners with enough common points, so that one wrong partner does not count; NaN without any.
-    """
+    """The share of an image's points on their lines, if `as_if` had taken it: the median over partners; NaN without."""
     here = matches.seen(shown) & (matches.placement == t)
     shares = []
     for j in range(len(matches.flat)):

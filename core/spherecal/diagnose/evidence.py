@@ -22,10 +22,7 @@ STAGE = "diagnosis"
 
 @dataclass(frozen=True)
 class Evidence:
-    """All data from which the findings are derived; `residual_px` (n,2) and `used` (n,) belong to the observations.
-
-    `context`: a fault may take further adjustments to explain, seconds that are shown and can be cancelled.
-    """
+    """All data from which the findings are derived; `residual_px` (n,2) and `used` (n,) belong to the observations."""
 
     session: Session
     observations: Observations

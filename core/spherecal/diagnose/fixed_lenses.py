@@ -64,16 +64,12 @@ def contradicted_lenses(e: Evidence, moved: Collection[str]) -> list[Finding]:
     ]
     if len(fixed) > 1 and len(found) < len(fixed):
         rows = np.concatenate(list(blocks.values()))
-        common = np.concatenate([_focal(e, values[c], c) for c in fixed])
+        focal = e.adjusted.state.intrinsics[:, :2, None]  # derivatives by one factor of all focal lengths
+        common = np.concatenate([values[c][:, :, :2] @ focal[c] for c in fixed])
         usual = float(np.median(list(structure.values())))
         all_of_them = _tested(e, probe, tuple(fixed), rows, common, usual, level)
         found = found if all_of_them is None else [*found, all_of_them]
     return [_finding(e, one) for one in found]
-
-
-def _focal(e: Evidence, values: FloatArray, c: int) -> FloatArray:
-    """Derivatives (k,2,1) by a factor of the focal length, from those by a camera's intrinsics (k,2,9)."""
-    return values[:, :, :2] @ e.adjusted.state.intrinsics[c, :2, None]
 
 
 def _structure(e: Evidence, probe: ScoreTest, rows: IntArray, values: FloatArray) -> float:
@@ -100,8 +96,9 @@ def _tested(
     if change.statistic <= limit:
         return None
     step = np.zeros((len(e.placed), POSE + len(_BROWN)))
+    intrinsics, is_factor = e.adjusted.state.intrinsics, len(change.value) == 1
     for c in cameras:
-        own = e.adjusted.state.intrinsics[c, :2] * change.value[0] if len(change.value) == 1 else change.value
+        own = intrinsics[c, :2] * change.value[0] if is_factor else change.value
         step[c, POSE : POSE + len(own)] = own
     width = probe.linear.width
     force = probe.forces(rows, values.reshape(-1, values.shape[2]) @ change.value[:, None])[0][0]
@@ -110,14 +107,9 @@ def _tested(
     at = np.searchsorted(_BROWN, probe.problem.intrinsic_columns)
     known = np.isin(probe.problem.intrinsic_columns, _BROWN)
     step[:, POSE + at[known]] += followed[:, POSE:][:, known]
-    focal = (
-        change.value[0]
-        if len(change.value) == 1
-        else step[cameras[0], POSE] / e.adjusted.state.intrinsics[cameras[0], 0]
-    )
-    return _Contradiction(
-        tuple(e.camera_ids[c] for c in cameras), change, limit, *_effect(e, probe, step), float(focal)
-    )
+    focal = change.value[0] if is_factor else step[cameras[0], POSE] / intrinsics[cameras[0], 0]
+    ids = tuple(e.camera_ids[c] for c in cameras)
+    return _Contradiction(ids, change, limit, *_effect(e, probe, step), float(focal))
 
 
 def _effect(e: Evidence, probe: ScoreTest, step: FloatArray) -> tuple[float, float]:

@@ -4,12 +4,12 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
 from spherecal.geometry.camera import project
-from spherecal.initialise.view_graph import MIN_COMMON
+from spherecal.initialise.view_graph import MIN_COMMON, common_counts
 
 # Of the image, by the middle of the ball from placement to placement, in the median camera: spread placements go over
 # half of it and more. Clustered ones (0.15 on rig A) make lengths twice, stacked ones three times as uncertain.
@@ -32,9 +32,11 @@ def weak_places(e: Evidence) -> list[Finding]:
     if not spread or np.median(spread) >= CLUSTERED:
         return []
     values = {"percent": 100 * np.median(spread)}
-    if _stacked(places, e.solution.state.rotation[e.placed, 2]):
-        return [Finding("placements-stacked", "warning", values)]
-    return [Finding("placements-clustered", "warning", values)]
+    _, size, axes = np.linalg.svd(places - places.mean(axis=0), full_matrices=False)
+    sight = e.solution.state.rotation[e.placed, 2].mean(axis=0)
+    length = float(np.linalg.norm(sight))
+    stacked = length > 0.5 and size[0] > STACKED * size[1] and abs(axes[0] @ sight) > ALONG_SIGHT * length
+    return [Finding("placements-stacked" if stacked else "placements-clustered", "warning", values)]
 
 
 def _spread_in(e: Evidence, camera: int, places: FloatArray) -> float:
@@ -49,20 +51,15 @@ def _spread_in(e: Evidence, camera: int, places: FloatArray) -> float:
     return float(extent.max())
 
 
-def _stacked(places: FloatArray, sights: FloatArray) -> bool:
-    """Whether places (t,3) lie along the mean of lines of sight (c,3); not where cameras look from all sides."""
-    _, size, axes = np.linalg.svd(places - places.mean(axis=0), full_matrices=False)
-    sight = sights.mean(axis=0)
-    length = float(np.linalg.norm(sight))
-    return bool(length > 0.5 and size[0] > STACKED * size[1] and abs(axes[0] @ sight) > ALONG_SIGHT * length)
-
-
 def weak_links(e: Evidence) -> list[Finding]:
     """The finding where only one camera or one pair of cameras connects two parts of the rig."""
     cameras = np.flatnonzero(e.placed)
     if len(cameras) < 4:
         return []
-    common = _common(e)[np.ix_(cameras, cameras)]
+    network = e.solved.network  # of the rigid form: common dots of the ball count
+    seen = np.zeros((len(e.camera_ids), network.n_features), dtype=bool)
+    seen[network.camera[e.used], network.feature[e.used]] = True
+    common = common_counts(seen)[np.ix_(cameras, cameras)]
     edge = common >= MIN_COMMON
     np.fill_diagonal(edge, False)
     if _parts(edge) != 1:
@@ -89,14 +86,6 @@ def weak_links(e: Evidence) -> list[Finding]:
 def _thread(through: Phrase, part: list[str], where: tuple[str, ...]) -> Finding:
     values = {"part": part, "through": through, "least": MIN_COMMON}
     return Finding("linked-by-a-thread", "warning", values, where)
-
-
-def _common(e: Evidence) -> IntArray:
-    """How many used points each pair of cameras has in common (c,c); in the rigid form dots of the ball count."""
-    network = e.solved.network
-    seen = np.zeros((len(e.camera_ids), network.n_features), dtype=np.float32)
-    seen[network.camera[e.used], network.feature[e.used]] = 1.0
-    return np.rint(seen @ seen.T).astype(np.int64)
 
 
 def _parts(edge: BoolArray) -> int:

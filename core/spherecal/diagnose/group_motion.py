@@ -58,10 +58,7 @@ class GroupMotion:
 
 @dataclass(frozen=True)
 class _Hypothesis:
-    """A group of cameras (c,) and the motions that it sees; each motion applies to a set of placements.
-
-    Without a group (kind `placement`) each image at the one placement has a pose of its own.
-    """
+    """Cameras (c,) and motions that they see, each at some placements; without: an image of one has its own pose."""
 
     kind: Kind
     motions: PlacementSets
@@ -72,6 +69,8 @@ class _Hypothesis:
 class _Tried:
     hypothesis: _Hypothesis
     fitted: Fitted
+    statistic: float
+    dof: int
 
 
 def find_group_motion(
@@ -81,8 +80,6 @@ def find_group_motion(
 
     Schwarz's criterion compares them. The motion counts where it leaves at most 3 times noise and explains 70 % of what
     noise does not (decision 0009).
-
-    `ball_centre`: middle of the ball in its own frame, (3,) in network units; `single` None where there are none.
     """
     still = fit_layout(images, PoseComposition.of(images, n_cameras))
     if still is None or still.layout.freedom <= 0 or len(np.unique(images.camera)) < 3:
@@ -96,31 +93,22 @@ def find_group_motion(
     least = min(_criterion(images, one, None, noise) for one in (still, single) if one is not None)
     if score[best] >= least or not _is_significant(images, tried[best], still, noise):
         return None
-    found = _described(images, n_cameras, tried[best], still, ball_centre)
+    found = _described(images, n_cameras, tried[best], ball_centre)
     kind = tried[best].hypothesis.kind
     ambiguous = any(s < score[best] + TIE and one.hypothesis.kind != kind for s, one in zip(score, tried, strict=True))
     return replace(found, ambiguous=ambiguous) if found.image_change_px >= LEAST_CHANGE_PX else None
 
 
 def unstable_camera(found: Explained) -> GroupMotion:
-    """The camera with the most moves, as a motion between exposures: loose, or exposed while the ball still moves.
-
-    None of its poses is then to be relied on, however well a pose for each image fits.
-    """
+    """The camera with the most moves, as a motion between exposures: none of its poses is to be relied on."""
     count = Counter(move.camera for move in found.moves)
     camera = max(count, key=lambda c: (count[c], -c))
     own = [move for move in found.moves if move.camera == camera]
-    return GroupMotion(
-        "ball",
-        (camera,),
-        tuple(sorted({t for move in own for t in move.placements})),
-        sum(move.statistic for move in own),
-        sum(move.dof for move in own),
-        found.variance_factor,
-        float(np.sqrt(np.mean([move.image_change_px**2 for move in own]))),
-        max(float(np.linalg.norm(move.step[3:])) for move in own),
-        max(float(np.linalg.norm(move.step[:3])) for move in own),
-    )
+    times = tuple(sorted({t for move in own for t in move.placements}))
+    sure = sum(move.statistic for move in own), sum(move.dof for move in own), found.variance_factor
+    change_px = float(np.sqrt(np.mean([move.image_change_px**2 for move in own])))
+    shift, turn = (max(float(np.linalg.norm(move.step[part])) for move in own) for part in (slice(3, 6), slice(3)))
+    return GroupMotion("ball", (camera,), times, *sure, change_px, shift, turn)
 
 
 # --- hypotheses and their fits ---------------------------------------------------------------------------------------
@@ -137,7 +125,9 @@ def _fit_all(images: ImagePoses, n_cameras: int, still: Fitted, context: Context
             hypothesis = _Hypothesis(kind, motions, group)
             fitted = fit_layout(images, _layout(images, n_cameras, hypothesis))
             if fitted is not None:
-                tried.append(_Tried(hypothesis, fitted))
+                statistic = (still.cost - fitted.cost) / images.variance
+                dof = POSE * (fitted.layout.unknowns - still.layout.unknowns)
+                tried.append(_Tried(hypothesis, fitted, statistic, dof))
     return tried
 
 
@@ -174,10 +164,7 @@ def _layout(images: ImagePoses, n_cameras: int, hypothesis: _Hypothesis) -> Pose
 
 
 def _criterion(images: ImagePoses, fitted: Fitted, group: BoolArray | None, noise: float) -> float:
-    """Schwarz's criterion of a hypothesis, smaller is better, with the choice of a group (c,) as unknowns too.
-
-    `noise`: the variance factor of the best hypothesis.
-    """
+    """Schwarz's criterion with the choice of a group (c,), smaller is better; `noise`: the best's variance factor."""
     choice = 0.0
     if group is not None:
         n, k = len(group), int(group.sum())
@@ -188,33 +175,18 @@ def _criterion(images: ImagePoses, fitted: Fitted, group: BoolArray | None, nois
 
 def _is_significant(images: ImagePoses, best: _Tried, still: Fitted, noise: float) -> bool:
     """Whether a hypothesis explains nearly all of the misfit beyond noise, and more than chance does."""
-    statistic = _statistic(images, best, still)
     excess = still.cost / images.variance - still.layout.freedom
-    return (
-        variance_factor(images, best.fitted) <= EXPLAINED
-        and statistic >= LEAST_SHARE * excess
-        and statistic > raised(_limit(images, best.hypothesis, _dof(best, still)), noise)
-    )
-
-
-def _statistic(images: ImagePoses, tried: _Tried, still: Fitted) -> float:
-    return (still.cost - tried.fitted.cost) / images.variance
-
-
-def _dof(tried: _Tried, still: Fitted) -> int:
-    return POSE * (tried.fitted.layout.unknowns - still.layout.unknowns)
-
-
-def _limit(images: ImagePoses, hypothesis: _Hypothesis, dof: int) -> float:
-    """The limit of the statistic by chance: that of a single move for every motion, and the choice of a group."""
-    n = 0 if hypothesis.group is None else len(hypothesis.group)
-    return move_limit(len(images.camera)) * max(dof // POSE, 1) + 2 * n * np.log(2)
+    # by chance: that of a single move for every motion, and the choice of a group
+    n = 0 if best.hypothesis.group is None else len(best.hypothesis.group)
+    limit = move_limit(len(images.camera)) * max(best.dof // POSE, 1) + 2 * n * np.log(2)
+    explains = variance_factor(images, best.fitted) <= EXPLAINED and best.statistic >= LEAST_SHARE * excess
+    return bool(explains and best.statistic > raised(limit, noise))
 
 
 # --- the result ------------------------------------------------------------------------------------------------------
 
 
-def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, ball_centre: FloatArray) -> GroupMotion:
+def _described(images: ImagePoses, n_cameras: int, best: _Tried, ball_centre: FloatArray) -> GroupMotion:
     hypothesis, fitted = best.hypothesis, best.fitted
     times = tuple(sorted(t for placements in hypothesis.motions for t in placements))
     if hypothesis.kind == "ball" and len(hypothesis.motions) > 1:  # the first is only where they are counted from
@@ -225,17 +197,10 @@ def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, 
         else _moved_together(hypothesis, fitted, ball_centre)
     )
     group = () if hypothesis.group is None else tuple(int(c) for c in np.flatnonzero(hypothesis.group))
-    return GroupMotion(
-        hypothesis.kind,
-        group,
-        times,
-        _statistic(images, best, still),
-        _dof(best, still),
-        variance_factor(images, fitted),
-        images.change_px(rows, steps),
-        translation,
-        float(np.linalg.norm(steps[:, :3], axis=1).max(initial=0.0)),
-    )
+    factor, change_px = variance_factor(images, fitted), images.change_px(rows, steps)
+    turn = float(np.linalg.norm(steps[:, :3], axis=1).max(initial=0.0))
+    sure = best.statistic, best.dof, factor
+    return GroupMotion(hypothesis.kind, group, times, *sure, change_px, translation, turn)
 
 
 def _moved_together(

@@ -83,10 +83,7 @@ def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:
 
 
 def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
-    """The images tested again where most images of a camera show a pose other than its own.
-
-    With two cameras' images exchanged one of them may have been given the pose of the other.
-    """
+    """The images tested again where most of a camera's show another pose: exchanged, it got the other's pose."""
     state, good = e.solution.state, e.image_counts(e.used) >= LEAST_POINTS
     poses = {int(c): (state.rotation[c], state.translation[c]) for c in np.flatnonzero(e.placed)}
     turned: dict[int, list[WrongImage]] = {}

@@ -70,14 +70,22 @@ def influence(e: Evidence) -> Influence | None:
     probe = e.probe
     if probe is None or probe.shift is None:
         return None
-    image, groupings = _groupings(e, probe)
-    functions = length_functions(e, probe.problem.intrinsic_columns)[0], _poses(e, probe)
+    # the image of each row (n,), and for all images (i,) their placement, their camera and themselves
+    both = np.stack([e.observations.placement[e.adjusted.rows], probe.problem.camera], axis=1)
+    pairs, image = np.unique(both, axis=0, return_inverse=True)
+    by_placement, by_camera = (np.unique(column, return_inverse=True)[1].reshape(-1) for column in pairs.T)
+    groupings = by_placement, by_camera, np.arange(len(pairs))
+    # poses of the placed cameras, of boards their intrinsics too, as functions (m, c*w) of all parameters
+    width = probe.linear.width
+    own = (width * np.flatnonzero(e.placed)[:, None] + np.arange(width if e.of_frames else POSE)).ravel()
+    functions = length_functions(e, probe.problem.intrinsic_columns)[0], np.eye(len(e.placed) * width)[own]
     covariance = probe.variance * cofactors.all_cameras()
     variances = [np.einsum("mi,mi->m", f @ covariance, f) for f in functions]
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(probe.variance), (len(probe.residual), DRAWS))
     residuals = np.column_stack([probe.residual, probe.past_unknowns(noise)])
     by_scores = cofactors.by_scores(np.concatenate(functions))
-    changes = np.stack(list(_changes(probe, by_scores, image, residuals)), axis=1)  # (1 + draws, images, functions)
+    by_image = _changes(probe, by_scores, image.reshape(-1), residuals)
+    changes = np.stack(list(by_image), axis=1)  # (1 + draws, images, functions)
     growth, beyond = [1.0, 1.0], BEYOND_OF_FRAMES if e.of_frames else BEYOND
     for group in groupings:
         count = int(group.max()) + 1
@@ -88,27 +96,16 @@ def influence(e: Evidence) -> Influence | None:
         together = changes if alone else (group == np.arange(count)[:, None]).astype(float) @ changes
         together = together - together.mean(axis=1, keepdims=True)
         parts = np.split(together, [len(functions[0])], axis=2)
-        for k, (own, variance) in enumerate(zip(parts, variances, strict=True)):
-            growth[k] = max(growth[k], _growth(_squares(own, variance), beyond))
+        for k, (part, variance) in enumerate(zip(parts, variances, strict=True)):
+            growth[k] = max(growth[k], _growth(_squares(part, variance), beyond))
     lengths, poses = growth
     # all poses are off together by what turns the points' frame, and a mean over them hides it: lengths grew 2.13
     # times, poses by nothing, and two cameras of 16 were 3.1 and 4.6 times their U off
     return Influence(lengths, max(lengths, IN_COMMON * poses if poses > LEAST_TIMES else poses))
 
 
-def _groupings(e: Evidence, probe: ScoreTest) -> tuple[IntArray, tuple[IntArray, IntArray, IntArray]]:
-    """The image of each row (n,), and for all images (i,) their placement, their camera and themselves."""
-    placement = e.observations.placement[e.adjusted.rows]
-    pairs, image = np.unique(np.stack([placement, probe.problem.camera], axis=1), axis=0, return_inverse=True)
-    by_placement, by_camera = (np.unique(column, return_inverse=True)[1].reshape(-1) for column in pairs.T)
-    return image.reshape(-1), (by_placement, by_camera, np.arange(len(pairs)))
-
-
 def length_functions(e: Evidence, columns: IntArray) -> tuple[FloatArray, float]:
-    """Derivatives (m, c*w) of lengths in the volume by all cameras' poses and intrinsics, and these lengths' size.
-
-    In network units. `columns`: the intrinsics, (k,); w is 6 + k.
-    """
+    """Derivatives (m, c*w) of lengths in the volume by poses and intrinsics (k,), w = 6 + k; these lengths' size."""
     state, placed, width = e.adjusted.state, np.flatnonzero(e.placed), POSE + len(columns)
     size = np.array([e.session.cameras[c].image_size for c in placed], dtype=float)
     cameras = Cameras(
@@ -123,13 +120,6 @@ def length_functions(e: Evidence, columns: IntArray) -> tuple[FloatArray, float]
     gradient = np.zeros((len(of_placed), len(e.placed), width))
     gradient[:, placed] = of_placed.reshape(len(of_placed), len(placed), width)
     return gradient.reshape(len(of_placed), len(e.placed) * width), length
-
-
-def _poses(e: Evidence, probe: ScoreTest) -> FloatArray:
-    """The poses of the placed cameras, of boards their intrinsics too, as functions (m, c*w) of all parameters."""
-    width = probe.linear.width
-    own = (width * np.flatnonzero(e.placed)[:, None] + np.arange(width if e.of_frames else POSE)).ravel()
-    return np.eye(len(e.placed) * width)[own]
 
 
 def _changes(

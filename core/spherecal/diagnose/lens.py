@@ -31,10 +31,7 @@ class Misfit:
 
 
 def field_values(probe: ScoreTest, rows: IntArray, size: FloatArray) -> FloatArray:
-    """Derivatives (k,2,2*TERMS) of some rows, all of one camera, by its fields: Legendre polynomials over the image.
-
-    `rows`: the rows, (k,) indices; `size`: width and height of the camera's image, (2,) px.
-    """
+    """Derivatives (k,2,2*TERMS) of one camera's rows (k,) by its fields: Legendre polynomials over its image (2,)."""
     at = (2 * probe.problem.uv[rows] + 1) / size - 1
     powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
     terms = legvander2d(at[:, 0], at[:, 1], [DEGREE, DEGREE])[:, powers <= DEGREE]
@@ -52,13 +49,7 @@ def misfits(
     moved: dict[int, FloatArray],
     context: Context | None = None,
 ) -> list[Misfit]:
-    """Cameras whose residuals have structure over their image.
-
-    Rao's score test of smooth fields (score.py), at a false alarm in 2 of 1000 faultless rigs.
-
-    `sizes`: width and height of the cameras' images, (c,2) px; `noise_px`: noise of one coordinate in each camera, (c,)
-    px; `moved` (k,2,m); `context` None where that is not needed.
-    """
+    """Cameras whose residuals have structure over images (c,2) px: Rao's test of smooth fields beside known moves."""
     problem = probe.problem
     tested = np.flatnonzero(np.bincount(problem.camera, minlength=problem.n_cameras) >= LEAST_POINTS)
     found = []

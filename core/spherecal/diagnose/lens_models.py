@@ -121,7 +121,9 @@ def try_lenses(fit: BallFit, context: Context) -> list[LensTrial]:
     solution, with its observations and weights.
     """
     network, state = fit.network, fit.adjusted.state
-    groups = _changeable(fit)
+    # groups whose distortion is estimated, none of them with a prior; of placed cameras
+    estimated = network.free[:, 4:].any(axis=1) & fit.placed
+    groups = np.setdiff1d(np.unique(network.group[estimated]), np.unique(network.group[fit.has_prior]))
     members = np.isin(network.group, groups)
     now = {_model_of(network.free[c], state.intrinsics[c]) for c in np.flatnonzero(members)}
     if not now or None in now or not isinstance(network.ball, Free | Rigid) or not fit.adjusted.redundancy > 0:
@@ -150,33 +152,15 @@ def _trial(fit: BallFit, network: Network, start: State, model: LensModel | None
     more = problem.layout.size - adjusted.problem.layout.size
     if not 0 < after < np.inf or adjusted.redundancy <= more:
         return None
-    return LensTrial(
-        model,
-        _rms(fit.network, adjusted.state, adjusted.used),
-        _rms(network, found.state, adjusted.used),
-        float(after / (adjusted.redundancy - more) / adjusted.variance),
-        float(rows * np.log(before / after) - more * np.log(rows)),
-    )
-
-
-def _changeable(fit: BallFit) -> IntArray:
-    """Intrinsics groups whose distortion is estimated, none of them with a prior; of placed cameras."""
-    network = fit.network
-    estimated = network.free[:, 4:].any(axis=1) & fit.placed
-    has_prior = np.unique(network.group[fit.has_prior])
-    return np.setdiff1d(np.unique(network.group[estimated]), has_prior)
+    rms = _rms(fit.network, adjusted.state, adjusted.used), _rms(network, found.state, adjusted.used)
+    ratio = float(after / (adjusted.redundancy - more) / adjusted.variance)
+    return LensTrial(model, *rms, ratio, float(rows * np.log(before / after) - more * np.log(rows)))
 
 
 def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:
     """The model by which a lens was estimated; None for other choices of parameters (the paper's)."""
-    return next(
-        (
-            model
-            for model in LENS_MODELS
-            if (free == estimated_mask(model)).all() and (model == "fisheye") == bool(is_fisheye(intrinsics))
-        ),
-        None,
-    )
+    wide = bool(is_fisheye(intrinsics))
+    return next((m for m in LENS_MODELS if (free == estimated_mask(m)).all() and (m == "fisheye") == wide), None)
 
 
 def _start(fit: BallFit, groups: IntArray, model: LensModel) -> State | None:

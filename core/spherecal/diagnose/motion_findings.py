@@ -32,8 +32,9 @@ def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImag
     found = [fit for c in sorted(contradicting | far) if (fit := resect_two_poses(e, c)) is not None]
     reported = {fit.camera for fit in found} | mixed_up
     seen_elsewhere = [] if mixed_up else [i for i in wrong if i.kind == "moved" and i.camera not in reported]
-    left_out = [_left_out(e, own, anomalies.moves) for own in _by_camera(seen_elsewhere)]
-    reported |= {image.camera for image in seen_elsewhere}
+    cameras = {image.camera for image in seen_elsewhere}
+    left_out = [_left_out(e, [i for i in seen_elsewhere if i.camera == c], anomalies.moves) for c in sorted(cameras)]
+    reported |= cameras
     rest = [_moved(e, move) for move in anomalies.moves if move.camera not in reported]
     return [*(_from_two_poses(e, fit) for fit in found), *left_out, *rest]
 
@@ -43,21 +44,15 @@ def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
     at = tuple(e.observations.placements[t] for t in found.placements)
     if len(found.cameras) == 1 and abs(found.rotation_rad - np.pi) < HALF_TURN_RAD:
         return _half_turned(e, found.cameras[0])
-    size = _degrees(e, found.translation * e.solution.factor, found.rotation_rad)
+    turned = np.rad2deg(found.rotation_rad)
+    size = Phrase("move-degrees", {"shift": _shift(e, found.translation * e.solution.factor), "degrees": turned})
     sure = Phrase(
         "shows-group",
-        {
-            "px": found.image_change_px,
-            "chi_square": found.statistic,
-            "dof": found.dof,
-            "noise": found.variance_factor,
-        },
+        {"px": found.image_change_px, "chi_square": found.statistic, "dof": found.dof, "noise": found.variance_factor},
     )
     if found.kind == "placement":
-        values = {"size": size, "evidence": sure}
-        return Finding(
-            "placements-contradict", "warning", values, at[:1], leave_out(f"placement:{at[0]}"), "another-rig"
-        )
+        values, repairs = {"size": size, "evidence": sure}, leave_out(f"placement:{at[0]}")
+        return Finding("placements-contradict", "warning", values, at[:1], repairs, "another-rig")
     if len(found.cameras) == 1 and (found.kind == "cameras" or len(at) == 1):
         return _finding(e, found.cameras[0], set(found.placements), size, sure)
     names = tuple(e.camera_ids[c] for c in found.cameras)
@@ -82,10 +77,6 @@ def _ball_moved(names: tuple[str, ...], at: tuple[str, ...], size: Phrase, sure:
     other = Phrase("or-the-cameras", {"cameras": names}) if ambiguous else None
     values = {"cameras": names, "places": at, "size": size, "evidence": sure, "instead": other}
     return Finding("ball-moved", "warning", values, (*names, *at))
-
-
-def _by_camera(images: Sequence[WrongImage]) -> list[list[WrongImage]]:
-    return [[i for i in images if i.camera == c] for c in sorted({i.camera for i in images})]
 
 
 def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> Finding:
@@ -120,12 +111,7 @@ def _moved(e: Evidence, move: Move) -> Finding:
         size = Phrase("move-microradians", {"shift": _shift(e, translation), "microradians": 1e6 * rotation})
     sure = Phrase(
         "shows-move",
-        {
-            "px": move.image_change_px,
-            "chi_square": move.statistic,
-            "dof": move.dof,
-            "limit": LEAST_STATISTIC,
-        },
+        {"px": move.image_change_px, "chi_square": move.statistic, "dof": move.dof, "limit": LEAST_STATISTIC},
     )
     return _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
 
@@ -147,10 +133,6 @@ def _size(e: Evidence, camera: int, translation: float, rotation_rad: float) -> 
     return Phrase(key, {"shift": _shift(e, translation), "degrees": np.rad2deg(rotation_rad)})
 
 
-def _degrees(e: Evidence, translation: float, rotation_rad: float) -> Phrase:
-    return Phrase("move-degrees", {"shift": _shift(e, translation), "degrees": np.rad2deg(rotation_rad)})
-
-
 def _shift(e: Evidence, translation: float) -> Phrase:
     return Phrase("shift-mm" if e.solution.scale.source != "none" else "shift-no-scale", {"shift": translation})
 
@@ -158,10 +140,7 @@ def _shift(e: Evidence, translation: float) -> Phrase:
 def _finding(
     e: Evidence, camera: int, placements: set[int], size: Phrase, sure: Phrase, rivals: Sequence[int] = ()
 ) -> Finding:
-    """The finding on a camera that moved: with the placement from which on it has its second pose, if there is one.
-
-    `rivals`: cameras of which the same may be said.
-    """
+    """The finding on a camera that moved, from which placement on if there is one; `rivals`: others that may have."""
     name, names = e.camera_ids[camera], e.observations.placements
     o = e.observations
     seen = np.unique(o.placement[o.camera == camera])
@@ -232,16 +211,9 @@ def _swapped(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
         else:
             values = {"camera": _names(e, share[0])[0], "other": b if share[0].camera == pair[0] else a}
             repairs = leave_out(*("@".join(_names(e, i)) for i in share))
-        found.append(
-            Finding(
-                "cameras-swapped",
-                "error" if not e.placed[list(pair)].all() else "warning",
-                values | counts,
-                (a, b, *names),
-                repairs,
-                "exchanged" if pair in mutual else "shows-other",
-            )
-        )
+        severity = "warning" if e.placed[list(pair)].all() else "error"
+        kind = "exchanged" if pair in mutual else "shows-other"
+        found.append(Finding("cameras-swapped", severity, values | counts, (a, b, *names), repairs, kind))
     return found
 
 
@@ -251,14 +223,7 @@ def _wrong_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]
         camera, placement = _names(e, image)
         assert image.other is not None
         shown = e.observations.placements[image.other]
-        counts = {"out": image.left_out, "points": image.points}
-        found.append(
-            Finding(
-                "wrong-placement",
-                "warning",
-                {"camera": camera, "place": placement, "shown": shown, **counts},
-                (camera, placement, shown),
-                leave_out(f"{camera}@{placement}"),
-            )
-        )
+        values = {"camera": camera, "place": placement, "shown": shown, "out": image.left_out, "points": image.points}
+        where, repairs = (camera, placement, shown), leave_out(f"{camera}@{placement}")
+        found.append(Finding("wrong-placement", "warning", values, where, repairs))
     return found

@@ -1,7 +1,4 @@
-"""Cameras that moved between placements: a second pose for some images of a camera, tested for all of them at once.
-
-Rao's score test (score.py) from the solved network; docs/formulation.md, section The rigid ball.
-"""
+"""Cameras that moved between placements: a second pose for some images, by Rao's score test of all (score.py)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -112,10 +109,7 @@ class MoveTests:
 
 
 def prepare(probe: ScoreTest, placement: IntArray, context: Context | None = None) -> MoveTests | None:
-    """Tests of all images of a network; None where no camera has two images.
-
-    `placement`: placement of each of its rows, (n,); `context` None where that is not needed.
-    """
+    """Tests of all images of a network, by the placements of its rows (n,); None where no camera has two images."""
     problem = probe.problem
     of_row, camera, at, count = _images(problem.camera, placement)
     sets = [s for c in np.unique(camera) for s in alike(np.flatnonzero(camera == c))]
@@ -127,7 +121,8 @@ def prepare(probe: ScoreTest, placement: IntArray, context: Context | None = Non
             context.check()
         own = np.flatnonzero(camera == c)
         rows = np.flatnonzero((problem.camera == c) & (of_row >= 0))
-        blocks[int(c)] = _block(probe, rows, of_row[rows] - own[0], len(own))
+        shape, image = (2 * len(rows), POSE * len(own)), of_row[rows] - own[0]
+        blocks[int(c)] = probe.block(rows, spread(probe.by_pose(rows), POSE * image, shape))
     return MoveTests(of_row, camera, at, count, tuple(sets), blocks, move_limit(len(sets)))
 
 
@@ -140,22 +135,13 @@ def _images(camera: IntArray, placement: IntArray) -> tuple[IntArray, IntArray, 
     return number[image.reshape(-1)], images[enough] // n_placements, images[enough] % n_placements, count[enough]
 
 
-def _block(probe: ScoreTest, rows: IntArray, image: IntArray, count: int) -> Block:
-    """The block of a camera with `count` images, from its rows (k,) and the image of each."""
-    shape = (2 * len(rows), POSE * count)
-    return probe.block(rows, spread(probe.by_pose(rows), POSE * image, shape))
-
-
 def move_limit(tests: int) -> float:
     """The statistic that a move must exceed where so many are tested."""
     return max(LEAST_STATISTIC, float(chdtri(POSE, FALSE_ALARM / tests)))
 
 
 def alike(images: IntArray) -> list[tuple[int, ...]]:
-    """Sets of a camera's images (k,), in order of time, that may have another pose: each alone, all from one on.
-
-    A set and its complement are the same test, since the camera's own pose is estimated.
-    """
+    """Sets of a camera's images (k,) that may have another pose: each alone, all from one on; no complements."""
     if len(images) < 2:
         return []
     alone = [(int(i),) for i in (images if len(images) > 2 else images[1:])]
@@ -210,7 +196,8 @@ def _clearest(
         scatter = inflation((own[0] / shrunk, own[1]), scatters)
         if statistic[i] / shrunk > raised(tests.limit, scatter):
             move = _move(probe, tests, images, float(statistic[i]), int(dof[i]), value[i])
-            return replace(move, rivals=_rivals(tests, statistic, camera)), images
+            near = of_set[statistic > max(statistic) - TIE]  # sets that explain as much as the best one
+            return replace(move, rivals=tuple(sorted({int(c) for c in near} - {camera}))), images
     return None
 
 
@@ -246,12 +233,6 @@ def least_visible(probe: ScoreTest, tests: MoveTests) -> FloatArray:
     return out
 
 
-def _rivals(tests: MoveTests, statistic: FloatArray, camera: int) -> tuple[int, ...]:
-    """Cameras of sets of images that explain as much as the best one, the camera's own."""
-    near = [tests.camera[s[0]] for s, value in zip(tests.sets, statistic, strict=True) if value > max(statistic) - TIE]
-    return tuple(sorted({int(c) for c in near} - {camera}))
-
-
 def _move(
     probe: ScoreTest, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
 ) -> Move:
@@ -263,19 +244,13 @@ def _move(
 
 
 def rows_of(probe: ScoreTest, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
-    """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool.
-
-    `probe`, `placement` (n,).
-    """
+    """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool."""
     rows = np.flatnonzero(probe.problem.camera == move.camera)
     return rows, np.isin(placement[rows], move.placements)
 
 
 def pose_values(probe: ScoreTest, rows: IntArray, moved: BoolArray) -> FloatArray:
-    """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images.
-
-    `rows`, `moved` (k,).
-    """
+    """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images."""
     return probe.by_pose(rows) * moved[:, None, None]
 
 
@@ -284,8 +259,6 @@ def confirmed(probe: ScoreTest, placement: IntArray, moves: list[Move]) -> list[
 
     A move may hardly show there, as when two cameras that alone see their points share it. It is then believed as long
     as no other one is refuted: what looks like one move looks like several.
-
-    `probe`, `placement` (n,).
     """
     tried = [(move, *_seen_there(probe, placement, move)) for move in moves]
     refuted = any(expected >= CONFIRMED and found < CONFIRMED for _, expected, found in tried)

@@ -46,10 +46,10 @@ EXPOSED_S = 2.0
 
 def implausible(session: Session) -> tuple[Finding, ...]:
     """Findings on a session with observations; each image named as wrong has a hint how to leave it out."""
-    repeated = _repeated(session)
+    repeated, scale = _repeated(session), session.scale
     return (
         *_target_distance(session),
-        *_bar_temperatures(session),
+        *([] if scale is None or scale.bar is None else temperature_findings(session.bar_poses, (scale.bar,))),
         *repeated,
         *_one_image_of_two_cameras(session),
         *_same_files(session, repeated),
@@ -60,11 +60,7 @@ def implausible(session: Session) -> tuple[Finding, ...]:
 
 
 def implausible_size(depth_mm: FloatArray, focal_px: FloatArray, centres_mm: FloatArray) -> list[Finding]:
-    """The finding on lengths that are off by a factor of a thousand or so: metres or micrometres for millimetres.
-
-    `depth_mm`, `focal_px`: of what was seen, (n,), and of the cameras that saw it, (n,); `centres_mm`: the cameras'
-    projection centres, (c,3).
-    """
+    """Lengths off by a power of a thousand: depths (n,), focal lengths in px (n,), and the cameras' centres (c,3)."""
     if len(centres_mm) < 2 or not len(depth_mm):
         return []
     pixel = float(np.median(depth_mm / focal_px))
@@ -81,11 +77,8 @@ def _target_distance(session: Session) -> list[Finding]:
     scale, targets = session.scale, session.target_set
     if scale is None or targets is None or scale.distance_mm is None:
         return []
-    pairs = [
-        (x[scale.from_point], x[scale.to_point])
-        for x in targets.layouts.values()
-        if scale.from_point in x and scale.to_point in x
-    ]
+    start, end = scale.from_point, scale.to_point
+    pairs = [(x[start], x[end]) for x in targets.layouts.values() if start in x and end in x]
     if not pairs:
         return []
     printed = [float(np.linalg.norm(np.subtract(a, b))) for a, b in pairs]
@@ -100,12 +93,6 @@ def _target_distance(session: Session) -> list[Finding]:
     return [Finding("target-distance", "error", values)]
 
 
-def _bar_temperatures(session: Session) -> list[Finding]:
-    """Temperatures of the bar that gives the scale which no workshop has."""
-    scale = session.scale
-    return [] if scale is None or scale.bar is None else temperature_findings(session.bar_poses, (scale.bar,))
-
-
 def _sizes(o: Observations) -> IntArray:
     """How many dots each image has, (cameras, placements)."""
     count = np.zeros((len(o.cameras), len(o.placements)), dtype=np.int64)
@@ -114,10 +101,7 @@ def _sizes(o: Observations) -> IntArray:
 
 
 def _coincidences(o: Observations, of: IntArray, among: IntArray, count: int) -> dict[tuple[int, int, int], int]:
-    """How many dots lie at the same place in two images: (of, a, b) -> number, a < b.
-
-    Images `of` one camera (n,) `among` placements (n,), or of one placement among cameras.
-    """
+    """How many dots lie at one place in two images `among` (n,), `of` each one (n,): (of, a, b) -> number, a < b."""
     order = np.lexsort((among, o.uv[:, 0], o.point, o.target, of))
     found: dict[tuple[int, int, int], int] = {}
     for apart in range(1, NEIGHBOURS + 1):
@@ -148,7 +132,9 @@ def _repeated(session: Session) -> list[Finding]:
         both = int(((size[:, s] >= LEAST_COMMON) & (size[:, t] >= LEAST_COMMON)).sum())
         if len(same) >= MOST_CAMERAS * both and both > 1:
             gone.add(t)
-            found.append(_same_placement(session, s, t))
+            a, b = session.placements[s].id, session.placements[t].id
+            values = {"first": a, "second": b, "limit_px": SAME_PX}
+            found.append(Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}")))
         elif 2 * len(same) < both:
             found += [_stale(session, c, s, t) for c in sorted(same)]
     return found
@@ -158,12 +144,6 @@ def _of_ball(session: Session) -> Observations:
     o = session.observations
     assert o is not None
     return o.select(o.placement < len(session.placements))
-
-
-def _same_placement(session: Session, s: int, t: int) -> Finding:
-    a, b = session.placements[s].id, session.placements[t].id
-    values = {"first": a, "second": b, "limit_px": SAME_PX}
-    return Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}"))
 
 
 def _stale(session: Session, camera: int, s: int, t: int) -> Finding:
@@ -280,18 +260,12 @@ def _capture_times(session: Session) -> list[Finding]:
     for before, after in pairwise(order):
         for camera, why in _clocks_apart(before, after):
             late.setdefault((camera, after.id), why)
-    known = {camera.id for camera in session.cameras}
-    return [
-        Finding(
-            "capture-times",
-            "warning",
-            {"camera": camera, "place": placement, "why": why},
-            (camera, placement),
-            leave_out(f"{camera}@{placement}"),
-        )
-        for (camera, placement), why in late.items()
-        if camera in known
-    ]
+    known, found = {camera.id for camera in session.cameras}, []
+    for (camera, place), why in late.items():
+        if camera in known:
+            values, repairs = {"camera": camera, "place": place, "why": why}, leave_out(f"{camera}@{place}")
+            found.append(Finding("capture-times", "warning", values, (camera, place), repairs))
+    return found
 
 
 def _not_with_the_others(one: CapturedSet) -> list[tuple[str, Phrase]]:

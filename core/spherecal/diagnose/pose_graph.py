@@ -47,10 +47,7 @@ Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it was
 
 @dataclass(frozen=True)
 class PoseComposition:
-    """Which poses make up that of each image (m,): its camera's, the ball's, and of a motion in between (-1: none).
-
-    An image shows the ball by camera @ motion @ ball; `cameras`, `balls`, `motions` count the poses of each sort.
-    """
+    """Which poses, counted by sort, make up that of each image (m,): camera @ motion (-1: none) @ ball."""
 
     camera: IntArray
     ball: IntArray
@@ -66,9 +63,8 @@ class PoseComposition:
         for k, (split, placements) in enumerate(splits):
             camera[(images.camera == split) & np.isin(images.placement, placements)] = n_cameras + k
         still = np.full(len(camera), -1)
-        return PoseComposition(
-            camera, images.placement, still, n_cameras + len(splits), int(images.placement.max()) + 1
-        )
+        counts = n_cameras + len(splits), int(images.placement.max()) + 1
+        return PoseComposition(camera, images.placement, still, *counts)
 
     @property
     def unknowns(self) -> int:
@@ -167,10 +163,7 @@ def _one_more(images: ImagePoses, n_cameras: int, tried: list[Split], now: _Step
 
 
 def _sure(images: ImagePoses, step: _Step, limit: float) -> bool:
-    """Whether all moves exceed what differs between the images beside them (`yardstick`).
-
-    Only once all are known: the first of two would have to exceed what the second leaves.
-    """
+    """Whether all moves, each leaving what the others do, exceed what differs between the images beside them."""
     scatters = _scatters(images, step.fitted)
     for move in step.moves:
         others = [one for c, one in scatters.items() if c != move.camera]
@@ -287,10 +280,8 @@ def _start(images: ImagePoses, layout: PoseComposition) -> Poses | None:
     still = layout.motion < 0
     cameras: dict[int, Similarity] = {}
     balls = {int(layout.ball[np.argmax(np.where(still, images.points, 0))]): IDENTITY}
-    own = [
-        Similarity(1.0, rotation, translation)
-        for rotation, translation in zip(images.rotation, images.translation, strict=True)
-    ]
+    poses = zip(images.rotation, images.translation, strict=True)
+    own = [Similarity(1.0, rotation, translation) for rotation, translation in poses]
     at = list(zip(layout.camera.tolist(), layout.ball.tolist(), strict=True))
     for rows in (np.flatnonzero(still), np.arange(len(still))):  # moved images last: they are where they are not
         poses = {at[i]: own[i] for i in rows}
@@ -330,10 +321,7 @@ class _System:
         self.transposed, self._order = self._pattern()
 
     def _pattern(self) -> tuple[Any, IntArray]:
-        """The transposed derivatives, sparse, of which `normal_equations` sets the numbers; and their order.
-
-        They are those by the cameras' poses, by the ball's and by motions, one after the other.
-        """
+        """The transposed derivatives by cameras, ball and motions, sparse, and the order of their numbers."""
         m, place = len(self.camera), np.full(POSE * self.count, -1)
         place[self.columns] = np.arange(len(self.columns))
         every, (of_row, of_column) = POSE * np.arange(m)[:, None], _NOT_ZERO

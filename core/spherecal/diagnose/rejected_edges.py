@@ -18,10 +18,7 @@ MOST_OF_EDGE = 0.8
 
 @dataclass(frozen=True)
 class RejectedEdge:
-    """A camera (index) of which most points beyond a radius from the principal point were left out.
-
-    `points` were left out; `change` (k,) of the intrinsics that are estimated brings the lens towards them.
-    """
+    """A camera whose `points` beyond a radius were left out; `change` (k,) of its intrinsics leads towards them."""
 
     camera: int
     points: int

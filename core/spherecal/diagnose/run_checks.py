@@ -4,8 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from spherecal.adjust.intrinsic_priors import shown_lenses
 from spherecal.adjust.parameter_layout import POSE
@@ -20,7 +18,7 @@ from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import MANY_OUTLIERS, locked, outlier_share, unsound
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_findings
-from spherecal.initialise.view_graph import MIN_COMMON
+from spherecal.initialise.view_graph import MIN_COMMON, groups_of
 
 # Self-calibration below this is what four spread placements give on rigs A and B (420 and 380 ppm) with a margin; one
 # placement gives 7000.
@@ -41,15 +39,12 @@ def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
     settled = evidence.placed | ambiguous | evidence.is_earlier_pose
     found = [
         *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, settled),
-        *_ambiguous_poses(evidence, ambiguous),
-        *_convergence(evidence),
-        *_form(evidence),
+        *_outcome(evidence, ambiguous),
         *_geometry(evidence),
         *unconfirmed_findings(evidence),
         *_held_intrinsics(evidence),
         *_weak_self_calibration(evidence),
-        *_placements(evidence),
-        *_two_view_share(evidence),
+        *_few(evidence),
         *_coverage(evidence),
         *_outliers(evidence),
         *_scale(evidence),
@@ -69,10 +64,7 @@ def _faults(e: Evidence) -> list[Finding]:
 
 
 def unlinked(observations: Observations, counts: IntArray, triples: list, placed: BoolArray) -> list[Finding]:
-    """The finding on cameras that could not be linked to the rest, group by group, with the features that were missing.
-
-    `counts`: common features of each pair of cameras, (c,c); `placed`: cameras that count as linked, (c,).
-    """
+    """The finding on cameras not linked to the rest, group by group, by common features (c,c) and `placed` (c,)."""
     ids = np.array(observations.cameras)
     if placed.all():
         return []
@@ -98,28 +90,19 @@ def _groups(counts: IntArray, triples: list, placed: BoolArray) -> list[IntArray
     linked[np.ix_(placed, placed)] = 1
     linked[np.ix_(placed, ~placed)] = 0
     linked[np.ix_(~placed, placed)] = 0
-    label = connected_components(csr_array(linked), directed=False)[1]
-    groups = [np.flatnonzero(label == value) for value in dict.fromkeys(label)]
-    return sorted(groups, key=lambda group: (-int(placed[group].any()), -len(group), int(group[0])))
+    return groups_of(linked, placed)
 
 
-def _ambiguous_poses(e: Evidence, ambiguous: BoolArray) -> list[Finding]:
-    """The finding on cameras whose points allow two poses."""
+def _outcome(e: Evidence, ambiguous: BoolArray) -> list[Finding]:
+    """Findings on cameras whose points allow two poses, on the minimum, and on the form that was taken."""
     ids = tuple(e.camera_ids[c] for c in np.flatnonzero(ambiguous))
-    return [Finding("pose-ambiguous", "error", where=ids)] if ids else []
-
-
-def _convergence(e: Evidence) -> list[Finding]:
-    if e.adjusted.minimum.converged:
-        return []
-    return [Finding("not-converged", "error", {"steps": e.adjusted.minimum.iterations}, kind="ball")]
-
-
-def _form(e: Evidence) -> list[Finding]:
+    found = [Finding("pose-ambiguous", "error", where=ids)] if ids else []
+    if not e.adjusted.minimum.converged:
+        found.append(Finding("not-converged", "error", {"steps": e.adjusted.minimum.iterations}, kind="ball"))
     choice = e.choice
     changed = choice.form != "rigid" and choice.ratio is not None and not choice.asked
     code = {"free": "form-free", "soft": "form-soft", "rigid": "form-rigid"}[choice.form]
-    return [Finding(code, "warning" if changed else "info", {"reason": choice.reason})]
+    return [*found, Finding(code, "warning" if changed else "info", {"reason": choice.reason})]
 
 
 def _geometry(e: Evidence) -> list[Finding]:
@@ -185,35 +168,34 @@ def _weak_self_calibration(e: Evidence) -> list[Finding]:
         return []
     sd = np.sqrt(e.adjusted.variance * cofactors.cameras[:, POSE, POSE]) / e.solution.state.intrinsics[:, 0]
     free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed & ~e.solved.has_prior
+    return weak_focal_lengths(e.session, free, sd, "ball")
+
+
+def weak_focal_lengths(session: Session, free: BoolArray, sd: FloatArray, kind: str) -> list[Finding]:
+    """The finding on cameras (c,) whose estimated focal lengths have large relative standard deviations (c,)."""
     weak = np.flatnonzero(free & (sd > WEAK_FOCAL_SD))
     if not len(weak):
         return []
     worst = weak[np.argmax(sd[weak])]
-    values = {"limit_ppm": WEAK_FOCAL_SD * 1e6, "worst": e.camera_ids[worst], "worst_ppm": sd[worst] * 1e6}
-    return [Finding("weak-self-calibration", "warning", values, tuple(e.camera_ids[c] for c in weak), kind="ball")]
+    values = {"limit_ppm": WEAK_FOCAL_SD * 1e6, "worst": session.cameras[worst].id, "worst_ppm": sd[worst] * 1e6}
+    return [Finding("weak-self-calibration", "warning", values, tuple(session.cameras[c].id for c in weak), kind=kind)]
 
 
-def _placements(e: Evidence) -> list[Finding]:
+def _few(e: Evidence) -> list[Finding]:
+    """Findings on few placements, and on many points that few cameras see."""
+    found, views = [], e.solved.point_views
     count = len(np.unique(e.features.placement[e.features.placement < len(e.session.placements)]))
-    if count >= FEW_PLACEMENTS:
-        return []
-    known = locked(e) or e.solution.scale.source == "ball"  # the other cameras, or the ball's shape, carry the rest
-    return [Finding("few-placements", "info" if known else "warning", {"placements": count})]
-
-
-def _two_view_share(e: Evidence) -> list[Finding]:
-    views = e.solved.point_views
+    if count < FEW_PLACEMENTS:
+        known = locked(e) or e.solution.scale.source == "ball"  # the other cameras, or the ball's shape, carry the rest
+        found.append(Finding("few-placements", "info" if known else "warning", {"placements": count}))
     share = float((views == 2).sum() / max((views >= 2).sum(), 1))
-    if share <= MANY_TWO_VIEW:
-        return []
-    return [Finding("two-view-points", "warning", {"percent": 100 * share})]
+    if share > MANY_TWO_VIEW:
+        found.append(Finding("two-view-points", "warning", {"percent": 100 * share}))
+    return found
 
 
 def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
-    """Share of a 10 x 10 grid of each camera's image that contains used observations, (c,).
-
-    `observations`, `used`: image points, and which of them count, (n,).
-    """
+    """Share (c,) of a 10 x 10 grid of each camera's image that contains used observations."""
     return _seen_cells(observations, used, session).mean(axis=(1, 2))
 
 
@@ -230,12 +212,18 @@ def _coverage(e: Evidence) -> list[Finding]:
     # cameras that share intrinsics see the lens for each other, as a camera before and after it moved does
     coverage = np.array([seen[group == g].any(axis=0).mean() for g in group])
     coverage[[camera.earlier_pose_of is not None for camera in e.session.cameras]] = 1.0
-    little = np.flatnonzero(e.placed & (coverage < LITTLE_COVERAGE))
+    return little_coverage(e.session, e.placed, coverage, "ball")
+
+
+def little_coverage(session: Session, placed: BoolArray, coverage: FloatArray, kind: str) -> list[Finding]:
+    """The finding on cameras (c,) of whose images used observations cover a small share (c,)."""
+    little = np.flatnonzero(placed & (coverage < LITTLE_COVERAGE))
     if not len(little):
         return []
     worst = little[np.argmin(coverage[little])]
-    values = {"limit_percent": 100 * LITTLE_COVERAGE, "least": e.camera_ids[worst], "percent": 100 * coverage[worst]}
-    return [Finding("little-coverage", "warning", values, tuple(e.camera_ids[c] for c in little), kind="ball")]
+    least, percent = session.cameras[worst].id, 100 * coverage[worst]
+    values = {"limit_percent": 100 * LITTLE_COVERAGE, "least": least, "percent": percent}
+    return [Finding("little-coverage", "warning", values, tuple(session.cameras[c].id for c in little), kind=kind)]
 
 
 def _outliers(e: Evidence) -> list[Finding]:

@@ -136,10 +136,7 @@ class ScoreTest:
         return _of_rows(np.concatenate([linear.by_camera, linear.by_placement], axis=2), columns, shape)
 
     def forces(self, rows: IntArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Scores of residuals: by the columns, the points following, (k,e); by points (k,3p). Needs `shift`.
-
-        `rows`: the rows, (m,) indices; `residuals`: k sets of weighted residuals of these rows, (2m,k).
-        """
+        """Scores of k sets of residuals (2m,k) of rows (m,): by columns (k,e), by points (k,3p). Needs `shift`."""
         assert self.shift is not None
         linear, q = self.linear.at(rows), self.cofactors_of_points.shape[1]
         by_points = self._by_point(linear, rows).T @ residuals
@@ -148,21 +145,14 @@ class ScoreTest:
         return force.T, by_points.T
 
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "ScoreTest":
-        """The network with a change of some rows included in its model.
-
-        `rows`, `values` (k,).
-        """
+        """The network with a change (values) of some rows included in its model."""
         step = np.zeros_like(self.residual)
         step[(2 * rows[:, None] + np.arange(2)).ravel()] = values.reshape(-1, values.shape[2]) @ change.value
         squares, residual = self.squares - change.statistic * self.variance, self.residual + self.past_unknowns(step)
         return replace(self, residual=residual, squares=squares, redundancy=self.redundancy - change.dof)
 
     def block(self, rows: IntArray, values: FloatArray | Sparse) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """g (m,), A (m,m) and own products B'B (m,m) of a change: many columns, few observations.
-
-        `rows`: the rows that the change concerns, (k,) indices; `values`: weighted derivatives B of these rows,
-        (k,2,m), or (2k,m) sparse.
-        """
+        """g (m,), A (m,m), B'B (m,m) of a change with weighted derivatives B of rows (k,): (k,2,m) or sparse (2k,m)."""
         flat = values if sparse.issparse(values) else values.reshape(-1, values.shape[2])
         both = (2 * rows[:, None] + np.arange(2)).ravel()
         own = _full(flat.T @ flat)
@@ -201,10 +191,7 @@ def _fast(matrix: Sparse) -> Sparse | FloatArray:
 
 
 def spread(blocks: FloatArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
-    """A sparse matrix with one block after the other in its rows.
-
-    `blocks`: the blocks, (n,a,b); `column`: column where each begins, (n,).
-    """
+    """A sparse matrix with one block (n,a,b) after the other in its rows, each from a column (n,) on."""
     return _of_rows(blocks, column[:, None] + np.arange(blocks.shape[2]), shape)
 
 
@@ -222,11 +209,7 @@ def _of_rows(blocks: FloatArray, columns: IntArray, shape: tuple[int, int]) -> S
 def conditional(
     g: FloatArray, a: FloatArray, own: FloatArray, given: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """g (r,), A (r,r) and own products (r,r) of the other r columns once the `given` ones are corrected for.
-
-    `g`, `a`, `own`: scores (m,), matrix A (m,m) and own products B'B (m,m) of all columns; `given`: columns that are
-    corrected for, (k,) indices.
-    """
+    """g (r,), A (r,r) and own products (r,r) of the other r columns once the `given` ones are corrected for."""
     rest = np.setdiff1d(np.arange(len(g)), given)
     scale = np.sqrt(np.maximum(own.diagonal(), 1e-300))
     inner = a[np.ix_(given, given)] / scale[given, None] / scale[given]
@@ -236,10 +219,7 @@ def conditional(
 
 
 def change_of(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) -> Change:
-    """The test of one change.
-
-    `g`, `a`, `own`: its score (m,), matrix A (m,m) and own products B'B (m,m).
-    """
+    """The test of one change by its score (m,), matrix A (m,m) and own products B'B (m,m)."""
     statistic, dof, value = changes_of(g[None], a[None], own[None], variance)
     return Change(float(statistic[0]), int(dof[0]), value[0])
 

@@ -34,10 +34,7 @@ VISIBLE_SHARE = 0.5
 
 
 def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
-    """The finding where the rigid form fits clearly worse than free points.
-
-    Where the cameras do not agree that dots moved, the ball is not blamed (decision 0011).
-    """
+    """The finding where the rigid form fits clearly worse than free points, and cameras agree on it (decision 0011)."""
     choice = e.choice
     if choice.ratio is None or choice.limit is None or not np.isfinite(choice.ratio):
         return []
@@ -98,14 +95,9 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
         tried = np.argsort(-_shares(e, everything, free_variance), kind="stable")[:MOST_TRIED]
     left = []
     for t in tried:
-        rows = np.flatnonzero(placement != t)
-        fitted = refine(
-            rigid.network.only(rows),
-            everything.state,
-            everything.used[rows],
-            e.solved.placed,
-            e.context.part_of(STAGE, 0.8),
-        )
+        rows, context = np.flatnonzero(placement != t), e.context.part_of(STAGE, 0.8)
+        own, used = rigid.network.only(rows), everything.used[rows]
+        fitted = refine(own, everything.state, used, e.solved.placed, context)
         left.append(max(fitted.variance / free_variance - 1, 0.0) / (ratio - 1))
     order = np.argsort(left)
     if len(order) < 2 or left[order[0]] > LITTLE_LEFT:

@@ -85,16 +85,9 @@ def _rejected(e: Evidence, blamed: set[str]) -> list[Finding]:
         if name in blamed or (used >= LEAST_USED and not len(images)) or total < LEAST_POINTS:
             continue
         places = [e.observations.placements[t] for t in images]
-        found.append(
-            Finding(
-                "images-rejected",
-                "warning",
-                {"percent": 100 * (1 - used), "camera": name, "places": places},
-                (name, *places),
-                leave_out(f"camera:{name}"),
-                "images" if places else "camera",
-            )
-        )
+        values = {"percent": 100 * (1 - used), "camera": name, "places": places}
+        kind, repairs = "images" if places else "camera", leave_out(f"camera:{name}")
+        found.append(Finding("images-rejected", "warning", values, (name, *places), repairs, kind))
     return found
 
 

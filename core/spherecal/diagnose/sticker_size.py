@@ -6,7 +6,6 @@ placement to placement, or is the same in px near and far.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
@@ -25,38 +24,17 @@ TAKEN_UP = 6.0
 HARMFUL = 0.001
 
 
-@dataclass(frozen=True)
-class StickerChange:
-    """By how much stickers change in size between placements, relatively, and by how many px dots lie outward."""
-
-    relative: float
-    outward_px: float
-    doubt: float
-
-    @property
-    def finding(self) -> Finding:
-        """What a calibration says of it."""
-        values = {"percent": 100 * self.relative, "outward_px": self.outward_px, "doubt_percent": 100 * self.doubt}
-        return Finding("stickers-change", "warning" if self.doubt > HARMFUL else "info", values)
-
-
-def sticker_findings(e: Evidence) -> list[Finding]:
-    """The finding where they do not."""
-    found = sticker_change(e)
-    return [] if found is None else [found.finding]
-
-
 def sticker_doubt(findings: Iterable[Finding]) -> float:
     """The relative standard uncertainty that stickers which change add to the scale, by what was found."""
     return sum(f.values["doubt_percent"] / 100 for f in findings if f.code == "stickers-change")
 
 
-def sticker_change(e: Evidence) -> StickerChange | None:
-    """The change of the stickers where they give the scale; None where there is none beyond chance."""
+def sticker_findings(e: Evidence) -> list[Finding]:
+    """The finding where stickers that give the scale do not keep their size, beyond chance."""
     o, count = e.observations, len(e.session.placements)
     use = e.used & np.isfinite(e.residual_px[:, 0]) & (o.placement < count)
     if e.solution.scale.source != "target_spacing" or use.sum() < 10 * count:
-        return None
+        return []
     rows = np.flatnonzero(use)
     key = np.stack([o.placement[rows], o.camera[rows], o.target[rows]], axis=1)
     sticker, dots = np.unique(key, axis=0, return_inverse=True, return_counts=True)[1:]
@@ -87,7 +65,9 @@ def sticker_change(e: Evidence) -> StickerChange | None:
     is_rigid = e.choice.form == "rigid"
     moves = is_rigid and outward**2 > variance * normal[-1, -1] * chdtri(1, FALSE_ALARM)
     if not (drifts or moves):
-        return None
+        return []
     relative = float(np.ptp(sizes)) if drifts else 0.0
     outward = TAKEN_UP * outward if moves else 0.0
-    return StickerChange(relative, outward, float(np.hypot(relative, outward / np.median(size))))
+    doubt = float(np.hypot(relative, outward / np.median(size)))
+    values = {"percent": 100 * relative, "outward_px": outward, "doubt_percent": 100 * doubt}
+    return [Finding("stickers-change", "warning" if doubt > HARMFUL else "info", values)]

@@ -35,17 +35,10 @@ def swapped_cameras(e: Evidence) -> list[Finding]:
         if as_is < OUTSTANDING * np.sqrt(2) * usual:
             continue
         first, second = e.camera_ids[a], e.camera_ids[b]
-        values = {"times": as_is / max(swapped, 1e-9), "swapped_px": swapped, "as_is_px": as_is, "usual_px": usual}
-        found.append(
-            Finding(
-                "cameras-swapped",
-                "warning",
-                {"first": first, "second": second, **values},
-                (first, second),
-                (AdvisedRepair("swap", f"{first},{second}"),),
-                "session",
-            )
-        )
+        values = {"first": first, "second": second, "times": as_is / max(swapped, 1e-9)}
+        values |= {"swapped_px": swapped, "as_is_px": as_is, "usual_px": usual}
+        repairs = (AdvisedRepair("swap", f"{first},{second}"),)
+        found.append(Finding("cameras-swapped", "warning", values, (first, second), repairs, "session"))
     return found
 
 

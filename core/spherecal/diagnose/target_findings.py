@@ -22,10 +22,7 @@ MANY, FALSE_ALARM = 0.1, 0.01
 
 
 def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
-    """Findings on targets many of whose images contradict the rest, the most certain first.
-
-    That so many of them go wrong by chance is judged by the binomial distribution.
-    """
+    """Findings on targets of which more images contradict the rest than chance (binomial) would have, surest first."""
     target, images, wrong = _by_target(e, moved)
     if not len(target):
         return []

@@ -25,10 +25,7 @@ BETTER = 1.5
 
 @dataclass(frozen=True)
 class TwoPoseFit:
-    """A camera's images in `placements` were taken from elsewhere: by a rotation and a translation.
-
-    `translation` is in mm, arbitrary without a scale. `fit_px`: mean size of the residuals with one pose and with two.
-    """
+    """A camera's images in `placements` are from elsewhere, by a motion (mm); `fit_px` with one pose and with two."""
 
     camera: int
     placements: tuple[int, ...]

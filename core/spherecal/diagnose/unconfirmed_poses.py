@@ -41,10 +41,7 @@ Kind = Literal["one-image", "small-move", "last-image", "unlike-any-pose", "not-
 
 @dataclass(frozen=True)
 class UnconfirmedPose:
-    """A camera (index) that may have other poses: turn and shift to each (k,6), and the shift of its centre (k,3).
-
-    `image`: the placement that shows another pose. Shifts are in mm, arbitrary without a scale.
-    """
+    """A camera (index) that may have other poses: turn and shift to each (k,6) in mm, its centre's shift (k,3)."""
 
     camera: int
     kind: Kind
@@ -118,10 +115,7 @@ def _last_images(e: Evidence, known: Collection[int]) -> list[UnconfirmedPose]:
 
 
 def _poses_from_few(e: Evidence, c: int, t: int) -> list[Pose]:
-    """The poses nearest to the camera's that explain what its image shows: by a turn, by a shift, by both.
-
-    Any three points are seen right from somewhere: by both more than three are needed.
-    """
+    """The nearest poses that explain what the image shows: by a turn, by a shift, by both (with over three points)."""
     o, state = e.observations, e.solution.state
     rows = np.flatnonzero((o.camera == c) & (o.placement == t) & e.candidates)
     points = state.points[e.features.of_observation[rows]]
@@ -147,7 +141,8 @@ class _FewPoints:
     def nearest_pose(self, pose: Pose, free: slice) -> Pose | None:
         """The pose near another that explains the image except for noise, by turn, shift or both; None without one."""
         start, off = pose, np.full(self.uv.size, np.inf)
-        stay = self._stay(pose)
+        distance = np.linalg.norm(self.points @ pose[0].T + pose[1], axis=1).mean()
+        stay = 1 / np.repeat([TURN_RAD, SHIFT_OF_DISTANCE * distance], 3)
         for _ in range(ROUNDS):
             x = self.points @ pose[0].T + pose[1]
             seen, by_point = project_with_point_derivatives(x, self.intrinsics)
@@ -163,10 +158,6 @@ class _FewPoints:
             pose = rotation @ pose[0], rotation @ pose[1] + step[3:]
         freedom = off.size - (free.stop - free.start)
         return pose if off @ off < chdtri(freedom, BY_NOISE) else None
-
-    def _stay(self, pose: Pose) -> FloatArray:
-        distance = np.linalg.norm(self.points @ pose[0].T + pose[1], axis=1).mean()
-        return 1 / np.repeat([TURN_RAD, SHIFT_OF_DISTANCE * distance], 3)
 
 
 def _split_cameras(e: Evidence) -> list[tuple[int, int]]:

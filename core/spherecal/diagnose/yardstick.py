@@ -25,10 +25,7 @@ Scatter = tuple[float, int]  # chi-square of how much some images' poses differ,
 
 
 def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
-    """The scatter of images' poses over that of noise, at least 1.
-
-    A lens may be as bad as the worst of the others, but for as many as may have moved beside the tested one.
-    """
+    """The scatter of images' poses over that of noise, at least 1; as large as that of the worst unmoved camera."""
     known = [one for one in others if one[1] > 0]
     if not known:
         return max(1.0, _at_least(own))

@@ -43,11 +43,8 @@ def _figures(bar: Bar) -> list[Finding]:
 
 
 def _lengths(bar: Bar) -> list[Finding]:
-    without = [
-        Phrase("length", {"first": length.from_mark, "second": length.to_mark})
-        for length in bar.lengths
-        if not length.certified
-    ]
+    given = [(length.from_mark, length.to_mark) for length in bar.lengths if not length.certified]
+    without = [Phrase("length", {"first": first, "second": second}) for first, second in given]
     effect = Phrase("decides-nothing" if bar.role == "check" else "scale-as-uncertain")
     values = {"lengths": without, "effect": effect}
     return [Finding("length-without-uncertainty", "info", values, (bar.id,))] if without else []

@@ -75,7 +75,9 @@ def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Mark
     """
     resolved = check_folder(folder, marker)
     with _plain_errors(folder):
-        made = _make_parents(resolved.parent)
+        parent = resolved.parent
+        made = [one for one in (parent, *parent.parents) if not one.exists()]  # the innermost first
+        parent.mkdir(parents=True, exist_ok=True)
     try:
         with locked(resolved), _plain_errors(folder):
             _refuse_others(folder, resolved, marker)  # again: it may have been written since
@@ -92,9 +94,9 @@ def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Mark
                 with uninterrupted():
                     files.remove_own_folder(partial)
     except BaseException:
-        for parent in made:
+        for one in made:
             with suppress(OSError):
-                parent.rmdir()
+                one.rmdir()
         raise
 
 
@@ -128,9 +130,8 @@ def _refuse_others(folder: Path, resolved: Path, marker: Marker) -> None:
     if not _is_older_result(resolved, marker):
         raise OutputError(Phrase("error-holds-other", {"folder": folder}))
     if others := files.strangers(resolved, _known(resolved, marker)):
-        raise OutputError(
-            Phrase("error-holds-strangers", {"folder": folder, "files": [files.shown_name(one) for one in others]})
-        )
+        values = {"folder": folder, "files": [files.shown_name(one) for one in others]}
+        raise OutputError(Phrase("error-holds-strangers", values))
 
 
 def _resolve(path: Path) -> Path:
@@ -150,13 +151,6 @@ def make_parent(path: Path, hint: Phrase) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(Phrase("error-cannot-write", {"file": path, "why": reason(error)}), hint) from error
-
-
-def _make_parents(parent: Path) -> list[Path]:
-    """Make the folders above; those that were made, the innermost first."""
-    missing = [one for one in (parent, *parent.parents) if not one.exists()]
-    parent.mkdir(parents=True, exist_ok=True)
-    return missing
 
 
 def _is_older_result(folder: Path, marker: Marker) -> bool:
@@ -258,7 +252,8 @@ def _put_in_place(partial: Path, folder: Path, marker: Marker) -> None:
             with suppress(OutputError):  # the new one is in its place: that the old one does not go is no failure
                 gone = files.remove_folder_below(parent, partial.name, known)
             if not gone:
-                _leave(partial)
+                # what somebody else put into the old folder at the last moment is kept, beside the new one
+                files.move_below(parent, partial.name, partial.name.removesuffix(files.PARTIAL) + "-kept")
             return
         files.move_below(parent, folder.name, aside.name)
     try:
@@ -271,11 +266,6 @@ def _put_in_place(partial: Path, folder: Path, marker: Marker) -> None:
     if aside.is_dir():
         with suppress(OutputError):  # as above
             files.remove_folder_below(parent, aside.name, _known(aside, marker))
-
-
-def _leave(old: Path) -> None:
-    """What somebody else put into the old folder at the last moment is kept, beside the new one."""
-    files.move_below(old.parent, old.name, old.name.removesuffix(files.PARTIAL) + "-kept")
 
 
 def _exchange(a: Path, b: Path) -> bool:

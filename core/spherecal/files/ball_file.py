@@ -1,7 +1,4 @@
-"""ball.json, a ball profile: the shape of one ball as a calibration found it, to be used in later ones.
-
-Decision 0013 (docs/decisions/0013-stored-shapes.md).
-"""
+"""ball.json, a ball profile: the shape of one ball as a calibration found it, for later ones (decision 0013)."""
 
 import datetime
 from dataclasses import dataclass, replace
@@ -162,15 +159,5 @@ def check_targets(profile: BallProfile, family: str | None, size_mm: float | Non
     if None in (family, size_mm, profile.family, profile.target_size_mm):
         return
     if family != profile.family or not np.isclose(size_mm or 0.0, profile.target_size_mm or 0.0, rtol=1e-6):
-        raise InputError(
-            Phrase(
-                "error-other-targets",
-                {
-                    "where": where,
-                    "family": profile.family,
-                    "size": profile.target_size_mm,
-                    "other": family,
-                    "other_size": size_mm,
-                },
-            )
-        )
+        own = {"where": where, "family": profile.family, "size": profile.target_size_mm}
+        raise InputError(Phrase("error-other-targets", {**own, "other": family, "other_size": size_mm}))

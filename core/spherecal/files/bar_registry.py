@@ -1,7 +1,4 @@
-"""The owner's reference bars by serial number: marks, certified lengths, certificate; one JSON file per user.
-
-A session's bar may name a serial instead of its lengths; they are then taken from here when the session is read.
-"""
+"""The owner's reference bars by serial number, which a session's bar may name instead of lengths; one file per user."""
 
 import datetime
 import math
@@ -62,11 +59,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RegisteredBar:
-    """A bar as its owner knows it.
-
-    Lengths hold at `reference_temperature_c`. `assumed` names what was not stated (`expansion_per_kelvin`,
-    `reference_temperature_c`).
-    """
+    """A bar as its owner knows it, lengths at `reference_temperature_c`; `assumed` names what was not stated."""
 
     serial: str
     marks: dict[str, Mark]
@@ -84,10 +77,7 @@ def read_registered_bar(value: JsonValue) -> RegisteredBar:
 
 
 def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
-    """The bar with this serial.
-
-    `path` None: that of `BAR_REGISTRY`.
-    """
+    """The bar with this serial; `path` None: that of `BAR_REGISTRY`."""
     bars = BAR_REGISTRY.read(path)
     if serial not in bars:
         raise InputError(
@@ -202,26 +192,17 @@ CERTIFICATE = replace(
     entry=_CERTIFICATE.entry,
 )
 SERIAL = replace(one_of("Its serial number.", name(""), integer("", 0)), read=_read_serial)
-_TEMPERATURE = (
-    _unless_assumed(
-        "expansion_per_kelvin",
-        number(
-            "Coefficient of linear expansion per kelvin; 1.15e-5 (steel) where absent.", *_EXPANSIONS_PER_KELVIN, "1/K"
-        ),
-    ),
-    _unless_assumed(
-        "reference_temperature_c",
-        number(
-            "The temperature that the lengths refer to, in degrees Celsius; 20 where absent.",
-            *_REFERENCE_TEMPERATURES_C,
-            "°C",
-        ),
-    ),
+_EXPANSION = number(
+    "Coefficient of linear expansion per kelvin; 1.15e-5 (steel) where absent.", *_EXPANSIONS_PER_KELVIN, "1/K"
+)
+_TEMPERATURE = number(
+    "The temperature that the lengths refer to, in degrees Celsius; 20 where absent.", *_REFERENCE_TEMPERATURES_C, "°C"
 )
 FIGURES = (
     field("marks", MARKS),
     field("lengths", LENGTHS),
-    *_TEMPERATURE,
+    _unless_assumed("expansion_per_kelvin", _EXPANSION),
+    _unless_assumed("reference_temperature_c", _TEMPERATURE),
     optional("certificate", CERTIFICATE, omit=None),
 )
 _BAR = record(
@@ -244,10 +225,7 @@ BAR_REGISTRY = Registry(BARS, "SPHERECAL_BARS", "serial", Phrase("error-set-bars
 
 
 def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:
-    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said.
-
-    `certificate` None where it has none.
-    """
+    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said."""
     if certificate is None:
         return "no-certificate", Phrase("has-no-certificate")
     if certificate.date is not None and certificate.date > today:

@@ -41,10 +41,7 @@ class CapturedFrame:
 
 @dataclass(frozen=True)
 class CapturedSet:
-    """One set of images: its id, when it was taken, and the temperatures of cameras (by id) where they reported them.
-
-    `frames`: what each camera (by id) noted of its image.
-    """
+    """One set of images: when it was taken, temperatures and what was noted of each image, by camera id."""
 
     id: str
     taken: datetime | None

@@ -171,10 +171,7 @@ def items(
     what: str = "",
     excess: Words = "",
 ) -> Kind[tuple[T, ...]]:
-    """A list of values of one kind.
-
-    `least`, `most` None: 2 million; `length` None: any number from `least` to `most`.
-    """
+    """A list of values of one kind: `least` to `most` (None: 2 million) of them, or exactly `length`."""
     schema: Schema = {"type": "array", "items": each.schema}
     if length is not None:
         schema |= {"minItems": length, "maxItems": length}
@@ -205,10 +202,7 @@ def matrix(about: str, rows: int, columns: int) -> Kind[tuple[tuple[float, ...],
 
 
 def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind[dict[str, T]]:
-    """An object whose keys are names.
-
-    `names` None: `name`.
-    """
+    """An object whose keys are names."""
     schema = {"type": "object", "additionalProperties": values.schema, "propertyNames": (names or name("")).schema}
 
     def read(value: JsonValue) -> dict[str, T]:
@@ -270,17 +264,14 @@ def field(key: str, kind: Kind[Any], of: Source = "", attribute: str = "") -> Fi
 
 
 def optional(key: str, kind: Kind[Any], of: Source = "", attribute: str = "", omit: object = _ALWAYS) -> Field:
-    """A field that may be absent or null.
-
-    Where it is absent or null, the dataclass's default holds, or None where it has none.
-    """
+    """A field that may be absent or null: the dataclass's default then holds, or None where it has none."""
     return replace(field(key, _nullable(kind), of, attribute), is_needed=False, omit=omit)
 
 
-def unread(key: str, about: str, of: Source = "", omit: object = _ALWAYS) -> Field:
+def unread(key: str, about: str, of: Source = "") -> Field:
     """What is written for people and other programs, and not read back: any value."""
     kind = Kind({"description": about, "$comment": UNREAD}, lambda value: value.value)
-    return replace(field(key, kind, of), is_needed=False, is_read=False, omit=omit)
+    return replace(field(key, kind, of), is_needed=False, is_read=False)
 
 
 def software(
@@ -291,10 +282,7 @@ def software(
 
 
 def group(key: str, about: str, *inner: Field, is_needed: bool = True) -> Field:
-    """An object whose fields belong to the dataclass around it.
-
-    `is_needed` None.
-    """
+    """An object whose fields belong to the dataclass around it."""
     kind = record(about, dict, *inner)
     if is_needed:
         return Field(key, kind, _same, inner=inner)
@@ -315,11 +303,6 @@ def _nullable(kind: Kind[T]) -> Kind[T]:
     return replace(kind, schema=about | schema)
 
 
-def _without_default(make: Callable[..., Any]) -> set[str]:
-    known = fields(make) if isinstance(make, type) and is_dataclass(make) else ()
-    return {one.name for one in known if one.default is one.default_factory is MISSING}
-
-
 def record(
     about: str,
     make: Callable[..., T],
@@ -329,7 +312,10 @@ def record(
     """An object, made by a dataclass or another function of its attributes; unknown fields are ignored."""
     needed = [one.key for one in inner if one.is_needed]
     others = [one.key for one in inner if not one.is_needed]
-    absent = dict.fromkeys(_without_default(make) & {name for one in inner for name in one.attributes})
+    made: Any = make
+    known = fields(made) if isinstance(made, type) and is_dataclass(made) else ()
+    without_default = {one.name for one in known if one.default is one.default_factory is MISSING}
+    absent = dict.fromkeys(without_default & {name for one in inner for name in one.attributes})
 
     def read(value: JsonValue) -> T:
         given, found = value.fields(needed, others), dict[str, Any](absent)
@@ -355,8 +341,7 @@ def record(
         return written
 
     schema: Schema = {"type": "object", "properties": {one.key: one.kind.schema for one in inner}}
-    required = [one.key for one in inner if one.is_needed]
-    return _kind(about, schema | ({"required": required} if required else {}), read, entry)
+    return _kind(about, schema | ({"required": needed} if needed else {}), read, entry)
 
 
 def only(key: str, kind: Kind[T], *others: Field) -> Kind[T]:
@@ -385,10 +370,7 @@ class FileFormat(Generic[T]):
     migrations: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = dataclass_field(default_factory=dict)
 
     def read(self, path: Path, below: Path | None = None) -> T:
-        """What a file holds, with files of earlier versions migrated.
-
-        `below` None: links are followed.
-        """
+        """What a file holds, with files of earlier versions migrated; links are followed but for `below` a folder."""
         document = read_json(path, self.name, self.version, below)
         for step in range(version_of(document)[0], self.version):
             if step not in self.migrations:

@@ -62,16 +62,11 @@ FINDINGS = FileFormat(
 def findings_document(findings: Sequence[Finding]) -> dict[str, Any] | None:
     """The contents of findings.json, None where it would be empty: findings that came without values have no entry."""
     known = [finding for finding in findings if finding.written is None]
-    if not known:
-        return None
-    return FINDINGS.document(list(dict.fromkeys(known)))
+    return FINDINGS.document(list(dict.fromkeys(known))) if known else None
 
 
 def read_findings(folder: Path) -> tuple[Finding, ...]:
-    """The findings in a folder's findings.json, of severity info; none where there is no such file.
-
-    Those that this version has no words for are left out.
-    """
+    """The findings in a folder's findings.json, of severity info, for which there are words; none without a file."""
     path = folder / FINDINGS_FILE
     if not path.exists():
         return ()

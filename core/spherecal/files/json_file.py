@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from spherecal import __version__
 from spherecal.base.errors import InputError, Words, advice
-from spherecal.base.filesystem import id_problem, read_below, read_file
+from spherecal.base.filesystem import id_problem, read_below, read_file, shown_name
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LONGEST_NAME, name_problem
 
@@ -39,6 +39,7 @@ _VERSION = re.compile(r"([1-9][0-9]{0,5})(?:\.([0-9]{1,6}))?")
 _MOST_VERSION = 10**6
 
 Text = TypeVar("Text", bound=str)
+read_bytes, printable = read_file, shown_name
 
 
 def json_bytes(document: Mapping[str, Any]) -> bytes:
@@ -59,12 +60,6 @@ def finite(value: ArrayLike | None) -> Any:
 def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
     """Who wrote a file: name and version of this program, and the details given (timestamps go here alone)."""
     return {"name": "SphereCal", "version": __version__, **(details or {})}
-
-
-def printable(text: str, most: int = 60) -> str:
-    """The text in quotation marks, shortened and escaped, fit for a one-line message."""
-    shown = text if len(text) <= most else text[: most - 1] + "…"
-    return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
 
 
 def shown_number(value: object) -> Words:
@@ -139,10 +134,7 @@ class JsonValue:
         return {key: self.at(key, value) for key, value in given.items()}
 
     def items(self, length: int | None = None, least: int = 0, most: int = _MOST_VALUES) -> list["JsonValue"]:
-        """The values of a list.
-
-        `length` None: as `least` and `most` say.
-        """
+        """The values of a list, `least` to `most` or exactly `length` of them."""
         if not isinstance(self.value, list):
             raise self._wrong(Phrase("json-list"))
         n = len(self.value)
@@ -179,11 +171,8 @@ class JsonValue:
     def numbers(self, length: int) -> list[float]:
         """A list of `length` finite numbers."""
         found: list[Any] = self.value if isinstance(self.value, list) else []
-        if (
-            found
-            and len(found) == length
-            and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found)
-        ):
+        plain = found and all(type(one) in (float, int) and -_MOST <= one <= _MOST for one in found)
+        if plain and len(found) == length:
             return [float(one) for one in found]
         return [item.number() for item in self.items(length)]
 
@@ -277,11 +266,6 @@ def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
         first[key] = value
 
 
-def read_bytes(path: Path, most: int) -> bytes:
-    """The contents of a regular file."""
-    return read_file(path, most)
-
-
 def check_lines(path: Path, data: bytes) -> None:
     """Check that no line of a table is far longer than any of ours, before it costs memory."""
     begin = 0
@@ -312,10 +296,7 @@ def parse_json(data: bytes) -> object:
 
 
 def read_json(path: Path, format_name: str, version: int, below: Path | None = None) -> JsonValue:
-    """The object in a JSON file whose `format` and `version` are as given.
-
-    `below` None: links are followed.
-    """
+    """The object in a JSON file of this `format` and `version`; links are followed unless it is `below` a folder."""
     if below is None:
         data = read_bytes(path, _MOST_BYTES)
     else:

@@ -27,15 +27,13 @@ Bytes = NDArray[np.bytes_]
 def read_observations(
     path: Path, placements: Sequence[str], cameras: Sequence[str], image_sizes: Sequence[tuple[int, int]]
 ) -> Observations:
-    """The observations in a file, checked against the ids of placements (and bar poses) and cameras of a session.
-
-    Point names are sorted.
-
-    `image_sizes` (width, height) px.
-    """
+    """The observations in a file, checked against a session's ids and image sizes (w, h); point names sorted."""
     table = _split(path, read_bytes(path, _MOST_BYTES))
     names = [decode(path, name) for name in sorted(set(table.columns[3].tolist()))]
-    _check_point_names(table, names)
+    for name in names:
+        if problem := name_problem(name):
+            row = int(np.argmax(table.columns[3] == name.encode()))
+            table.fail(row, 3, Phrase("problem-point-name", {"problem": problem}))
     placement = table.lookup(0, placements)
     camera = table.lookup(1, cameras)
     target = table.numbers(2, np.int64)
@@ -149,12 +147,8 @@ def _split(path: Path, data: bytes) -> _Table:
     end = data.index(b"\n")
     header = tuple(decode(path, data[:end]).replace('"', "").split(","))
     if header not in (COLUMNS, COLUMNS + SIGMA_COLUMNS):
-        raise InputError(
-            Phrase(
-                "error-table-header",
-                {"file": path, "columns": COLUMNS, "found": printable(",".join(header)), "optional": SIGMA_COLUMNS},
-            )
-        )
+        values = {"file": path, "columns": COLUMNS, "found": printable(",".join(header)), "optional": SIGMA_COLUMNS}
+        raise InputError(Phrase("error-table-header", values))
     body = np.frombuffer(data, np.uint8, offset=end + 1)
     line_end = body == ord("\n")
     stop = np.flatnonzero(line_end | (body == ord(",")))
@@ -182,20 +176,12 @@ def _fields(path: Path, body: NDArray[np.uint8], start: IntArray, stop: IntArray
     width = max(int((stop - start).max()), 1)
     if width > _LONGEST_FIELD:
         line = 2 + int(np.argmax(stop - start))
-        raise InputError(
-            Phrase("error-field-long", {"file": path, "line": line, "width": width, "most": _LONGEST_FIELD})
-        )
+        values = {"file": path, "line": line, "width": width, "most": _LONGEST_FIELD}
+        raise InputError(Phrase("error-field-long", values))
     padded = np.concatenate([body, np.zeros(width, np.uint8)])
     fields = np.lib.stride_tricks.sliding_window_view(padded, width)[start]
     fields[np.arange(width) >= (stop - start)[:, None]] = 0
     return fields.view(f"S{width}").reshape(-1)
-
-
-def _check_point_names(table: _Table, names: Sequence[str]) -> None:
-    for name in names:
-        if problem := name_problem(name):
-            row = int(np.argmax(table.columns[3] == name.encode()))
-            table.fail(row, 3, Phrase("problem-point-name", {"problem": problem}))
 
 
 def _check_repeated(table: _Table, o: Observations) -> None:

@@ -43,14 +43,5 @@ def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, b
             raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": _FIGURES[:-1]}))
     own = find_bar(serial)
     registered[serial] = json_bytes(bar_entry(own))
-    return Bar(
-        f["id"].id(),
-        f["role"].choice("scale", "check"),
-        own.marks,
-        own.lengths,
-        own.expansion_per_kelvin,
-        own.reference_temperature_c,
-        serial,
-        own.certificate,
-        own.assumed,
-    )
+    figures = {key: getattr(own, key) for key in (*_FIGURES, "assumed")}
+    return Bar(f["id"].id(), f["role"].choice("scale", "check"), serial=serial, **figures)

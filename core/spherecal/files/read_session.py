@@ -3,7 +3,6 @@
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -50,7 +49,8 @@ def read_session(folder: Path) -> Session:
     for serial, entry in registered.items():
         files.add_entry(f"registered bar {serial}", entry)
     bar_poses = places.bar_poses(f["bar_poses"], [bar.id for bar in bars]) if "bar_poses" in f else ()
-    _check_ids_differ(f, placements, bar_poses)
+    values = [value for key in ("placements", "bar_poses") if key in f for value in f[key].items()]
+    unique(values, [place.id for place in (*placements, *bar_poses)], "id")
     target_set = read_target_set(files.find(f["target_set"])) if "target_set" in f else None
     observations = None
     if observed:
@@ -61,6 +61,7 @@ def read_session(folder: Path) -> Session:
     if scale is not None:
         _check_bar(scale, f["scale"], {bar.id: bar.role for bar in bars})
         _check_spacing_points(f["scale"], target_set, observations)
+    of_ball = {placement.id for placement in placements}
     diameter, sphere_sd = SPHERE.read(f["sphere"]) if "sphere" in f else (None, None)
     return Session(
         folder=folder if folder.parts else folder.absolute(),  # Path() is that of sessions in memory
@@ -74,15 +75,10 @@ def read_session(folder: Path) -> Session:
         target_set=target_set,
         observations=observations,
         input_sha256=files.sha256(),
-        recorded_at=_recorded_at(folder, placements),
+        recorded_at=last_taken([one for one in read_captured_sets(folder) if one.id in of_ball]),
         sphere_sd_mm=sphere_sd,
         wanted_uncertainty_mm=WANTED.read(f["wanted_uncertainty_mm"]) if "wanted_uncertainty_mm" in f else None,
     )
-
-
-def _recorded_at(folder: Path, placements: Sequence[Placement]) -> datetime | None:
-    ids = {placement.id for placement in placements}
-    return last_taken([one for one in read_captured_sets(folder) if one.id in ids])
 
 
 class _NamedFiles:
@@ -164,11 +160,6 @@ class _PlaceReader:
                 raise image.error(Phrase("problem-unknown-camera", {"camera": camera}))
         paths = {camera: self._files.find(image, self._observed) for camera, image in images.items()}
         return {camera: path for camera, path in paths.items() if path.is_file()}
-
-
-def _check_ids_differ(f: dict[str, JsonValue], placements: Sequence[Placement], bar_poses: Sequence[BarPose]) -> None:
-    values = [value for key in ("placements", "bar_poses") if key in f for value in f[key].items()]
-    unique(values, [place.id for place in (*placements, *bar_poses)], "id")
 
 
 def _check_bar(scale: Scale, value: JsonValue, roles: Mapping[str, str]) -> None:

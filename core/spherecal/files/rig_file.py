@@ -51,22 +51,8 @@ from spherecal.files.codec import (
 )
 from spherecal.files.codec import software as software_field
 from spherecal.files.findings_file import FINDING, with_values
-from spherecal.files.json_file import (
-    MOST_CAMERAS,
-    JsonValue,
-    finite,
-    parse_json,
-    read_bytes,
-    read_json,
-    software_entry,
-)
-from spherecal.geometry.camera import (
-    INTRINSIC_NAMES,
-    camera_matrix,
-    fisheye_vector,
-    intrinsics_vector,
-    is_fisheye,
-)
+from spherecal.files.json_file import MOST_CAMERAS, JsonValue, finite, parse_json, read_bytes, read_json, software_entry
+from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, fisheye_vector, intrinsics_vector, is_fisheye
 from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
 from spherecal.geometry.volume_map import LengthMap
@@ -75,21 +61,14 @@ COVARIANCE_FILE = "covariance.npy"
 
 _EXPECTED = ("scale", "quality", "input_sha256")
 INCOMPLETE = "rig-incomplete"
-_MISSING = {
-    "scale": Phrase("lacks-scale"),
-    "quality": Phrase("lacks-quality"),
-    "input_sha256": Phrase("lacks-input"),
-}
+_MISSING = {"scale": Phrase("lacks-scale"), "quality": Phrase("lacks-quality"), "input_sha256": Phrase("lacks-input")}
 
 # Rotations come from files of others too, printed with six digits or more.
 _ROTATION_TOLERANCE = 1e-5
 
 
 def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
-    """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged.
-
-    `software` None: no more.
-    """
+    """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged."""
     return RIG.bytes(rig, software=software_entry(software))
 
 
@@ -140,9 +119,7 @@ def read_rig(path: Path) -> Rig:
     stated = RIG.kind.read(document)
     cameras = stated["cameras"]
     kept = stated.get("covariance")
-    covariance = (
-        None if kept is None else _read_covariance(path.parent, kept["sha256"], kept["intrinsics"], len(cameras))
-    )
+    covariance = None if kept is None else _read_covariance(path.parent, **kept, n_cameras=len(cameras))
     quality = stated.get("quality") or unknown_quality(cameras)
     quality = replace(quality, findings=with_values(quality.findings, path.parent))
     without_sigma = _without_sigma(document.fields(["cameras"])["cameras"].items())
@@ -312,10 +289,7 @@ def _check_reference(stated: Mapping[str, Any], f: Mapping[str, JsonValue]) -> N
 
 
 def sigmas(about: str, length: int | None = None) -> Kind[FloatArray]:
-    """Standard uncertainties; null where unknown, which is NaN in memory.
-
-    `length` None: any number.
-    """
+    """Standard uncertainties; null where unknown, which is NaN in memory."""
     schema = items(about, number("", 0), length=length).schema
     schema["items"] = schema["items"] | {"type": ["number", "null"]}
     return Kind(schema, lambda value: _sigmas(value, length), finite)
@@ -469,11 +443,7 @@ _REPAIR = record(
     field("option", prose("Option of the command line.")),
     field("value", prose("Its value.")),
     optional("automatic", boolean("Whether the program chose it."), omit=False),
-    optional(
-        "earlier_pose",
-        _CAMERA.described("The camera before it moved."),
-        omit=None,
-    ),
+    optional("earlier_pose", _CAMERA.described("The camera before it moved."), omit=None),
 )
 _SCALE = record(
     "Where the scale comes from; without it lengths are assumed to be in mm.",

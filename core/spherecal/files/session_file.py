@@ -44,10 +44,7 @@ MOST_BOARD_ROWS = 1000  # and columns
 
 
 def named_file(about: str) -> Kind[JsonValue]:
-    """A path below the folder, with "/" between its parts.
-
-    The reader gives the value as it is, since only its caller knows the folder to look in.
-    """
+    """A path below a folder, with "/" between its parts, read as it is: only the caller knows the folder."""
     schema = {"type": "string", "minLength": 1, "maxLength": 500, "pattern": _PATH}
     return Kind({"description": about, **schema} if about else schema, lambda value: value)
 
@@ -187,10 +184,7 @@ def _check_spacing(scale: Scale, f: Mapping[str, JsonValue]) -> None:
 
 
 _BAR_SCALE = record(
-    "",
-    Scale,
-    field("kind", choice("A bar with role `scale`.", ("bar",))),
-    field("bar", name("The bar's id.")),
+    "", Scale, field("kind", choice("A bar with role `scale`.", ("bar",))), field("bar", name("The bar's id."))
 )
 _SPACING = record(
     "",
@@ -218,10 +212,6 @@ SCALE = replace(one_of("Where the scale comes from.", _BAR_SCALE, _SPACING, _NO_
 # --- board -----------------------------------------------------------------------------------------------------------
 
 
-def _check_points(points: Sequence[BoardPoint], value: JsonValue) -> None:
-    unique(value.items(), [f"{point.target} {point.point}" for point in points], "target and point")
-
-
 _BOARD_POINT = record(
     "",
     BoardPoint,
@@ -229,7 +219,9 @@ _BOARD_POINT = record(
     field("point", name("Its point.")),
     field("xyz_mm", numbers("Its position on the board.", 3)),
 )
-_POINTS = items("The board's points, for observations.", _BOARD_POINT, least=1).checked(_check_points)
+_POINTS = items("The board's points, for observations.", _BOARD_POINT, least=1).checked(
+    lambda points, value: unique(value.items(), [f"{one.target} {one.point}" for one in points], "target and point")
+)
 _RING = items("", integer("", 0, MOST_BOARD_ROWS - 1), length=2)
 _BOARD = record(
     "The board of `--method board`: `points`, or `rows`, `columns` and `pitch_mm`; for images `kind` as well.",

@@ -116,12 +116,7 @@ _PLACE = numbers("", 2).mapped(np.array, lambda xy: np.asarray(xy, dtype=float).
 _DOTS = entries(
     "Places of the dots by name: mm from the sticker's centre, x right, y down as printed.", _PLACE
 ).checked(_check_some, minProperties=1)
-_TARGET = record(
-    "",
-    _Target,
-    field("id", integer("The number that the target carries.")),
-    field("dots", _DOTS.checked(_check_some, minProperties=1)),
-)
+_TARGET = record("", _Target, field("id", integer("The number that the target carries.")), field("dots", _DOTS))
 _LAYOUTS = items(
     "The targets. For `aruco` they may be absent: all markers of the dictionary.", _TARGET, least=1, differ="id"
 ).mapped(
@@ -141,8 +136,7 @@ _SET = record(
     ),
     field("size_mm", positive("Side of a sticker, or of a marker's black square.", "mm")),
     optional(
-        "dot_diameter_mm",
-        number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0, unit="mm"),
+        "dot_diameter_mm", number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0, unit="mm")
     ),
     optional(
         "dictionary",

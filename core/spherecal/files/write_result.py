@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.base.arrays import FloatArray
 from spherecal.base.filesystem import create, new_file
 from spherecal.data.rig import Calibration, ImageMotion, PlacedSphere
 from spherecal.files.atomic import RESULT, write_folder_whole
@@ -19,10 +18,7 @@ from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, rig_byte
 
 
 def write_result(calibration: Calibration, folder: Path, software: Mapping[str, Any] | None = None) -> None:
-    """Write a calibration's result folder whole (see atomic.write_folder_whole).
-
-    `software` None: no more.
-    """
+    """Write a calibration's result folder whole (see atomic.write_folder_whole)."""
     details = {"method": calibration.method, **(software or {})}
 
     def build(new: Path) -> None:
@@ -91,14 +87,10 @@ def _residual_rows(calibration: Calibration) -> Iterable[tuple[object, ...]]:
         (o.cameras[i] for i in o.camera.tolist()),
         o.target.tolist(),
         (o.points[i] for i in o.point.tolist()),
-        *(map(small_cell, column) for column in _columns(calibration.residuals_px)),
+        *(map(small_cell, column.tolist()) for column in calibration.residuals_px.T),
         map(int, calibration.used.tolist()),
         strict=True,
     )
-
-
-def _columns(values: FloatArray) -> list[list[float]]:
-    return [column.tolist() for column in values.T]
 
 
 def _motion_row(motion: ImageMotion) -> tuple[object, ...]:

@@ -31,10 +31,7 @@ PHRASE = replace(
 def sentence_fields(
     key: str, about: str, of: Callable[[Any], Phrase | None], is_needed: bool = True
 ) -> tuple[Field, ...]:
-    """The fields of a sentence: `key` with its words, empty for none, and `key`_phrase.
-
-    `of` None for no sentence.
-    """
+    """The fields of a sentence: `key` with its words, empty for none, and `key`_phrase."""
 
     def words(one: object) -> str:
         return "" if (said := of(one)) is None else phrase(said)
@@ -44,10 +41,7 @@ def sentence_fields(
 
 
 def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:
-    """A sentence with the phrase beside it, where that makes the very words that the file has.
-
-    `written` None where there is none.
-    """
+    """A sentence with the phrase beside it, where that makes the very words that the file has."""
     try:
         found = None if written is None else from_json(dict(written))
         if isinstance(found, Phrase) and phrase(found) == words:
@@ -58,9 +52,6 @@ def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:
 
 
 def sentences(words: Sequence[str], written: Sequence[Mapping[str, Any]] | None) -> tuple[Sentence, ...]:
-    """Sentences with the list of their phrases beside them.
-
-    `written` None where there are none.
-    """
+    """Sentences with the list of their phrases beside them, if there is one."""
     beside = written if written is not None and len(written) == len(words) else [None] * len(words)
     return tuple(sentence(*pair) for pair in zip(words, beside, strict=True))

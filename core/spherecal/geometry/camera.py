@@ -54,20 +54,14 @@ def lens_model(intrinsics: FloatArray) -> LensModel:
 
 
 def fisheye_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
-    """The 16 intrinsics of a fisheye lens, shape (16,).
-
-    `matrix`: camera matrix (3, 3), in px.
-    """
+    """The 16 intrinsics (16,) of a fisheye lens, of a camera matrix (3, 3) px and its coefficients."""
     vector = intrinsics_vector(matrix, distortion)
     vector[15] = FISHEYE_MARK
     return vector
 
 
 def intrinsics_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
-    """The 16 intrinsics of a lens of OpenCV's full model, shape (16,).
-
-    `matrix`: camera matrix (3, 3), in px.
-    """
+    """The 16 intrinsics (16,) of a lens of OpenCV's full model, of a camera matrix (3, 3) px and its coefficients."""
     k = np.asarray(matrix, dtype=float)
     vector = np.zeros(N_INTRINSICS)
     vector[:4] = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
@@ -87,29 +81,20 @@ _REACH, _WIDEST_REACH = 1.3, np.deg2rad(85.0)
 
 
 def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
-    """The largest tan of the angle off the axis that images may hold, (n,).
-
-    `intrinsics`: the lenses, (n, 16); `sizes`: width and height of their images, (n, 2) px.
-    """
+    """The largest tan (n,) of the angle off the axis that images of sizes (n, 2) px hold, by lenses (n, 16)."""
     return reach_of(np.hypot(sizes[:, 0], sizes[:, 1]) / 2, intrinsics)
 
 
 def reach_of(radius_px: FloatArray, intrinsics: FloatArray) -> FloatArray:
-    """The largest tan of the angle off the axis of what may show within a distance of the principal point, (n,).
-
-    `intrinsics`: the lenses, (n, 16).
-    """
+    """The largest tan (n,) of the angle off the axis within a distance of the principal point, by lenses (n, 16)."""
     reach = _REACH * radius_px / intrinsics[:, 0]
     return np.where(is_fisheye(intrinsics), np.tan(np.minimum(reach, _WIDEST_REACH)), reach)
 
 
 def is_unfolded(x_camera: FloatArray, intrinsics: FloatArray) -> BoolArray:
-    """Whether the image radius rises all the way from the axis to each point, (n,).
+    """Whether the image radius rises all the way from the axis to each point (n, 3), (n,), by lenses (n, 16).
 
     Elsewhere the lens model has folded: `project` may bring the point into the image, but no lens shows it there.
-
-    `x_camera`: points in the camera frame, in front of the camera, (n, 3); `intrinsics`: the lens of each point, (n,
-    16).
     """
     r2, wide = (x_camera[:, 0] ** 2 + x_camera[:, 1] ** 2) / x_camera[:, 2] ** 2, is_fisheye(intrinsics)
     rises = np.empty(len(r2), dtype=bool)
@@ -119,10 +104,7 @@ def is_unfolded(x_camera: FloatArray, intrinsics: FloatArray) -> BoolArray:
 
 
 def distort(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
-    """Normalised ideal image points (n, 2) to distorted ones (n, 2).
-
-    `intrinsics`: one lens (16,), or one of each point (n, 16).
-    """
+    """Normalised ideal image points (n, 2) to distorted ones (n, 2), by one lens (16,) or one a point (n, 16)."""
     wide = is_fisheye(intrinsics)
     if wide.any():
         bent = fisheye.distort(xy, np.moveaxis(intrinsics[..., 4:8], -1, 0))
@@ -141,21 +123,13 @@ def _distort_opencv(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
 
 
 def project(x_camera: FloatArray, intrinsics: FloatArray) -> FloatArray:
-    """Image points (n, 2) in pixels of points (n, 3) in the camera frame.
-
-    Points behind the camera are projected all the same: who calls decides what a negative depth means.
-
-    `intrinsics`: one lens (16,), or one of each point (n, 16).
-    """
+    """Image points (n, 2) px of points (n, 3) in the camera frame, behind it too; a lens (16,) or (n, 16)."""
     xd = distort(x_camera[..., :2] / x_camera[..., 2:3], intrinsics)
     return xd * intrinsics[..., 0:2] + intrinsics[..., 2:4]
 
 
 def distort_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distorted normalised image points (n, 2) of ideal ones (n, 2), and the derivatives (n, 2, 2).
-
-    `intrinsics`: one lens (16,), or one of each point (n, 16).
-    """
+    """Distorted normalised points (n, 2) of ideal ones (n, 2), derivatives (n, 2, 2); a lens (16,) or (n, 16)."""
     wide = is_fisheye(intrinsics)
     if not wide.any():
         return _distort_opencv_with_jacobian(xy, intrinsics)
@@ -186,10 +160,7 @@ def _distort_opencv_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tup
 
 
 def project_with_point_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Image points (n, 2) px and their derivatives (n, 2, 3) by the points in the camera frame.
-
-    `x_camera`: points in the camera frame, (n, 3); `intrinsics`: one lens (16,), or one of each point (n, 16).
-    """
+    """Image points (n, 2) px and derivatives (n, 2, 3) by the points (n, 3); a lens (16,) or one a point (n, 16)."""
     iz = 1.0 / x_camera[:, 2:3]
     xy = x_camera[:, :2] * iz
     distorted, jacobian = distort_with_jacobian(xy, intrinsics)
@@ -201,10 +172,7 @@ def project_with_point_derivatives(x_camera: FloatArray, intrinsics: FloatArray)
 
 
 def project_with_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Image points (n, 2) px, their derivatives by the point (n, 2, 3) and by the 16 intrinsics (n, 2, 16).
-
-    `x_camera`: points in the camera frame, (n, 3); `intrinsics`: one lens (16,), or one of each point (n, 16).
-    """
+    """Image points (n, 2) px, derivatives by points (n, 2, 3) and intrinsics (n, 2, 16); a lens (16,) or (n, 16)."""
     uv, d_point = project_with_point_derivatives(x_camera, intrinsics)
     n = len(x_camera)
     fu, fv, u0, v0, k1, k2, _, _, k3, k4, k5, k6, _, _, _, _ = _columns(intrinsics, n)
@@ -246,13 +214,9 @@ _UNDISTORT_TOLERANCE = 1e-12  # in normalised units: 3e-9 px at f = 3000 px
 
 
 def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Normalised ideal points (n, 2) of image points (n, 2) in pixels, and where that succeeded, (n,) bool.
+    """Normalised ideal points (n,2) of image points (n,2) px by lenses (16,) or (n,16), and where they have inverses.
 
-    Where the lens model has no inverse (its radial curve folds over) the flag is False and the point is NaN.
-    Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to 89 degrees off the axis
-    (see fisheye.py).
-
-    `intrinsics`: one lens (16,), or one of each point (n, 16).
+    Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to 89 degrees off the axis.
     """
     c = np.broadcast_to(intrinsics, (len(uv), N_INTRINSICS))
     goal = (uv - c[:, 2:4]) / c[:, :2]
@@ -266,12 +230,7 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
 
 
 def undistort_views(uv: FloatArray, camera: IntArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Normalised ideal points (n, 2) of several cameras' image points, and where that succeeded, (n,) bool.
-
-    As `undistort`, some points at a time.
-
-    `uv`: image points, (n, 2) px; `intrinsics`: the cameras' lenses, (c, 16).
-    """
+    """Normalised points (n, 2) of cameras' image points (n, 2) px, by lenses (c, 16), and where that succeeded."""
     ideal, good = np.empty((len(uv), 2)), np.empty(len(uv), dtype=bool)
     for rows in blocks(len(uv)):
         ideal[rows], good[rows] = undistort(uv[rows], intrinsics[camera[rows]])

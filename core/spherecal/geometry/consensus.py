@@ -19,18 +19,12 @@ _MOST_PREDICTED = 20_000  # image points that are predicted at a time
 
 
 def agreeing_views(
-    feature: IntArray,
-    camera: IntArray,
-    uv: FloatArray,
-    gate_px: FloatArray,
-    cameras: PosedCameras,
+    feature: IntArray, camera: IntArray, uv: FloatArray, gate_px: FloatArray, cameras: PosedCameras
 ) -> BoolArray:
     """Which rows (n,) belong to the largest set of their feature that agrees on one point in front of all its cameras.
 
     Among equal sets the one with the smaller errors wins. Of a feature with more than `MOST_PAIRS` pairs of views some
     pairs are tried, evenly chosen.
-
-    `uv`: the image points, (n, 2) px.
     """
     out = np.zeros(len(feature), dtype=bool)
     xy, usable = undistort_views(uv, camera, cameras.intrinsics)

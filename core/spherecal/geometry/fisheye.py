@@ -41,10 +41,7 @@ def distort(xy: FloatArray, k: FloatArray) -> FloatArray:
 
 
 def distort_with_jacobian(xy: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distorted points (n, 2) and their derivatives (n, 2, 2) by the ideal ones (n, 2).
-
-    `k`: k1 to k4, of each point (4, n) or of all (4, 1).
-    """
+    """Distorted points (n, 2) and their derivatives (n, 2, 2) by ideal ones (n, 2); `k`: k1 to k4, (4, n) or (4, 1)."""
     radial, slope, _ = radial_with_slope((xy * xy).sum(axis=-1), k)
     jacobian = 2 * slope[:, None, None] * xy[:, :, None] * xy[:, None, :]
     jacobian[:, 0, 0] += radial
@@ -62,12 +59,10 @@ def coefficient_derivatives(xy: FloatArray) -> FloatArray:
 
 
 def undistort(distorted: FloatArray, k: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Normalised ideal points (n, 2) of distorted ones, NaN with the flag False where there is none.
+    """Normalised ideal points (n,2) of distorted ones, NaN with the flag False where there is none; k1 to k4 (n,4).
 
     The first root within 89 degrees off the axis, as long as theta_d rises up to it. It is bracketed by steps from the
     axis; Newton's steps are then kept within the bracket.
-
-    `k`: k1 to k4 of each point, (n, 4).
     """
     goal = np.sqrt((distorted * distorted).sum(axis=1))
     low, high, good = _bracket(goal, k)
@@ -89,10 +84,7 @@ def undistort(distorted: FloatArray, k: FloatArray) -> tuple[FloatArray, BoolArr
 
 
 def rises(r2: FloatArray, k: FloatArray) -> BoolArray:
-    """Whether theta_d rises all the way from the axis to each point at r^2, (n,).
-
-    `k`: k1 to k4 of each point, (n, 4).
-    """
+    """Whether theta_d rises all the way from the axis to each point at r^2, (n,); `k`: k1 to k4, (n, 4)."""
     theta = np.arctan(np.sqrt(r2)) * (np.arange(1, _BRACKETS + 1)[:, None] / _BRACKETS)
     return np.asarray((_angle(theta, k)[1] > 0).all(axis=0))
 

@@ -35,10 +35,7 @@ class Cameras:
 
 @dataclass(frozen=True)
 class PredictedLengths:
-    """Variances (m,) mm^2 of lengths by the cameras and by the noise of their own ends.
-
-    NaN where fewer than two cameras see an end. `views` (m,): the fewer of both ends' views.
-    """
+    """Variances (m,) mm^2 of lengths by cameras and by the ends' noise, NaN unless two see both; `views`: the fewer."""
 
     calibration: FloatArray
     own: FloatArray
@@ -50,11 +47,9 @@ class PredictedLengths:
 
 
 def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> PredictedLengths:
-    """The uncertainty of lengths between pairs of single dots; first order (GUM 5.1).
+    """The uncertainty of lengths between dots at ends (m,2,3) in the cameras' frame; first order (GUM 5.1).
 
     A dot is seen by all cameras whose image holds it: nothing hides it. See docs/formulation.md, Prediction.
-
-    `ends`: ends of the lengths in the cameras' frame and unit, (m,2,3).
     """
     at_once = max(arrays.ROWS_AT_ONCE // (2 * max(len(cameras.rotation), 1)), 1)
     parts = [_gradients(cameras, ends[k : k + at_once], sigma_px) for k in range(0, max(len(ends), 1), at_once)]
@@ -64,10 +59,7 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
 
 
 def length_gradients(cameras: Cameras, ends: FloatArray) -> FloatArray:
-    """Derivatives (k,c*w) of lengths by the cameras, of the k lengths of which two cameras see both ends.
-
-    `ends`: ends of the lengths in the cameras' frame and unit, (m,2,3).
-    """
+    """Derivatives (k,c*w) of lengths by the cameras, of the k of ends (m,2,3) that two cameras see both of."""
     gradient, _, _, known = _gradients(cameras, ends, 1.0)
     return gradient[known]
 
@@ -82,8 +74,11 @@ def _gradients(
     k = np.broadcast_to(cameras.intrinsics, (len(points), c, 16)).reshape(-1, 16)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         uv, by_x, by_intrinsics = project_with_derivatives(x.reshape(-1, 3), k)
-    seen = _inside(x, uv.reshape(-1, c, 2), cameras)
-    sigma = _sigma(cameras, uv.reshape(-1, c, 2), sigma_px).reshape(-1, 1, 1)
+    uv = uv.reshape(-1, c, 2)
+    seen = (x[:, :, 2] > 0) & ((uv >= 0) & (uv <= cameras.size - 1)).all(axis=2)
+    point, camera = np.nonzero(seen)
+    seen[point, camera] = is_unfolded(x[point, camera], cameras.intrinsics[camera])
+    sigma = _sigma(cameras, uv, sigma_px).reshape(-1, 1, 1)
     by_x = np.where(seen.reshape(-1, 1, 1), by_x / sigma, 0.0)
     by_intrinsics = np.where(seen.reshape(-1, 1, 1), by_intrinsics[:, :, cameras.columns] / sigma, 0.0)
     x_safe = np.where(seen[:, :, None], x, 0.0).reshape(-1, 3)
@@ -110,14 +105,6 @@ def _sigma(cameras: Cameras, uv: FloatArray, sigma_px: float) -> FloatArray:
         if field is not None:
             sigma[:, c] = np.hypot(sigma_px, np.nan_to_num(field.sd_at(uv[:, c])))
     return sigma
-
-
-def _inside(x: FloatArray, uv: FloatArray, cameras: Cameras) -> BoolArray:
-    """Which camera's image holds which point, (p,c)."""
-    inside = (x[:, :, 2] > 0) & ((uv >= 0) & (uv <= cameras.size - 1)).all(axis=2)
-    point, camera = np.nonzero(inside)
-    inside[point, camera] = is_unfolded(x[point, camera], cameras.intrinsics[camera])
-    return inside
 
 
 def _inverse(normal: FloatArray, views: IntArray) -> tuple[FloatArray, BoolArray]:

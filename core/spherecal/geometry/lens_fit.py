@@ -29,19 +29,17 @@ class FittedLens:
     rms_px: float
 
 
-def image_field(image_size: tuple[int, int], grid: tuple[int, int] = FIELD_GRID) -> FloatArray:
+def image_field(image_size: tuple[int, int]) -> FloatArray:
     """Image points (n, 2) px in columns x rows from edge to edge of the image, row by row."""
     width, height = image_size
-    u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, grid[0]), np.linspace(-0.5, height - 0.5, grid[1]))
+    u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, FIELD_GRID[0]), np.linspace(-0.5, height - 0.5, FIELD_GRID[1]))
     return np.stack([u.ravel(), v.ravel()], axis=1)
 
 
 def fit_lens(intrinsics: FloatArray, uv: FloatArray, model: LensModel) -> FittedLens | None:
-    """The lens of `model` nearest to a lens at given image points; None where too few of them can be inverted.
+    """The lens (16,) of `model` nearest to a lens at image points (n,2) px; None where too few can be inverted.
 
     A lens that follows the model already is returned as it is, with an rms of 0.
-
-    `intrinsics`: the lens to describe, (16,); `uv`: its image points where the two are compared, (n, 2) px.
     """
     if (model == "fisheye") == bool(is_fisheye(intrinsics)):
         return FittedLens(intrinsics, 0.0)

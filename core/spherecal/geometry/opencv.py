@@ -37,10 +37,7 @@ def distortion_problem(count: int, fisheye: bool) -> Phrase | None:
 
 
 def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: Words) -> FloatArray:
-    """The 16 intrinsics of OpenCV's camera matrix and distortion, shape (16,).
-
-    `K`: camera matrix, (3, 3), in px; `dist` None is no distortion.
-    """
+    """The 16 intrinsics (16,) of OpenCV's camera matrix K (3, 3) px and distortion, None for no distortion."""
     it = Phrase("camera-matrix-of", {"what": what})
     matrix = _finite(K, it)
     if matrix.shape != (3, 3):
@@ -56,10 +53,7 @@ def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: Words
 
 
 def pose_rotation(rvec: ArrayLike, what: Words) -> FloatArray:
-    """The rotation (3, 3) of a rotation vector or of a rotation matrix.
-
-    `rvec`: 3 numbers in any shape, in radians, or a matrix (3, 3).
-    """
+    """The rotation (3, 3) of a rotation vector (rad, in any shape) or of a rotation matrix (3, 3)."""
     it = Phrase("rotation-of", {"what": what})
     given = _finite(rvec, it)
     if given.shape != (3, 3):
@@ -96,12 +90,9 @@ def _finite(values: ArrayLike, what: Words) -> FloatArray:
 def undistort_image(
     image: NDArray[Any], intrinsics: FloatArray, matrix: FloatArray, field: FieldTable | None = None
 ) -> NDArray[Any]:
-    """The image as a camera without distortion and with the given matrix sees it, of the same shape and type.
+    """The image as a camera without distortion and with the given matrix (3,3) px sees it, of the same shape and type.
 
-    Bilinear, 0 where the recorded image has nothing.
-
-    `image`: the image, (h, w) or (h, w, channels); `intrinsics`: the lens that it was taken with, (16,); `matrix`:
-    camera matrix (3, 3) of the result, in px; `field`: what the lens does beyond its model, None for nothing.
+    Bilinear, 0 where the recorded image has nothing; `field`: what the lens does beyond its model.
     """
     height, width = image.shape[:2]
     channels = image.reshape(height, width, -1)

@@ -7,10 +7,7 @@ from spherecal.base.arrays import FloatArray
 
 @dataclass(frozen=True)
 class PosedCameras:
-    """Cameras: `intrinsics` (c, 16) and poses x_camera = `rotation` (c, 3, 3) @ x + `translation` (c, 3).
-
-    Or a single one: (16,), (3, 3), (3,).
-    """
+    """Intrinsics (c, 16) and poses x_camera = R (c, 3, 3) @ x + t (c, 3); or of one: (16,), (3, 3), (3,)."""
 
     intrinsics: FloatArray
     rotation: FloatArray

@@ -34,12 +34,7 @@ class ResectedPose:
 
 
 def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray, FloatArray, int] | None:
-    """Rotation (3, 3), translation (3,) and number of agreeing points of a camera; None where too few points agree.
-
-    Robust (RANSAC) and deterministic.
-
-    `points`: known points, (n, 3); `xy`: their normalised ideal image points, (n, 2).
-    """
+    """R (3, 3), t (3,) and number of agreeing points (n, 3) seen at normalised `xy` (n, 2); None for too few."""
     if len(points) < MIN_AGREEING:
         return None
     found, agreeing = False, None
@@ -59,21 +54,16 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
     rotation, translation = cv2.solvePnPRefineLM(points[some], xy[some], np.eye(3), None, rotation, translation)
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
         return None
-    return (
-        exp_rotation(np.asarray(rotation, dtype=float).ravel()),
-        np.asarray(translation, dtype=float).ravel(),
-        len(some),
-    )
+    turn, shift = (np.asarray(part, dtype=float).ravel() for part in (rotation, translation))
+    return exp_rotation(turn), shift, len(some)
 
 
 def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[ResectedPose]:
-    """All distinct poses that points and their images suggest, the likeliest first; empty for fewer than four points.
+    """All distinct poses that points (n,3) at ideal image points (n,2) suggest, likeliest first; none for three.
 
     P3P on random triples (X. Gao et al., Complete solution classification for the perspective-three-point problem,
     2003), scored by Cauchy's loss and refined. Few points, or points near a plane, have a second pose that fits nearly
     as well; who takes the first must look at the second. Deterministic.
-
-    `points`: known points, (n, 3); `xy`: their normalised ideal image points, (n, 2).
     """
     if len(points) < 4:
         return []
@@ -106,11 +96,7 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
 
 
 def pose_cost(rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float) -> float:
-    """The cost of a pose as `ResectedPose` has it: half the sum of log(1 + (residual / scale)^2).
-
-    `rotation`, `translation`: the pose x_camera = rotation (3, 3) @ x + translation (3,); `points`, `xy`: known points
-    (n, 3) and their normalised ideal image points (n, 2).
-    """
+    """The cost of a pose as `ResectedPose` has it: half the sum of log(1 + (residual / scale)^2)."""
     return float(_costs(rotation[None], translation[None], points, xy, scale)[0])
 
 

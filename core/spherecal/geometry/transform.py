@@ -22,9 +22,8 @@ class Similarity:
 
     def after(self, first: "Similarity") -> "Similarity":
         """The similarity of `first` followed by this one."""
-        return Similarity(
-            self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation[None])[0]
-        )
+        moved = self.apply(first.translation[None])[0]
+        return Similarity(self.scale * first.scale, self.rotation @ first.rotation, moved)
 
     @property
     def inverse(self) -> "Similarity":
@@ -39,24 +38,16 @@ IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
 def pose_change(
     rotation: FloatArray, translation: FloatArray, new_rotation: FloatArray, new_translation: FloatArray
 ) -> FloatArray:
-    """Turn (rotation vector, rad) and shift (..., 6) that lead from poses to new ones.
-
-    The turn is applied to the whole pose: new_rotation = turn @ rotation, new_translation = turn @ translation + shift.
-
-    `rotation`, `translation`: the poses, (..., 3, 3) and (..., 3).
-    """
+    """Turn (rotation vector, rad) of the whole pose and then shift (..., 6) that lead from poses to new ones."""
     rotation_change = new_rotation @ np.swapaxes(rotation, -1, -2)
     translation_change = new_translation - np.einsum("...ij,...j->...i", rotation_change, translation)
     return np.concatenate([log_rotation(rotation_change), translation_change], axis=-1)
 
 
 def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = True) -> Similarity:
-    """Least-squares similarity (or rigid motion) that takes `source` to `target`; never a reflection.
+    """Least-squares similarity (or rigid motion) that takes points (n,3) to others, n >= 3; never a reflection.
 
-    Source: S. Umeyama, Least-squares estimation of transformation parameters between two point patterns,
-    IEEE TPAMI 13 (1991).
-
-    `source`, `target`: corresponding points, (n, 3) each, n >= 3.
+    S. Umeyama, Least-squares estimation of transformation parameters between two point patterns, 1991.
     """
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     a, b = source - source_mean, target - target_mean

@@ -47,19 +47,12 @@ class Triangulation:
 
 
 def triangulate(
-    feature: IntArray,
-    camera: IntArray,
-    uv: FloatArray,
-    weight: FloatArray,
-    n_features: int,
-    cameras: PosedCameras,
+    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int, cameras: PosedCameras
 ) -> Triangulation:
     """The points with the least weighted squared reprojection errors, in the frame of the cameras' poses.
 
+    Rows (n,) say which point is seen by which camera at `uv` (n, 2) px; `weight` is 1/sigma^2, (n,) or (n, 2).
     Residuals are given for all rows. Points are worked on some at a time, since an observation takes 1 KB here.
-
-    `feature`, `camera`: which point each row observes and in which camera, (n,) and (n,); `uv`: the image points, (n,
-    2) px; `weight`: 1/sigma^2 in px^-2, (n,) or (n, 2).
     """
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
     m, n = n_features, len(uv)
@@ -73,12 +66,7 @@ def triangulate(
     )
     for points, rows in _some_points(feature, n_features):
         part = _triangulated(
-            feature[rows] - points.start,
-            camera[rows],
-            uv[rows],
-            weight[rows],
-            points.stop - points.start,
-            cameras,
+            feature[rows] - points.start, camera[rows], uv[rows], weight[rows], points.stop - points.start, cameras
         )
         out.residual[rows] = part.residual
         for name in ("points", "normal", "max_angle_rad", "views", "in_front"):
@@ -95,12 +83,7 @@ def _some_points(feature: IntArray, n_features: int) -> Iterator[tuple[slice, In
 
 
 def _triangulated(
-    feature: IntArray,
-    camera: IntArray,
-    uv: FloatArray,
-    weight: FloatArray,
-    n_features: int,
-    cameras: PosedCameras,
+    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int, cameras: PosedCameras
 ) -> Triangulation:
     """The same of all points at once, weight (n, 2)."""
     ray, usable = _rays(camera, uv, cameras)
@@ -125,11 +108,7 @@ def _triangulated(
 def ray_angles(
     feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, cameras: PosedCameras
 ) -> FloatArray:
-    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it.
-
-    `feature`, `camera`: which point each row observes and in which camera, (n,) and (n,); `uv`: the image points, (n,
-    2) px.
-    """
+    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it."""
     angle = np.empty(n_features)
     for points, rows in _some_points(feature, n_features):
         ray, usable = _rays(camera[rows], uv[rows], cameras)

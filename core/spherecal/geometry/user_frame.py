@@ -42,10 +42,7 @@ class FrameDefinition:
         """The three names, or none."""
         given = tuple(name for name in (self.origin, self.x, self.xy) if name is not None)
         if len(given) not in (0, 3):
-            raise InputError(
-                Phrase("error-three-places", {"places": len(given)}),
-                Phrase("error-name-three"),
-            )
+            raise InputError(Phrase("error-three-places", {"places": len(given)}), Phrase("error-name-three"))
         if len(set(given)) < len(given):
             twice = next(name for name in given if given.count(name) > 1)
             raise InputError(Phrase("error-place-twice", {"name": twice}), Phrase("error-need-three"))

@@ -60,12 +60,7 @@ class LengthMap(ReadOnly):
 
 
 def measured_volume(points: FloatArray, camera_centres: FloatArray) -> Volume:
-    """The box about points that were seen, its axes those of the cameras' arrangement.
-
-    Nine tenths of the points' extent: a length must be inside as a whole.
-
-    `points`: the points, (n,3) mm; `camera_centres`: projection centres of the cameras, (c,3) mm.
-    """
+    """A box about points (n,3) mm, nine tenths of their extent, its axes those of the cameras' centres (c,3) mm."""
     centred = camera_centres - camera_centres.mean(axis=0)
     axes = np.linalg.svd(centred)[2]
     axes *= np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])[:, None]  # the sign of an axis is no accident
@@ -74,13 +69,12 @@ def measured_volume(points: FloatArray, camera_centres: FloatArray) -> Volume:
     return Volume(points.mean(axis=0) + (low + high) / 2 @ axes, axes, 0.9 * (high - low) / 2)
 
 
-def length_map(cameras: Cameras, volume: Volume, sigma_px: float, scale_relative: float = 0.0) -> LengthMap:
+def length_map(cameras: Cameras, volume: Volume, sigma_px: float) -> LengthMap:
     """The map over a volume in mm."""
     places = volume.grid(GRID)
     directions = DIRECTIONS @ volume.axes
     half = LENGTH_MM / 2 * directions
     ends = np.stack([places[:, None] - half, places[:, None] + half], axis=2).reshape(-1, 2, 3)
     found = predict_lengths(cameras, ends, sigma_px)
-    standard = np.sqrt(found.calibration + found.own + (scale_relative * LENGTH_MM) ** 2)
-    expanded = (COVERAGE_FACTOR * standard).reshape(len(places), len(directions))
+    expanded = (COVERAGE_FACTOR * np.sqrt(found.calibration + found.own)).reshape(len(places), len(directions))
     return LengthMap(LENGTH_MM, COVERAGE_FACTOR, sigma_px, places, directions, expanded)

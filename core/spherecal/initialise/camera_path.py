@@ -97,10 +97,7 @@ def _first_paths(graph: CameraGraph, triples: list[Triple]) -> dict[int, Path]:
 
 
 def _first_listed_paths(graph: CameraGraph, triples: list[Triple]) -> dict[int, Path]:
-    """none-OPT in the literal order: after every camera placed the list is read again from its first triple.
-
-    A triple counts whatever its error; a step that the graph refuses has an infinite length.
-    """
+    """none-OPT in the literal order: the list is read again after every camera; refused steps are infinitely long."""
     paths = {graph.reference: Path((graph.reference,), (), 0.0)}
     listed = sorted(range(len(triples)), key=lambda number: tuple(sorted(triples[number].cameras)))
     while (step := _first_step(listed, triples, paths)) is not None:

@@ -33,12 +33,7 @@ def chain_poses(
 def chain_points(
     sources: Iterable[tuple[Triple, int]], rotation: FloatArray, translation: FloatArray, n_features: int
 ) -> FloatArray:
-    """Points (m,3) of triples in the reference frame, each chained by one of its cameras; NaN where no triple has it.
-
-    A point in several triples is that of the first.
-
-    `rotation`, `translation`: poses that `chain_poses` gives, (c,3,3) and (c,3).
-    """
+    """Points (m,3) of triples in the reference frame, each by the first triple that has it; NaN where none has."""
     points = np.full((n_features, 3), np.nan)
     for triple, camera in sources:
         j = triple.cameras.index(camera)

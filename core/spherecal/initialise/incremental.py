@@ -45,10 +45,7 @@ class InitialPoses:
 def grow(
     local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, context: Context
 ) -> InitialPoses:
-    """Poses of all cameras that triples or points reach, in the reference camera's frame.
-
-    `intrinsics`: before the adjustment, (c,16); `candidates`: observations to use, (n,).
-    """
+    """Poses of all cameras that triples or points reach, in the reference camera's frame."""
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     if local.pair is not None:
         first, second = local.pair.cameras
@@ -112,10 +109,7 @@ def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | Non
 
 
 def adjust_placed(network: Network, state: State, placed: BoolArray, candidates: BoolArray, context: Context) -> State:
-    """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown.
-
-    `placed`, `candidates`: cameras that have a pose (c,), and observations to use (n,).
-    """
+    """A short robust adjustment of placed cameras (c,) over the best of some rows (n,); points NaN where unknown."""
     some = best_observations(network, candidates & placed[network.camera], ENOUGH_OBSERVATIONS)
     step = RobustStep(START_INTRINSICS, RING_ITERATIONS, "growing the network")
     state = robust_adjustment(network, triangulated(network, state, some), some, placed, step, context)
@@ -132,10 +126,7 @@ def resect_rest(
     context: Context,
     follow: Callable[[InitialPoses], InitialPoses] = lambda resected: resected,
 ) -> InitialPoses:
-    """Poses of cameras that have none yet, those first that see most known points, an adjustment after each round.
-
-    `candidates`: observations to use, (n,).
-    """
+    """Poses of cameras that have none yet, those first that see most known points, an adjustment after each round."""
     state, placed = resected.state, resected.placed.copy()
     tried: set[int] = set()
     while True:
@@ -162,10 +153,7 @@ def resect_rest(
 
 
 def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:
-    """Rotation and translation of a camera from its observations (rows) of known points; None where few agree.
-
-    `camera`, `rows`: which camera, and its observations of known points (k,).
-    """
+    """Rotation and translation of a camera from its rows (k,) of known points; None where few agree."""
     xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
     rows, xy = rows[usable], xy[usable]
     points = network.only(rows).world_points(state)

@@ -52,18 +52,9 @@ class LocalNetwork:
 
 
 def reconstruct_locally(
-    observations: Observations,
-    features: Features,
-    intrinsics: FloatArray,
-    seed: int,
-    context: Context,
+    observations: Observations, features: Features, intrinsics: FloatArray, seed: int, context: Context
 ) -> LocalNetwork:
-    """Robust two-view gate, triples by factorisation, camera graph and paths, [Tao21] (3)-(14).
-
-    The reference is the camera in most triples.
-
-    `intrinsics`: before the adjustment, (c,16).
-    """
+    """Two-view gate, triples, graph and paths to the camera in most triples, [Tao21] (3)-(14)."""
     n_cameras = len(observations.cameras)
     xy, usable = undistort_views(observations.uv, observations.camera, intrinsics)
     focal, centre = intrinsics[observations.camera, :2], intrinsics[observations.camera, 2:4]
@@ -103,10 +94,7 @@ def reconstruct_locally(
 def _strongest_pair(
     gate: TwoViewGate, table: IntArray, xy: FloatArray, intrinsics: FloatArray, seed: int
 ) -> Pair | None:
-    """The two cameras that agree on most points; None without any, or where these points do not determine their pose.
-
-    Two cameras alone are no rig: nothing would test what they say.
-    """
+    """The two cameras that agree on most points; None where these do not determine their pose, or are all there is."""
     if ((table >= 0).sum(axis=1) >= MIN_COMMON).sum() < 3 or not gate.consistent:
         return None
     (i, j), common = max(gate.consistent.items(), key=lambda one: len(one[1]))

@@ -30,10 +30,7 @@ class _View:
 
 
 def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, BoolArray] | None:
-    """H (3,3) with b ~ H a and which matches agree within the gate (n,); None where there is none.
-
-    `a`, `b`: matches in normalised units, (n,2) each.
-    """
+    """H (3,3) with b ~ H a of normalised matches (n,2), and which agree within the gate (n,); else None."""
     if len(a) < MIN_POINTS:
         return None
     cv2.setRNGSeed(1)
@@ -48,10 +45,7 @@ def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, B
 
 
 def is_flat(xy_a: FloatArray, xy_b: FloatArray, focal_px: float) -> bool:
-    """Whether two views' matches are on one plane, as far as these views can show.
-
-    `xy_a`, `xy_b`: matches in normalised units, (n,2) each.
-    """
+    """Whether two views' normalised matches (n,2) are on one plane, as far as these views can show."""
     found = homography(xy_a, xy_b, PLANE_PX / focal_px)
     return found is not None and found[1].mean() >= ON_PLANE
 
@@ -59,13 +53,7 @@ def is_flat(xy_a: FloatArray, xy_b: FloatArray, focal_px: float) -> bool:
 def reconstruct_planar_triple(
     cameras: tuple[int, int, int], features: IntArray, xy: FloatArray, focal_px: FloatArray
 ) -> Triple | None:
-    """The reconstruction of three cameras from points of one plane, None where the points are on none.
-
-    The first camera is the origin; the plane's distance from it is the unit of length.
-
-    `cameras`, `features`: the triple, and the features common to it (n,); `xy` (3,n,2); `focal_px`: focal lengths (3,),
-    which turn errors to pixels.
-    """
+    """Three cameras from points `xy` (3,n,2) of one plane, its distance from the first as unit; None if on none."""
     good = np.ones(len(features), dtype=bool)
     h = []
     for k in (1, 2):
@@ -87,7 +75,10 @@ def reconstruct_planar_triple(
             rotation = np.stack([np.eye(3), one.rotation, other.rotation])
             translation = np.stack([np.zeros(3), one.translation, other.translation])
             points = rays[0] / (rays[0] @ (normal / np.linalg.norm(normal)))[:, None]
-            error = _errors(rotation, translation, points, xy) * focal_px[:, None]
+            x = np.einsum("cij,nj->cni", rotation, points) + translation[:, None]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                error = np.linalg.norm(x[:, :, :2] / x[:, :, 2:] - xy, axis=2)
+            error = np.where(x[:, :, 2] > 0, error, np.inf) * focal_px[:, None]
             if np.isfinite(error).all() and (best is None or error.mean() < best.error_px.mean()):
                 best = Triple(cameras, rotation, translation, features, points, error.mean(axis=1))
     return best
@@ -109,11 +100,3 @@ def _decompositions(h: FloatArray, rays: FloatArray) -> list[_View]:
             pose = (np.asarray(part, dtype=np.float64) for part in (rotation, translation.ravel(), normal.ravel()))
             views.append(_View(*pose))
     return views
-
-
-def _errors(rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray) -> FloatArray:
-    """Reprojection errors (3, n) in normalised units, infinite behind a camera."""
-    x = np.einsum("cij,nj->cni", rotation, points) + translation[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.linalg.norm(x[:, :, :2] / x[:, :, 2:] - xy, axis=2)
-    return np.where(x[:, :, 2] > 0, error, np.inf)

@@ -43,13 +43,10 @@ class Triple:
 def reconstruct_triple(
     cameras: tuple[int, int, int], features: IntArray, xy: FloatArray, focal_px: FloatArray
 ) -> Triple | None:
-    """The Euclidean reconstruction of three cameras from common features, None where it fails.
+    """The Euclidean reconstruction of three cameras from common features at `xy` (3,n,2), None where it fails.
 
     Points far worse than the rest are left out in a second attempt: the two-view gate before this lets through what is
     along the epipolar lines by chance.
-
-    `cameras`, `features`: the triple, and the features common to it (n,); `xy` (3,n,2); `focal_px`: focal lengths (3,),
-    which turn errors to pixels.
     """
     attempt = _attempt(xy)
     if attempt is None:

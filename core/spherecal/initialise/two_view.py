@@ -1,7 +1,4 @@
-"""The robust gate before any reconstruction: wrong matches are rejected by two-view geometry.
-
-The factorisation of a triple is not robust: with 2 % wrong matches it lost cameras in every trial.
-"""
+"""The robust gate before any reconstruction: with 2 % wrong matches the factorisation lost cameras in every trial."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -39,11 +36,7 @@ class TwoViewGate:
 def vote(
     feature_table: IntArray, flat: FloatArray, counts: IntArray, gate_px: float, seed: int, context: Context
 ) -> TwoViewGate:
-    """Observations that at least half of their pairs of cameras find consistent (MAGSAC on fundamental matrices).
-
-    `feature_table` (c,m); `flat`: image points without their known distortion, (n,2) px; `counts`: common features,
-    (c,c).
-    """
+    """Observations that at least half of their pairs of cameras find consistent (MAGSAC on fundamental matrices)."""
     agreed, asked = np.zeros(len(flat)), np.zeros(len(flat))
     consistent = {}
     pairs = [(i, j) for i, j in combinations(range(len(counts)), 2) if counts[i, j] >= MIN_POINTS_A_PAIR]
@@ -69,10 +62,7 @@ def _consistent(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> Bool
 
 
 def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> FloatArray | None:
-    """F with b' F a = 0 by MAGSAC, None where the points define none; deterministic for a seed.
-
-    `a`, `b`: matches (k,2) px each.
-    """
+    """F with b' F a = 0 of matches (k,2) px by MAGSAC, None where they define none; deterministic for a seed."""
     parameters = cv2.UsacParams()
     parameters.threshold = gate_px
     parameters.confidence = 0.9999
@@ -89,10 +79,7 @@ def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) 
 
 
 def epipolar_distance(fundamental: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """The larger of a match's two distances from its epipolar lines in pixels, (k,).
-
-    `a`, `b`: matches (k,2) px each.
-    """
+    """The larger of a match's two distances from its epipolar lines in pixels, (k,)."""
     a1, b1 = np.column_stack([a, np.ones(len(a))]), np.column_stack([b, np.ones(len(b))])
     in_b, in_a = a1 @ fundamental.T, b1 @ fundamental
     product = np.abs((b1 * in_b).sum(axis=1))
@@ -113,11 +100,9 @@ class Pair:
 def relative_orientation(
     cameras: tuple[int, int], a: FloatArray, b: FloatArray, focal_px: float, seed: int
 ) -> Pair | None:
-    """The relative orientation of two calibrated cameras; None where most points are not in front of both.
+    """The relative orientation of two cameras by normalised matches (k,2); None where most are not in front of both.
 
     The essential matrix is the one nearest to MAGSAC's F.
-
-    `a`, `b`: matches in normalised coordinates, (k,2) each.
     """
     fundamental = robust_fundamental(focal_px * a, focal_px * b, GATE_PX, seed)
     if fundamental is None:

@@ -24,12 +24,17 @@ def common_counts(seen: BoolArray) -> IntArray:
     return np.rint(pattern @ pattern.T).astype(np.int64)
 
 
+def groups_of(linked: IntArray, placed: BoolArray) -> list[IntArray]:
+    """Connected groups of cameras by their links (c,c): the placed ones first, then the largest."""
+    label = connected_components(csr_array(linked > 0), directed=False)[1]
+    groups = [np.flatnonzero(label == value) for value in dict.fromkeys(label.tolist())]
+    return sorted(groups, key=lambda group: (-int(placed[group].any()), -len(group), int(group[0])))
+
+
 def strongest_pairs(counts: IntArray, partners: int) -> IntArray:
-    """Counts (c, c) of each camera's pairs with most common features, and of those that keep the graph connected.
+    """Counts (c,c) of each camera's pairs with most common features (c,c), and of those that keep the graph connected.
 
     The rest is 0. A pair stays when either camera counts the other among its best.
-
-    `counts`: common features, (c,c).
     """
     apart = counts * ~np.eye(len(counts), dtype=bool)
     best = np.argsort(-apart, axis=1, kind="stable")[:, :partners]
@@ -49,10 +54,7 @@ class Candidates:
 
 
 def candidate_triples(seen: BoolArray, counts: IntArray, min_common: int = MIN_COMMON) -> Candidates:
-    """All triples whose every pair shares at least `min_common` features.
-
-    `seen`: which camera sees which feature, (c,m); `counts`: common features, (c,c).
-    """
+    """All triples whose every pair shares at least `min_common` features: seen (c,m), common ones (c,c)."""
     patterns, weight = np.unique(seen.T, axis=0, return_counts=True)
     edge = counts >= min_common
     rows, common = [], []
@@ -141,10 +143,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class CameraGraph:
-    """Adjacency of cameras: `edges[j][g]` is the lightest edge of the pair, the same both ways.
-
-    `groups` (c,) counts the triples a camera belongs to; the reference is the camera in most.
-    """
+    """Lightest edges `edges[j][g]` of pairs, the same both ways; `groups` (c,): how many triples a camera is in."""
 
     edges: tuple[dict[int, Edge], ...]
     groups: IntArray
@@ -187,10 +186,7 @@ def error_threshold(triples: list[Triple]) -> float:
 
 
 def build_graph(triples: list[Triple], counts: IntArray) -> CameraGraph:
-    """The graph of lightest edges over all triples, and common scales.
-
-    `counts`: common features, (c,c).
-    """
+    """The graph of lightest edges over all triples, and common scales."""
     edges, groups = lightest_edges(triples, counts, EdgeWeights(threshold_px=error_threshold(triples)))
     return CameraGraph(edges, groups, common_scales(triples) if triples else np.zeros(0))
 
@@ -198,10 +194,7 @@ def build_graph(triples: list[Triple], counts: IntArray) -> CameraGraph:
 def lightest_edges(
     triples: list[Triple], counts: IntArray, weights: EdgeWeights
 ) -> tuple[tuple[dict[int, Edge], ...], IntArray]:
-    """The lightest reconstruction of every pair, the same both ways, and how many triples share each camera (c,).
-
-    `counts`: common features, (c,c).
-    """
+    """The lightest reconstruction of every pair, the same both ways, and how many triples share each camera (c,)."""
     edges: list[dict[int, Edge]] = [{} for _ in counts]
     groups = np.zeros(len(counts), dtype=int)
     for number, triple in enumerate(triples):

@@ -1,5 +1,6 @@
 """The complete result: rig, points, residuals, spheres and findings."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,8 @@ from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.camera_effects import Corrections
 from spherecal.adjust.parameter_layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.state import State
 from spherecal.ball.ball_shape import shape_cofactors
 from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit
@@ -30,7 +33,8 @@ from spherecal.data.rig import (
     RigCamera,
     RigScale,
 )
-from spherecal.data.session import Session
+from spherecal.data.rig_camera import posed
+from spherecal.data.session import CameraSpec, Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
@@ -42,6 +46,7 @@ from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.sticker_size import sticker_doubt
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
@@ -73,19 +78,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     corrections = solved.network.corrections
     placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
     residual = _residuals(observations, features, placed, solution)
-    evidence = Evidence(
-        session,
-        observations,
-        features,
-        local,
-        placed,
-        _for_diagnosis(solved),
-        choice,
-        solution,
-        residual,
-        adjusted.used,
-        run.context,
-    )
+    recorded, judged = (session, observations, features), _for_diagnosis(solved)
+    evidence = Evidence(*recorded, local, placed, judged, choice, solution, residual, adjusted.used, run.context)
     lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
     cameras, earlier = (
         tuple(
@@ -122,20 +116,16 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         cameras, covariance = _of_either_size(
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )
-    lengths = _length_map(cameras, covariance, adjusted, solution, observations)
+    lengths = None
+    if solution.scale.source != "none":
+        noise = dot_noise_px(observations, adjusted.used, adjusted.variance)
+        lengths = map_of_lengths(cameras, covariance, solution.state.points, noise)
     said = [*_said_of(lengths), *_missed(lengths, session.wanted_uncertainty_mm)]
     findings = _ball_within_lengths(findings, lengths, 2 * float(np.linalg.norm(further)))
     findings = ruled([*findings, *said])
-    size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
-    quality = Quality(
-        valid=is_valid(findings),
-        rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
-        mean_px=float(size.mean()) if len(size) else None,
-        sigma0=sigma0,
-        findings=findings,
-        affected=affected(findings, names, _weak_region(lengths, session.wanted_uncertainty_mm)),
-    )
+    region = _weak_region(lengths, session.wanted_uncertainty_mm)
+    quality = quality_of(residual[adjusted.used], sigma0, findings, names, region)
     rig = Rig(
         session.cameras[reference].id if placed[reference] else None,
         cameras,
@@ -161,13 +151,30 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
         residual,
         adjusted.used,
-        _spheres(session, solution),
+        tuple(
+            PlacedSphere(session.placements[p].id, sphere.centre, sphere.radius, sphere.radial_sd)
+            for p, sphere in solution.spheres.items()
+        ),
         method,
         run.watch.seconds,
         _ball_shape(observations, features, solved, solution),
         motions,
     )
     return stopped_early(done) if fit.stopped else done
+
+
+def quality_of(
+    residual: FloatArray,
+    sigma0: float | None,
+    findings: tuple[Finding, ...],
+    names: Sequence[str],
+    region: Affected | None = None,
+) -> Quality:
+    """How good a fit is, by the residuals (n,2) px of the observations that it used, and what was found."""
+    size = np.linalg.norm(residual, axis=1)
+    size = size[np.isfinite(size)]  # not those of points behind a camera
+    rms, mean = (float(np.sqrt((size**2).mean())), float(size.mean())) if len(size) else (None, None)
+    return Quality(is_valid(findings), rms, mean, sigma0, findings, affected(findings, names, region))
 
 
 def stopped_early(done: Calibration) -> Calibration:
@@ -177,10 +184,6 @@ def stopped_early(done: Calibration) -> Calibration:
         return done
     quality = replace(quality, valid=False, findings=(STOPPED, *quality.findings))
     return replace(done, rig=replace(done.rig, quality=quality))
-
-
-# A place of the map is weak where a length is that many times as uncertain as in the middle of the rest.
-WEAK = 2.0
 
 
 def _doubted(scale: RigScale, doubt: float) -> RigScale:
@@ -335,13 +338,10 @@ def _ball_shape(observations: Observations, features: Features, fit: BallFit, so
     sphere = fit_sphere(places)
     scatter = shape_cofactors(cofactors, fit.adjusted.state.points, first)
     named = feature[first]
-    return BallShape(
-        features.target[named],
-        tuple(observations.points[i] for i in features.point[named]),
-        places - (places.mean(axis=0) if sphere is None else sphere.centre),
-        scatter * (fit.adjusted.variance * solution.factor**2),
-        solution.scale,
-    )
+    points = tuple(observations.points[i] for i in features.point[named])
+    middle = places.mean(axis=0) if sphere is None else sphere.centre
+    in_mm2 = fit.adjusted.variance * solution.factor**2
+    return BallShape(features.target[named], points, places - middle, scatter * in_mm2, solution.scale)
 
 
 def _for_diagnosis(fit: BallFit) -> BallFit:
@@ -358,27 +358,26 @@ def build_failed_result(
     recording: Recording, local: LocalNetwork, method: str, seconds: dict[str, float]
 ) -> Calibration:
     """The result where not even three cameras could be reconstructed: no camera has a pose."""
-    session, observations, features = recording.session, recording.observations, recording.features
-    nobody = np.zeros(len(session.cameras), dtype=bool)
-    findings = (
-        Finding("nothing-reconstructed", "error", kind="ball"),
-        *unlinked(observations, local.counts, [], nobody),
-    )
-    none = np.full((len(observations), 2), np.nan)
-    quality = Quality(False, None, None, None, findings)
-    return Calibration(
-        Rig(None, (), RigScale("none", None), quality, session.input_sha256),
-        observations,
-        features,
-        np.full((len(features), 3), np.nan),
-        np.full((len(features), 3), np.nan),
-        np.zeros(len(features), dtype=np.int64),
-        none,
-        np.zeros(len(observations), dtype=bool),
-        (),
-        method,
-        seconds,
-    )
+    session, observations = recording.session, recording.observations
+    lost = Finding("nothing-reconstructed", "error", kind="ball")
+    apart = unlinked(observations, local.counts, [], np.zeros(len(session.cameras), dtype=bool))
+    return unsolved(session, observations, recording.features, [lost, *apart], method, seconds)
+
+
+def unsolved(
+    session: Session,
+    observations: Observations,
+    features: Features,
+    findings: Sequence[Finding],
+    method: str,
+    seconds: dict[str, float],
+) -> Calibration:
+    """The result where no camera could be placed."""
+    quality = Quality(False, None, None, None, tuple(findings))
+    rig = Rig(None, (), RigScale("none", None), quality, session.input_sha256)
+    unknown, views = np.full((len(features), 3), np.nan), np.zeros(len(features), dtype=np.int64)
+    of_rows = np.full((len(observations), 2), np.nan), np.zeros(len(observations), dtype=bool)
+    return Calibration(rig, observations, features, unknown, unknown, views, *of_rows, (), method, seconds)
 
 
 def _residuals(observations: Observations, features: Features, placed: BoolArray, solution: Solution) -> FloatArray:
@@ -402,14 +401,10 @@ def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustme
     weighted = residual[adjusted.used]
     if observations.sigma is not None:
         weighted = weighted / observations.sigma[adjusted.used]
-    return float(np.sqrt(((weighted**2).sum() + _ties(adjusted)) / adjusted.redundancy))
-
-
-def _ties(adjusted: Adjustment) -> float:
-    """The sum of squares of the dots' shape noise over its standard deviation; 0 but for the soft form."""
     shape_sd, shape_residual = adjusted.problem.ball.shape_sd, adjusted.state.shape_residual
     tied = shape_sd > 0
-    return float(((shape_residual[tied] / shape_sd[tied, None]) ** 2).sum())
+    ties = float(((shape_residual[tied] / shape_sd[tied, None]) ** 2).sum())
+    return float(np.sqrt(((weighted**2).sum() + ties) / adjusted.redundancy))
 
 
 def _camera(
@@ -421,33 +416,33 @@ def _camera(
     solution: Solution,
     corrections: Corrections | None,
 ) -> RigCamera:
-    spec, state = session.cameras[c], solution.state
-    own = adjusted.used & (observations.camera == c)
-    return RigCamera(
-        spec.id,
-        spec.serial,
-        spec.image_size,
-        state.intrinsics[c],
-        state.rotation[c],
-        state.translation[c],
-        rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
-        observations=int(own.sum()),
-        sigma=_camera_sigma(c, adjusted, solution),
-        field=lens_field(corrections, solution.covariance, c, spec.image_size, adjusted, observations.uv),
-    )
+    spec, state, sigma = session.cameras[c], solution.state, None
+    if solution.covariance is not None:
+        cofactors = solution.covariance.cameras[c] * adjusted.variance
+        sigma = camera_sigma(cofactors, state.rotation[c], adjusted.problem, c, solution.factor)
+    own = residual[adjusted.used & (observations.camera == c)]
+    field = lens_field(corrections, solution.covariance, c, spec.image_size, adjusted, observations.uv)
+    return placed_camera(spec, state, c, own, sigma, field)
 
 
-def _camera_sigma(c: int, adjusted: Adjustment, solution: Solution) -> CameraSigma | None:
-    """Standard uncertainties of a camera's pose and intrinsics (datum: docs/conventions.md)."""
-    if solution.covariance is None:
-        return None
-    cofactors = solution.covariance.cameras[c] * adjusted.variance
-    rotation = solution.state.rotation[c]
-    centre = rotation.T @ cofactors[3:POSE, 3:POSE] @ rotation * solution.factor**2
-    intrinsics = np.zeros(N_INTRINSICS)
-    free = adjusted.problem.free_intrinsics[c, adjusted.problem.intrinsic_columns]
-    diagonal = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
-    intrinsics[adjusted.problem.intrinsic_columns] = np.where(free, diagonal[POSE:], 0.0)
+def placed_camera(
+    spec: CameraSpec, state: State, c: int, residual: FloatArray, sigma: CameraSigma | None, field: FieldTable | None
+) -> RigCamera:
+    """The camera as calibrated, of index c in the state; `residual` (n,2) px of its observations that were used."""
+    known = residual[np.isfinite(residual[:, 0])]
+    rms = float(np.sqrt((known**2).sum(axis=1).mean())) if len(known) else None
+    pose = state.intrinsics[c], state.rotation[c], state.translation[c]
+    return RigCamera(spec.id, spec.serial, spec.image_size, *pose, rms, len(residual), sigma, field)
+
+
+def camera_sigma(
+    covariance: FloatArray, rotation: FloatArray, problem: Problem, c: int, factor: float = 1.0
+) -> CameraSigma:
+    """Standard uncertainties of a camera's pose and intrinsics, by their covariance (w,w) (datum: conventions.md)."""
+    centre = rotation.T @ covariance[3:POSE, 3:POSE] @ rotation * factor**2
+    diagonal = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    columns, intrinsics = problem.intrinsic_columns, np.zeros(N_INTRINSICS)
+    intrinsics[columns] = np.where(problem.free_intrinsics[c, columns], diagonal[POSE:], 0.0)
     return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
 
 
@@ -459,28 +454,18 @@ def _camera_covariance(placed: BoolArray, adjusted: Adjustment, solution: Soluti
     return CameraCovariance(solution.cameras[np.ix_(keep, keep)], adjusted.problem.intrinsic_columns)
 
 
-def _length_map(
-    cameras: tuple[RigCamera, ...],
-    covariance: CameraCovariance | None,
-    adjusted: Adjustment,
-    solution: Solution,
-    observations: Observations,
+def map_of_lengths(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, points: FloatArray, noise_px: float
 ) -> LengthMap | None:
-    """The map of a length's uncertainty over what the ball showed; None without a covariance or a scale."""
-    known = np.isfinite(solution.state.points[:, 0])
-    if covariance is None or solution.scale.source == "none" or known.sum() < 2 or len(cameras) < 2:
+    """The map of a length's uncertainty over points (m,3) mm that were shown; None where none can be measured."""
+    known = np.isfinite(points[:, 0])
+    if covariance is None or known.sum() < 2 or len(cameras) < 2:
         return None
-    looking = Cameras(
-        np.array([c.intrinsics for c in cameras]),
-        np.array([c.rotation for c in cameras]),
-        np.array([c.translation_mm for c in cameras]),
-        np.array([c.image_size for c in cameras], dtype=float),
-        covariance.matrix,
-        covariance.intrinsics,
-        tuple(c.field for c in cameras),
-    )
-    volume = measured_volume(solution.state.points[known], np.array([c.centre_mm for c in cameras]))
-    return length_map(looking, volume, dot_noise_px(observations, adjusted))
+    poses, sizes = posed(cameras), np.array([c.image_size for c in cameras], dtype=float)
+    lenses, fields = (poses.intrinsics, poses.rotation, poses.translation), tuple(c.field for c in cameras)
+    looking = Cameras(*lenses, sizes, covariance.matrix, covariance.intrinsics, fields)
+    volume = measured_volume(points[known], np.array([c.centre_mm for c in cameras]))
+    return length_map(looking, volume, noise_px)
 
 
 def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
@@ -524,14 +509,7 @@ def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> tuple[Finding
     return (Finding("accuracy-missed", "warning", {**values, "length_mm": lengths.length_mm}, kind="volume"),)
 
 
-def dot_noise_px(observations: Observations, adjusted: Adjustment) -> float:
+def dot_noise_px(observations: Observations, used: BoolArray, variance: float) -> float:
     """The standard deviation of a typical dot's image coordinate in px, as the adjustment found it."""
-    sigma = 1.0 if observations.sigma is None else float(np.median(observations.sigma[adjusted.used]))
-    return max(float(np.sqrt(adjusted.variance)) * sigma, 1e-4)
-
-
-def _spheres(session: Session, solution: Solution) -> tuple[PlacedSphere, ...]:
-    return tuple(
-        PlacedSphere(session.placements[p].id, sphere.centre, sphere.radius, sphere.radial_sd)
-        for p, sphere in solution.spheres.items()
-    )
+    sigma = 1.0 if observations.sigma is None else float(np.median(observations.sigma[used]))
+    return max(float(np.sqrt(variance)) * sigma, 1e-4)

@@ -146,10 +146,7 @@ def image_motions(
 def effects_findings(
     cameras: tuple[RigCamera, ...], motions: tuple[ImageMotion, ...], uv: dict[str, FloatArray]
 ) -> tuple[Finding, ...]:
-    """What is said of fields and drift: which lenses and cameras, and how much.
-
-    `uv`: used image points (n,2) px of each camera by its id.
-    """
+    """What is said of fields and drift of which lenses and cameras; `uv`: used image points (n,2) px by camera."""
     found = []
     fields = {
         camera.id: float(np.sqrt((camera.field.at(uv[camera.id]) ** 2).mean()))

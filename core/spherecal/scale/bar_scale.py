@@ -40,10 +40,7 @@ class _Mark:
         return np.full(3, np.nan) if centre is None else centre / factor
 
     def weights(self) -> FloatArray:
-        """Coefficients (k,) of the dots whose sum is the mark: the origin under the affine fit of the flat layout.
-
-        For dots that keep the layout to a few micrometres this is the origin of the rigid fit to nanometres.
-        """
+        """Coefficients (k,) of the dots whose sum is the mark: the origin under the affine fit of the flat layout."""
         if self.layout_mm is None:
             return np.ones(1)
         return np.linalg.pinv(np.column_stack([np.ones(len(self.dots)), self.layout_mm]))[0]
@@ -105,8 +102,6 @@ def odd_poses(
 
     Each certified length is compared with itself in the other poses: its certificate errs alike in all of them. Against
     the mean of the others the network's own warp counts, with all correlations.
-
-    `points`: places of the features in network units, (f,3).
     """
     samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]))
     by_length: dict[tuple[str, str], list[_Sample]] = {}
@@ -179,8 +174,6 @@ def scale_from_bars(
 
     The relative uncertainty holds noise and calibration with all correlations, and the certificate and the bar's
     temperature, which more poses do not average. See docs/formulation.md, Scale.
-
-    `points`: places of the features in network units, (f,3).
     """
     samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]), without)
     if not samples:
@@ -204,13 +197,10 @@ def scale_from_bars(
 def length_rows(
     recording: Recording, bar_id: str, points_mm: FloatArray, without: Collection[str] = ()
 ) -> LengthRows | None:
-    """The certified lengths of a bar in all its poses as rows of an adjustment, ends as sums of features' points.
+    """The certified lengths of a bar in all its poses as rows of an adjustment; None where none could be measured.
 
     A certificate errs alike in all poses, and so do the thermometer and the coefficient of expansion; between poses
-    only the resolution of the temperature is free. None where no
-    length could be measured.
-
-    `points_mm`: places of the features in mm (f,3), NaN where unknown.
+    only the resolution of the temperature is free.
     """
     bar = _bar(recording, bar_id)
     samples = _samples(recording, bar_id, np.isfinite(points_mm[:, 0]), without)

@@ -42,10 +42,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class MetricFit:
-    """The ball model that was chosen, why, and its network in millimetres; `findings` of the choice.
-
-    `stopped`: the user wanted no more than the free form.
-    """
+    """The ball model that was chosen, why, and its network in millimetres; `stopped` at the free form by the user."""
 
     solved: BallFit
     choice: ModelChoice
@@ -110,22 +107,14 @@ def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -
     if cofactors is not None and session.scale is not None:
         found = _find_scale(recording, state, spheres, cofactors, adjusted.variance, literal)
     factor = found.factor if found else _nominal_factor(session, spheres)
-    cameras = None
+    cameras, scale = None, RigScale("none", None)
+    if found and session.scale:
+        scale = RigScale(found.source or session.scale.kind, found.relative_uncertainty)
     if cofactors is not None:
         cameras = _metric_cameras(state.scaled(factor), factor, found, cofactors, adjusted.variance)
-    return Solution(
-        state.scaled(factor),
-        cofactors,
-        factor,
-        RigScale(found.source or session.scale.kind, found.relative_uncertainty)
-        if found and session.scale
-        else RigScale("none", None),
-        found.scatter if found else 0.0,
-        {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()},
-        cameras,
-        found.stretch if found else 0.0,
-        found.odd if found else None,
-    )
+    scatter, stretch, odd = (found.scatter, found.stretch, found.odd) if found else (0.0, 0.0, None)
+    spheres = {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()}
+    return Solution(state.scaled(factor), cofactors, factor, scale, scatter, spheres, cameras, stretch, odd)
 
 
 def _metric_cameras(
@@ -150,10 +139,7 @@ def _metric_cameras(
 
 
 def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> dict[int, Sphere]:
-    """The sphere of every placement of the ball whose points define one.
-
-    `points`: places of the features (f,3), NaN where unknown; `placement`: placement of each, (f,).
-    """
+    """The sphere of every placement of the ball whose points define one."""
     spheres = {}
     for t in range(n_placements):
         own = points[(placement == t) & np.isfinite(points[:, 0])]
@@ -194,13 +180,8 @@ def _find_scale(
     names = observations.points
     if scale.from_point not in names or scale.to_point not in names:
         return None
-    spacing = Spacing(
-        names.index(scale.from_point),
-        names.index(scale.to_point),
-        scale.distance_mm,
-        scale.surface == "sphere",
-        _patterns(session, names),
-    )
+    ends = names.index(scale.from_point), names.index(scale.to_point)
+    spacing = Spacing(*ends, scale.distance_mm, scale.surface == "sphere", _patterns(session, names))
     radius = np.full(len(observations.placements), np.nan)
     for placement, sphere in spheres.items():
         radius[placement] = sphere.radius
@@ -221,9 +202,8 @@ def ball_scale(session: Session, spheres: dict[int, Sphere]) -> tuple[float, flo
         return None
     radius = float(np.median([s.radius for s in spheres.values()]))
     shape = float(np.median([s.radial_sd for s in spheres.values()])) / radius
-    return session.sphere_diameter_mm / 2 / radius, float(
-        np.hypot(session.sphere_sd_mm / session.sphere_diameter_mm, shape)
-    )
+    own = float(np.hypot(session.sphere_sd_mm / session.sphere_diameter_mm, shape))
+    return session.sphere_diameter_mm / 2 / radius, own
 
 
 def with_ball(found: FoundScale, session: Session, spheres: dict[int, Sphere]) -> FoundScale:

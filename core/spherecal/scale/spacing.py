@@ -71,9 +71,8 @@ class _Stickers:
     target: IntArray
 
     def select(self, keep: BoolArray) -> "_Stickers":
-        return _Stickers(
-            self.feature[keep], self.there[keep], self.flat_mm[keep], self.placement[keep], self.target[keep]
-        )
+        placement, target = self.placement[keep], self.target[keep]
+        return _Stickers(self.feature[keep], self.there[keep], self.flat_mm[keep], placement, target)
 
 
 def scale_from_spacing(
@@ -86,18 +85,20 @@ def scale_from_spacing(
 ) -> FoundScale | None:
     """The scale from all targets with enough dots reconstructed; None where there is none.
 
-    Targets are weighted by their measurement noise and by the scatter of the print, which is estimated too
-    (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several placements averages
-    its noise, not its print error. See docs/formulation.md, Scale.
-
-    `points`, `radius` (f,3).
+    Targets are weighted by their measurement noise and by the scatter of the print, which is estimated too (R.
+    DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several placements averages its
+    noise, not its print error. See docs/formulation.md, Scale.
     """
     stickers = _stickers(spacing, features, points, covariance)
     if not len(stickers.target):
         return None
     flat = np.full(len(stickers.target), np.inf)
     ratio, gradient, noise = _ratios(stickers, points, flat, covariance, variance)
-    stickers = stickers.select(_plausible(ratio, noise))
+    # without gross errors: a wrong code along the epipolar line of a two-view point puts that point metres away, unseen
+    # by the adjustment; within 6 standard deviations, as observed and as computed, of the median
+    off = np.abs(ratio / np.median(ratio) - 1)
+    spread = max(1.4826 * float(np.median(off)), 1e-9)
+    stickers = stickers.select(off <= 6 * np.maximum(np.sqrt(np.minimum(noise, 1e-4)), spread))
     bend = flat[: len(stickers.target)]
     ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
     weight, scatter = _weights(ratio, noise, stickers.target)
@@ -128,8 +129,6 @@ def scale_from_mean_distance(
 
     No weights, no other dots, no arc: on a ball lengths come out too long by d^2 / (24 R^2) relatively, which counts as
     uncertainty. None where no target has both dots.
-
-    `points`, `radius` (f,3).
     """
     stickers = _stickers(replace(spacing, patterns=None), features, points, covariance)
     n = len(stickers.target)
@@ -212,12 +211,7 @@ def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, wei
 
 
 def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
-    """Dots (n,k,3) mm of flat stickers laid on balls.
-
-    Straight lines through a sticker's origin keep their length (exponential map); z points into the ball.
-
-    `flat_mm`: places of the dots on the flat stickers, (n,k,2); `radius_mm`: radii of the balls, (n,).
-    """
+    """Dots (n,k,3) mm of flat stickers (n,k,2) laid on balls of radii (n,), z into the ball (exponential map)."""
     distance = np.linalg.norm(flat_mm, axis=2)
     radius = np.where(np.isfinite(radius_mm) & (radius_mm > 0), radius_mm, np.inf)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -229,30 +223,16 @@ def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
     return np.asarray(np.concatenate([flat_mm * shrink[:, :, None], depth[:, :, None]], axis=2), dtype=np.float64)
 
 
-def _plausible(ratio: FloatArray, relative_variance: FloatArray) -> BoolArray:
-    """Sizes without gross error, (n,): within 6 standard deviations, as observed and as computed, of the median.
-
-    A wrong code along the epipolar line of a two-view point puts that point metres away, unseen by the adjustment.
-    """
-    off = np.abs(ratio / np.median(ratio) - 1)
-    spread = 1.4826 * float(np.median(off))
-    return off <= 6 * np.maximum(np.sqrt(np.minimum(relative_variance, 1e-4)), max(spread, 1e-9))
-
-
 def _stickers(spacing: Spacing, features: Features, points: FloatArray, covariance: Covariance) -> _Stickers:
     """All stickers of all placements with both dots, or with enough of their pattern, reconstructed."""
     known = np.flatnonzero(np.isfinite(covariance.points[:, 0, 0]) & np.isfinite(points[:, 0]))
     names = int(features.point.max(initial=0)) + 1
-    keys, row = np.unique(
-        np.stack([features.placement[known], features.target[known]], axis=1), axis=0, return_inverse=True
-    )
+    both = np.stack([features.placement[known], features.target[known]], axis=1)
+    keys, row = np.unique(both, axis=0, return_inverse=True)
     feature = np.full((len(keys), max(names, spacing.from_point + 1, spacing.to_point + 1)), -1)
     feature[row.reshape(-1), features.point[known]] = known
-    flat = (
-        np.stack([_pattern(spacing, int(target), feature.shape[1]) for target in keys[:, 1]])
-        if len(keys)
-        else (np.zeros((0, feature.shape[1], 2)))
-    )
+    flat = np.array([_pattern(spacing, int(target), feature.shape[1]) for target in keys[:, 1]])
+    flat = flat.reshape(len(keys), feature.shape[1], 2)
     there = (feature >= 0) & np.isfinite(flat[:, :, 0])
     ends = there[:, spacing.from_point] & there[:, spacing.to_point]
     enough = ends | (there.sum(axis=1) >= LEAST_DOTS)

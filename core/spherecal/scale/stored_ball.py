@@ -11,7 +11,6 @@ from spherecal.ball.stored_shape import solve_on_ball
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.recording import Recording
-from spherecal.data.rig import BallShape
 from spherecal.data.session import Session
 from spherecal.files.ball_file import BallProfile, check_targets
 from spherecal.scale.metric import MetricFit, Solution, by_stored_ball
@@ -29,7 +28,11 @@ def on_known_ball(
     targets = session.target_set
     family, size = (None, None) if targets is None else (targets.family, targets.size_mm)
     check_targets(profile, family, size, session.folder)
-    found = solve_on_ball(free, ball, _known_dots(profile.shape, recording.observations.points), run)
+    number, shape = {name: i for i, name in enumerate(recording.observations.points)}, profile.shape
+    point = np.array([number.get(name, -1) for name in shape.point], dtype=np.int64)
+    keep = point >= 0
+    dots = KnownDots(shape.target[keep], point[keep], shape.places_mm[keep], shape.covariance_mm2[keep])
+    found = solve_on_ball(free, ball, dots, run)
     called = _profile_phrase(profile)
     if found.solved is None:
         return Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
@@ -38,14 +41,6 @@ def on_known_ball(
     reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
     said = _scale_conflict(profile, solution, longer, session)
     return MetricFit(solved, ModelChoice("rigid", reason), solution, tuple(said))
-
-
-def _known_dots(shape: BallShape, names: tuple[str, ...]) -> KnownDots:
-    """The profile's dots with the session's numbers of points; those of other names are left out."""
-    number = {name: i for i, name in enumerate(names)}
-    point = np.array([number.get(name, -1) for name in shape.point], dtype=np.int64)
-    keep = point >= 0
-    return KnownDots(shape.target[keep], point[keep], shape.places_mm[keep], shape.covariance_mm2[keep])
 
 
 def _profile_phrase(profile: BallProfile) -> Phrase:

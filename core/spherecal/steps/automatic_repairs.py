@@ -62,10 +62,7 @@ def certain_repairs(session: Session, now: Calibration, done: Repairs) -> Iterat
 
 
 def helps(tried: Calibration, now: Calibration, best: Calibration | None) -> bool:
-    """Whether repairs leave no fault, or fewer than before and than the best repairs so far.
-
-    A fault that the mended one concealed may take its place: as many, but others.
-    """
+    """Whether repairs leave no fault, or fewer than before and than the best repairs so far."""
     if tried.rig.quality.valid or has_fewer_faults(tried, now if best is None else best):
         return True
     return best is None and not _named(tried) & _named(now) and _faults(tried) <= _faults(now)
@@ -118,11 +115,8 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
 
 def _is_gross(finding: Finding, session: Session) -> bool:
     """Whether one placement, not the last, contradicts the others grossly, for a reason that is not known."""
-    return (
-        finding.code == "placements-contradict"
-        and not finding.repairs
-        and finding.where[-1:] not in ((), (_last(session),))
-    )
+    inside = finding.where[-1:] not in ((), (_last(session),))
+    return finding.code == "placements-contradict" and not finding.repairs and inside
 
 
 def most_wrong(session: Session) -> int:
@@ -247,9 +241,8 @@ def keeps_a_tested_pose(mended: Session, way: Repairs) -> bool:
     one image left out. Nothing tests those, and a length was 4 times its U off.
     """
     of = [value.partition("@")[0] for value in (*way.split, *way.leave_out)]
-    return all(
-        max(_images_of_one_pose(mended, name), default=0) >= 2 for name in {name for name in of if of.count(name) > 1}
-    )
+    several = {name for name in of if of.count(name) > 1}
+    return all(max(_images_of_one_pose(mended, name), default=0) >= 2 for name in several)
 
 
 def _images_of_one_pose(session: Session, camera: str) -> list[int]:
@@ -264,7 +257,8 @@ def is_credible(tried: Calibration, way: Repairs) -> bool:
         return False
     fits = {camera.id: camera.rms_px or 0.0 for camera in tried.rig.cameras}
     for earlier in tried.rig.earlier_poses:
-        now = tried.rig.camera(_home(earlier.id, way))
+        cut = (value.partition("@") for value in way.split)
+        now = tried.rig.camera(next(name for name, _, place in cut if earlier.id == f"{name} before {place}"))
         if now is None:
             return False
         rotation = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
@@ -296,9 +290,3 @@ def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:
     scatter = dict(zip(finding.where, finding.values["times"], strict=True))
     usual = float(np.median([scatter.get(camera.id, 1.0) for camera in tried.rig.cameras]))
     return any(scatter.get(name, 1.0) > MOST_SCATTER * usual for name in cameras)
-
-
-def _home(name: str, way: Repairs) -> str:
-    """The camera to which an earlier pose belongs."""
-    cut = (value.partition("@") for value in way.split)
-    return next(camera for camera, _, place in cut if name == f"{camera} before {place}")

@@ -34,10 +34,7 @@ def ball_network(recording: Recording, network: Network, local: LocalNetwork, fr
 def fit_ball_model(
     recording: Recording, start: StartValues, free: BallFit, settings: CalibrationSettings, run: Run
 ) -> MetricFit:
-    """The network in millimetres, in the ball model that the data support; the free form if the user stops this.
-
-    Decision 0006; docs/formulation.md, section The rigid ball.
-    """
+    """The network in millimetres, in the ball model that the data support (decision 0006); free if the user stops."""
     ball = ball_network(recording, start.network, start.local, free)
     try:
         fit = _in_its_model(recording, free, ball, settings, run.accepting_partial())
@@ -46,7 +43,10 @@ def fit_ball_model(
             raise
         solved, solution = in_millimetres(recording, free, run)
         fit = MetricFit(solved, ModelChoice("free", Phrase("form-stopped")), solution, stopped=True)
-    return _without_ambiguous(fit, free)
+    # the cameras that it or the free form left out because two poses fit them equally well
+    left_out = [form.ambiguous for form in (free, fit.solved) if form.ambiguous is not None]
+    ambiguous = np.any(left_out, axis=0) if left_out else None
+    return replace(fit, solved=replace(fit.solved, ambiguous=ambiguous))
 
 
 def _in_its_model(
@@ -66,13 +66,6 @@ def _in_its_model(
         run.watch.lap("rigid ball")
     fit, solution = in_millimetres(recording, fit, run)
     return MetricFit(fit, choice, solution, refused)
-
-
-def _without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
-    """The fit with the cameras that it or the free form left out because two poses fit them equally well."""
-    left_out = [form.ambiguous for form in (free, fit.solved) if form.ambiguous is not None]
-    ambiguous = np.any(left_out, axis=0) if left_out else None
-    return replace(fit, solved=replace(fit.solved, ambiguous=ambiguous))
 
 
 def select_ball_model(
@@ -116,10 +109,7 @@ def select_ball_model(
 def solve_others(
     recording: Recording, network: Network, placed: BoolArray, settings: CalibrationSettings, run: Run
 ) -> list[BallFit]:
-    """The free form of each group of cameras that has no common view with those placed, each in its own frame.
-
-    `placed`: cameras that have a pose, (c,).
-    """
+    """The free form of each group of cameras that has no common view with those placed, each in its own frame."""
     groups: list[BallFit] = []
     rest = ~placed
     observations, features = recording.observations, recording.features

@@ -65,10 +65,7 @@ def repaired(session: Session, repairs: Repairs) -> Session:
 def recorded(
     calibration: Calibration, session: Session, mended: Session, repairs: Repairs, automatic: bool = False
 ) -> Calibration:
-    """The calibration of a mended session, in terms of the original cameras, with its repairs and a finding for each.
-
-    Repairs recorded before stay.
-    """
+    """The calibration of a mended session, in terms of the original cameras, its repairs added, a finding for each."""
     rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
     done, findings = [], []
 
@@ -97,10 +94,8 @@ def recorded(
     others = {camera.id for camera in session.cameras if camera.earlier_pose_of is not None}
     left = tuple(camera for camera in rig.earlier_poses if camera.id in others)
     rig = replace(rig, repairs=(*done, *rig.repairs), earlier_poses=left)
-    under_old_names = replace(
-        calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended)
-    )
-    return with_findings(under_old_names, tuple(findings))
+    o = _under_old_names(calibration.observations, session, mended)
+    return with_findings(replace(calibration, rig=rig, observations=o), tuple(findings))
 
 
 def placements_seen_by(session: Session, cameras: Sequence[str]) -> list[str]:
@@ -206,18 +201,14 @@ def _left_out(session: Session, value: str) -> Session:
         keep = [c for c in range(len(session.cameras)) if c != index]
         number = np.full(len(session.cameras), -1)
         number[keep] = np.arange(len(keep))
-        return replace(
-            _with_images(session, lambda _, images: {c: p for c, p in images.items() if c != ids[0]}),
-            cameras=tuple(session.cameras[c] for c in keep),
-            observations=None
-            if o is None
-            else _renamed(o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number),
-        )
+        if o is not None:
+            o = _renamed(o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number)
+        there = _with_images(session, lambda _, images: {c: p for c, p in images.items() if c != ids[0]})
+        return replace(there, cameras=tuple(session.cameras[c] for c in keep), observations=o)
     placement = _place_index(session, ids[-1], value)
     camera = None if len(ids) == 1 else ids[0]
     there = _with_images(
-        session,
-        lambda t, images: {c: p for c, p in images.items() if t != placement or camera not in (None, c)},
+        session, lambda t, images: {c: p for c, p in images.items() if t != placement or camera not in (None, c)}
     )
     if o is None:
         return there
@@ -239,8 +230,7 @@ def _without_source(session: Session, source: str) -> Session:
 def _swapped(session: Session, a: int, b: int, placement: int | None) -> Session:
     names = {session.cameras[a].id: session.cameras[b].id, session.cameras[b].id: session.cameras[a].id}
     there = _with_images(
-        session,
-        lambda t, images: {names.get(c, c): p for c, p in images.items()} if placement in (None, t) else images,
+        session, lambda t, images: {names.get(c, c): p for c, p in images.items()} if placement in (None, t) else images
     )
     o = session.observations
     if o is None:
@@ -264,8 +254,7 @@ def _split(session: Session, index: int, placement: int) -> Session:
         if not _seen(session, index, part):
             raise InputError(Phrase(key, {"camera": spec.id, "place": name}))
     there = _with_images(
-        session,
-        lambda t, images: {earlier.id if c == spec.id and t < placement else c: p for c, p in images.items()},
+        session, lambda t, images: {earlier.id if c == spec.id and t < placement else c: p for c, p in images.items()}
     )
     cameras = (*session.cameras, earlier)
     o = session.observations

@@ -46,10 +46,7 @@ def local_network(recording: Recording, settings: CalibrationSettings, context: 
 
 @dataclass(frozen=True)
 class StartValues:
-    """What the adjustment starts from: the network, its local reconstructions, and poses.
-
-    With `tao2021` their state has the points too, NaN where there are none.
-    """
+    """What the adjustment starts from: network, local reconstructions, poses; with `tao2021` the points too, or NaN."""
 
     network: Network
     local: LocalNetwork

@@ -95,10 +95,7 @@ def local_reconstruction(recording: Recording, settings: CalibrationSettings, co
 
 
 def reconstructed_group(cameras: IntArray, common: IntArray, xy: FloatArray, focal_px: FloatArray) -> Triple:
-    """A group (3)-(9) with each camera's mean reprojection error E_R of its own points; infinite where it failed.
-
-    `xy`: normalised image points of the common features, (3,n,2); `focal_px`: focal lengths (3,).
-    """
+    """A group (3)-(9) from `xy` (3,n,2) with each camera's mean reprojection error E_R; infinite where it failed."""
     found = factorised(xy)
     i, j, k = (int(c) for c in cameras)
     if found is None:
@@ -112,12 +109,7 @@ def reconstructed_group(cameras: IntArray, common: IntArray, xy: FloatArray, foc
 
 
 def adjacency(groups: list[Triple], counts: IntArray, weights: EdgeWeights) -> CameraGraph:
-    """The lightest reconstruction of every pair, and how many groups share each camera.
-
-    Groups keep the scale that their factorisation gives them.
-
-    `counts`: common features, (c,c).
-    """
+    """The lightest reconstruction of every pair in its own scale, and how many groups share each camera."""
     edges, shared = lightest_edges(groups, counts, weights)
     return CameraGraph(edges, shared, np.ones(len(groups)))
 
@@ -138,11 +130,8 @@ def grouped_points(
     out = int((~keep).sum())
     values = {"count": out, "observations": len(keep), "percent": 100 * out / len(keep)}
     of_groups = replace(local, keep=local.keep[keep], triples=triples)
-    return (
-        Recording(recording.session, own, find_features(own)),
-        of_groups,
-        (Finding("points-without-group", "info", values),),
-    )
+    some = Recording(recording.session, own, find_features(own))
+    return some, of_groups, (Finding("points-without-group", "info", values),)
 
 
 # --- Optimal path transformation (OPT), (14)-(17), and none-OPT, Algorithm 3 ------------------------------------------

@@ -9,6 +9,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.targets.board_grid import board_grid
+from spherecal.targets.marker_set import marker_bits, marker_dictionary
 
 BoardKind = Literal["circles", "asymmetric-circles", "chessboard", "charuco", "aprilgrid"]
 BOARD_KINDS: tuple[BoardKind, ...] = get_args(BoardKind)
@@ -93,14 +94,9 @@ def charuco_board(p: BoardPattern) -> cv2.aruco.CharucoBoard:
     assert p.marker_mm is not None
     ids = np.arange(p.first_id, p.first_id + p.markers)
     size = (p.columns + 1, p.rows + 1)
-    board = cv2.aruco.CharucoBoard(size, p.pitch_mm, p.marker_mm, tag_dictionary(p.dictionary), ids)
+    board = cv2.aruco.CharucoBoard(size, p.pitch_mm, p.marker_mm, marker_dictionary(p.dictionary), ids)
     board.setLegacyPattern(p.legacy)
     return board
-
-
-def tag_dictionary(name: str) -> cv2.aruco.Dictionary:
-    """OpenCV's dictionary of this name."""
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
 def _dots(p: BoardPattern) -> Figure:
@@ -138,14 +134,13 @@ def _chessboard(p: BoardPattern) -> Figure:
 def _charuco(p: BoardPattern) -> Figure:
     """OpenCV's own arrangement of markers; the squares without one are black."""
     assert p.marker_mm is not None
-    s, dictionary = p.pitch_mm, tag_dictionary(p.dictionary)
-    board = charuco_board(p)
+    s, board = p.pitch_mm, charuco_board(p)
     parts: list[tuple[float, float, float, float, float]] = []
     taken = set()
     for marker, corners in zip(np.asarray(board.getIds()).ravel(), board.getObjPoints(), strict=True):
         left, top = np.asarray(corners)[:, :2].min(axis=0).tolist()
         taken.add((round((top - (s - p.marker_mm) / 2) / s), round((left - (s - p.marker_mm) / 2) / s)))
-        parts += marker_parts(_bits(dictionary, int(marker), 1), s + left, s + top, p.marker_mm)
+        parts += marker_parts(marker_bits(p.dictionary, int(marker)), s + left, s + top, p.marker_mm)
     squares = [
         ((column + 1) * s, (row + 1) * s, s, s, 0.0)
         for row, column in product(range(p.rows + 1), range(p.columns + 1))
@@ -157,14 +152,15 @@ def _charuco(p: BoardPattern) -> Figure:
 def _aprilgrid(p: BoardPattern) -> Figure:
     """Tags with small squares at their corners, which make every corner one of a chessboard, as Kalibr prints them."""
     assert p.marker_mm is not None
-    size, gap, dictionary = p.marker_mm, p.pitch_mm - p.marker_mm, tag_dictionary(p.dictionary)
+    size, gap = p.marker_mm, p.pitch_mm - p.marker_mm
     width, height = p.columns * p.pitch_mm + 3 * gap, p.rows * p.pitch_mm + 3 * gap
     parts: list[tuple[float, float, float, float, float]] = []
     for row, column in product(range(p.rows), range(p.columns)):
         left, top = 2 * gap + column * p.pitch_mm, 2 * gap + row * p.pitch_mm
         if p.rows_upward:
             top = height - top - size
-        bits = _bits(dictionary, p.first_id + row * p.columns + column, p.border_bits or KALIBR_BORDER_BITS)
+        marker = p.first_id + row * p.columns + column
+        bits = marker_bits(p.dictionary, marker, p.border_bits or KALIBR_BORDER_BITS)
         parts += marker_parts(np.rot90(bits, _TURNED) if p.dictionary == APRILTAGS else bits, left, top, size)
     for row, column in product(range(p.rows + 1), range(p.columns + 1)):
         parts.append((gap + column * p.pitch_mm, gap + row * p.pitch_mm, gap, gap, 0.0))
@@ -172,19 +168,10 @@ def _aprilgrid(p: BoardPattern) -> Figure:
     return Figure((width, height), tuple(parts), (), origin, p.rows_upward)
 
 
-def _bits(dictionary: cv2.aruco.Dictionary, marker: int, border: int) -> FloatArray:
-    """The cells of a marker with its black border, 0 black, 1 white."""
-    side = dictionary.markerSize + 2 * border
-    return (np.asarray(dictionary.generateImageMarker(marker, side, borderBits=border)) > 127).astype(float)
-
-
 def marker_parts(
     bits: FloatArray, left: float, top: float, size: float
 ) -> list[tuple[float, float, float, float, float]]:
-    """A black square with its white cells, those beside each other in one piece: x, y, width, height (mm), grey.
-
-    `bits`: the cells (n, n) with the black border, 0 black, 1 white.
-    """
+    """A black square with its white cells (`bits` (n,n): 1), joined: x, y, width, height (mm), grey."""
     cell = size / len(bits)
     parts = [(left, top, size, size, 0.0)]
     for row, cells in enumerate(bits):

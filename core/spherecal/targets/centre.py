@@ -13,13 +13,11 @@ _COLLINEAR = 0.01
 
 
 def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | None:
-    """Where the origin of a target is, (3,) in the frame of `points_mm`; None where its dots do not determine it.
+    """Where a target's origin is, (3,) in the frame of its dots (k,3), by their layout (k,2); None if not determined.
 
     The layout is laid by least squares with equal weights over the dots, as a flat rigid figure: turned and shifted,
-    never scaled or mirrored. z of its plane points away from the viewer, into the ball. It takes at least four dots,
-    not all on one line unless that line passes through the origin.
-
-    `layout_mm`: places of k dots on the flat sticker, (k, 2); `points_mm`: the same dots in space, (k, 3).
+    never scaled or mirrored; z points away from the viewer, into the ball. It takes at least four dots, not all on one
+    line unless that line passes through the origin.
     """
     if len(points_mm) < LEAST_DOTS:
         return None

@@ -57,13 +57,11 @@ def admissible_triples(places: FloatArray) -> IntArray:
 
 
 def clean_margins(triples: IntArray, places: FloatArray) -> FloatArray:
-    """How far each code is from being misread, (m,): the least, over all wrong readings, of its misfit / tolerance.
+    """How far each code (m,3) of places (n,2) mm is from being misread: the least misfit / tolerance of wrong readings.
 
-    A reading takes five of the eight dots for A B C D E; it is wrong unless all five are right. Its misfit is that
-    of the affine map onto the template (rms) or of the remaining dots from the lattice (largest), whichever
-    exceeds its tolerance more. Mirrored readings and views steeper than 80 degrees do not count.
-
-    `triples`: the codes, (m, 3) indices into `places`; `places`: places of the lattice, (n, 2) mm.
+    A reading takes five of the eight dots for A B C D E; it is wrong unless all five are right. Its misfit is that of
+    the affine map onto the template (rms) or of the remaining dots from the lattice (largest), whichever exceeds its
+    tolerance more. Mirrored readings and views steeper than 80 degrees do not count.
     """
     readings = np.array(list(itertools.permutations(range(8), 5)))
     right = (readings == np.arange(5)).all(axis=1)

@@ -54,9 +54,8 @@ def code_table(target_set: TargetSet) -> CodeTable:
     for index, triple in enumerate(triples.tolist()):
         i, j, k = triple
         if by_triple[i, j, k] >= 0 or len(set(triple)) < 3:
-            raise InputError(
-                Phrase("error-same-code", {"first": int(ids[by_triple[i, j, k]]), "second": int(ids[index])})
-            )
+            values = {"first": int(ids[by_triple[i, j, k]]), "second": int(ids[index])}
+            raise InputError(Phrase("error-same-code", values))
         by_triple[i, j, k] = index
         for pair in ((i, j), (i, k), (j, k)):
             by_pair[pair] = index if by_pair[pair] == -1 else -2

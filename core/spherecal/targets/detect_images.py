@@ -5,10 +5,9 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from spherecal.base.context import Context
-from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
-from spherecal.targets.images import read_image
+from spherecal.targets.images import check_size, read_image
 from spherecal.targets.target_set import TargetSet
 
 STAGE = "detect"
@@ -22,12 +21,7 @@ def detect_images(
     workers: int = 2,
     settings: Sequence[DetectionSettings | None] | None = None,
 ) -> list[Detections]:
-    """The targets in every image file, in the order of `paths`.
-
-    The result does not depend on the number of threads.
-
-    `settings` None is nothing.
-    """
+    """The targets in every image file, in the order of `paths`; not dependent on the number of threads."""
     context = context or Context()
     context.report(STAGE, 0.0, Phrase("images", {"images": len(paths)}))
     detector = Detector(target_set)
@@ -43,20 +37,8 @@ def detect_images(
 
 def _detect_file(detector: Detector, path: Path, settings: DetectionSettings | None) -> Detections:
     image = read_image(path)
-    height, width = image.shape
-    if settings is not None and settings.image_size not in (None, (width, height)):
-        raise InputError(
-            Phrase(
-                "error-image-size",
-                {
-                    "file": path,
-                    "width": width,
-                    "height": height,
-                    "camera_width": settings.image_size[0],
-                    "camera_height": settings.image_size[1],
-                },
-            )
-        )
+    if settings is not None and settings.image_size is not None:
+        check_size(path, image, settings.image_size)
     return detector.detect(image, settings)
 
 

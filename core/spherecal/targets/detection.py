@@ -90,10 +90,7 @@ class Detector:
         self._dark_on_light = target_set.polarity == "dark-on-light"
 
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
-        """The targets in a grey image.
-
-        `image`: grey image (h, w), uint8 or uint16; `settings` None is nothing.
-        """
+        """The targets in a grey image (h, w), uint8 or uint16."""
         # a part of an image or one that is read-only has a type of its own: each kernel would be compiled once more
         image = np.require(image, requirements=["C", "W"])
         if self._markers is not None:
@@ -118,17 +115,9 @@ class Detector:
         n, point = np.nonzero(found[by_id])
         n = by_id[n]
         ids = table.ids[groups.target]
-        return Detections(
-            DOTS,
-            ids[n],
-            point,
-            dots.uv[n, point],
-            dots.sigma[n, point],
-            ids[by_id],
-            dots.misfit[by_id],
-            np.rad2deg(np.arccos(np.clip(groups.views[by_id, sv.COSINE], 0.0, 1.0))),
-            dots.blur_px[by_id],
-        )
+        of_dots = ids[n], point, dots.uv[n, point], dots.sigma[n, point]
+        tilt_deg = np.rad2deg(np.arccos(np.clip(groups.views[by_id, sv.COSINE], 0.0, 1.0)))
+        return Detections(DOTS, *of_dots, ids[by_id], dots.misfit[by_id], tilt_deg, dots.blur_px[by_id])
 
 
 def detect(image: GreyImage, target_set: TargetSet, settings: DetectionSettings | None = None) -> Detections:
@@ -147,17 +136,9 @@ def _markers_in(image: GreyImage, targets: TargetSet, settings: DetectionSetting
     n, point = np.nonzero(keep)
     focal, u, v = _camera(image, settings)
     matrix = np.array([[focal, 0, u], [0, focal, v], [0, 0, 1]])
-    return Detections(
-        CORNERS,
-        found.ids[n],
-        point,
-        found.uv[n, point],
-        found.sigma[n, point],
-        found.ids[whole],
-        found.residual[whole] / USUAL_RESIDUAL_PX,
-        tilts_deg(found.uv[whole], matrix),
-        found.blur[whole],
-    )
+    of_corners = found.ids[n], point, found.uv[n, point], found.sigma[n, point]
+    misfit, tilt_deg = found.residual[whole] / USUAL_RESIDUAL_PX, tilts_deg(found.uv[whole], matrix)
+    return Detections(CORNERS, *of_corners, found.ids[whole], misfit, tilt_deg, found.blur[whole])
 
 
 def _camera(image: GreyImage, settings: DetectionSettings) -> FloatArray:

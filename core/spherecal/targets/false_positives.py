@@ -39,11 +39,7 @@ _SIZES = 0.8, 1.35
 def proven(
     dots: RefinedDots, layouts: FloatArray, views: FloatArray, complete: BoolArray, camera: FloatArray
 ) -> BoolArray:
-    """Which readings are targets, (n,).
-
-    `layouts`: places of their dots, (n, 8, 2) mm for a 28 mm sticker; `camera`: focal length and centre u, v in px,
-    (3,).
-    """
+    """Which readings, places (n, 8, 2) mm on a 28 mm sticker, are targets (n,) of a camera (f, u, v) px."""
     holds = np.zeros(len(layouts), dtype=bool)
     for i, (uv, layout) in enumerate(zip(dots.uv, layouts, strict=True)):
         seen = np.isfinite(uv[:, 0])

@@ -37,10 +37,7 @@ def _code_book() -> FloatArray:
 
 
 def code_book() -> FloatArray:
-    """Places of M1 M2 M3 for ids 1, 2, ..., (344, 3, 2) mm on the 28 mm sticker.
-
-    M1, M2, M3 go row by row from the top and from left to right within a row. Made by code_book.py.
-    """
+    """Places of M1 M2 M3, row by row from the left, for ids 1, 2, ..., (344, 3, 2) mm (made by code_book.py)."""
     return _code_book().copy()
 
 
@@ -50,9 +47,8 @@ def make_target_set(
     """The targets with ids start_id .. start_id + count - 1 of family dots8."""
     last_id = start_id + count - 1
     if count < 1 or start_id < 1 or last_id > CODE_COUNT:
-        raise InputError(
-            Phrase("error-family-ids", {"family": FAMILY, "most": CODE_COUNT, "first": start_id, "last": last_id})
-        )
+        values = {"family": FAMILY, "most": CODE_COUNT, "first": start_id, "last": last_id}
+        raise InputError(Phrase("error-family-ids", values))
     if not size_mm > 0:
         raise InputError(Phrase("error-target-width", {"size": size_mm}))
     scale = size_mm / SIZE_MM

@@ -1,7 +1,4 @@
-"""Detected dots followed into later images of the same camera, by OpenCV's optical flow, for a live overlay.
-
-It takes a sixth of the time of a detection and finds no target anew. What is measured is always detected.
-"""
+"""Detected dots followed into later images by OpenCV's optical flow, for a live overlay; it finds no target anew."""
 
 from dataclasses import replace
 
@@ -31,10 +28,7 @@ _LEAST_TARGETS = 0.5  # with fewer, another scene is more likely than a hand bef
 
 
 class Follower:
-    """The dots of a camera, from the image on in which they were detected.
-
-    `image`, `bits`: that image (h, w), and its significant bits.
-    """
+    """The dots of a camera, from the image (h, w) of some bits on in which they were detected."""
 
     def __init__(self, image: GreyImage, bits: int, found: Detections) -> None:
         self._found, self._image = found, _half(image, bits)
@@ -46,10 +40,7 @@ class Follower:
         self._contrast = _contrast(self._image, self._start)
 
     def follow(self, image: GreyImage, bits: int, ignore: tuple[Rectangle, ...] = ()) -> Detections | None:
-        """The dots in a later image, as far as they are to be seen; None where too few are.
-
-        `image`, `bits`: the image (h, w), and its significant bits.
-        """
+        """The dots in a later image (h, w), as far as they are to be seen; None where too few are."""
         found, now = self._found, _half(image, bits)
         if now.shape != self._image.shape or not len(found):
             return None

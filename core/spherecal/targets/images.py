@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_file
 from spherecal.base.messages.values import Phrase
@@ -27,6 +26,14 @@ _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")  # PPM: all of PBM, PGM, PPM, P
 # A colour filter array left in the image shows as phases of unlike contrast: by 10 % and more under white light, while
 # phases of one colour agree to 0.5 % in images of 3 MP.
 _MOSAIC = 0.03
+
+
+def check_size(path: Path, image: GreyImage, size: tuple[int, int]) -> None:
+    """Refuse an image that is not of its camera's width and height in px."""
+    height, width = image.shape
+    if (width, height) != tuple(size):
+        values = {"file": path, "width": width, "height": height, "camera_width": size[0], "camera_height": size[1]}
+        raise InputError(Phrase("error-image-size", values))
 
 
 def read_image(path: Path) -> GreyImage:
@@ -69,9 +76,8 @@ def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
         return  # read whole it says best what is wrong with it
     _check_size(path, width, height)
     if size > width * height * _MOST_BYTES_A_PIXEL + _SMALL_BYTES:
-        raise InputError(
-            Phrase("error-image-padded", {"file": path, "megabytes": size >> 20, "width": width, "height": height})
-        )
+        values = {"file": path, "megabytes": size >> 20, "width": width, "height": height}
+        raise InputError(Phrase("error-image-padded", values))
 
 
 def as_grey(image: NDArray[Any]) -> GreyImage:
@@ -94,12 +100,11 @@ def _of_kind(pixels: NDArray[Any]) -> GreyImage:
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
+    values = {"file": path, "width": width, "height": height}
     if width * height > LARGEST_MEGAPIXELS * 1e6:
-        raise InputError(
-            Phrase("error-many-pixels", {"file": path, "width": width, "height": height, "most": LARGEST_MEGAPIXELS})
-        )
+        raise InputError(Phrase("error-many-pixels", {**values, "most": LARGEST_MEGAPIXELS}))
     if min(width, height) < _SMALLEST_SIDE_PX:
-        raise InputError(Phrase("error-few-pixels", {"file": path, "width": width, "height": height}))
+        raise InputError(Phrase("error-few-pixels", values))
 
 
 def _decode(image: Image.Image) -> GreyImage | None:
@@ -126,7 +131,10 @@ def balance_mosaic(image: GreyImage) -> GreyImage:
 
     Targets are black and white, so that a gain for each phase makes a raw Bayer image a grey one.
     """
-    contrasts = _contrasts(image)
+    whole, pairs = np.ascontiguousarray(image), image.shape[1] // 2
+    # a row's two phases as two channels: 6 to 28 times as fast as `std` of each (1 to 5 MP)
+    rows = [whole[row::2, : 2 * pairs].reshape(-1, pairs, 2) for row in (0, 1)]
+    contrasts = np.concatenate([np.asarray(cv2.meanStdDev(row)[1], dtype=float).ravel() for row in rows])
     if contrasts.min() <= 0 or contrasts.max() < (1 + _MOSAIC) * contrasts.min():
         return image
     gains = (contrasts.max() / contrasts).reshape(2, 2)
@@ -138,13 +146,3 @@ def balance_mosaic(image: GreyImage) -> GreyImage:
         for column in (0, 1):
             balanced[row::2, column::2] = np.rint((image[row::2, column::2] - black) * (gains[row, column] * scale))
     return balanced
-
-
-def _contrasts(image: GreyImage) -> FloatArray:
-    """The standard deviations of the four phases (4,), row by row; a last column without its neighbour is left out.
-
-    The two phases of a row are two channels for OpenCV: 6 to 28 times as fast as `std` of each (1 to 5 MP).
-    """
-    whole, pairs = np.ascontiguousarray(image), image.shape[1] // 2
-    rows = [whole[row::2, : 2 * pairs].reshape(-1, pairs, 2) for row in (0, 1)]
-    return np.concatenate([np.asarray(cv2.meanStdDev(row)[1], dtype=float).ravel() for row in rows])

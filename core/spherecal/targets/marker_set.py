@@ -44,10 +44,7 @@ def marker_count(name: str) -> int:
 def make_marker_set(
     dictionary: str, size_mm: float, ids: Sequence[int] | None = None, polarity: Polarity = "dark-on-light"
 ) -> TargetSet:
-    """Markers of a dictionary as targets; points 0 to 3 are the corners of the black square.
-
-    `ids` None takes all.
-    """
+    """Markers of a dictionary (all without `ids`) as targets; points 0 to 3 are the black square's corners."""
     count = marker_count(dictionary)
     chosen = range(count) if ids is None else ids
     if not chosen or min(chosen) < 0 or max(chosen) >= count:
@@ -62,7 +59,7 @@ def make_marker_set(
 
 
 def marker_bits(dictionary: str, marker: int, border: int = BORDER_BITS) -> FloatArray:
-    """The cells (n, n) of a marker with its border, 0 black, 1 white."""
+    """The cells (n, n) of a marker with its black border, 0 black, 1 white."""
     found = marker_dictionary(dictionary)
     side = found.markerSize + 2 * border
     return (np.asarray(found.generateImageMarker(marker, side, borderBits=border)) > 127).astype(float)

@@ -47,10 +47,7 @@ class Markers(NamedTuple):
 
 
 def find_markers(image: NDArray[np.uint8] | NDArray[np.uint16], targets: TargetSet) -> Markers:
-    """The markers of a set in a grey image, by id; one that is there twice is left out, as its id is in doubt.
-
-    `image`: grey image, (h, w).
-    """
+    """The markers of a set in a grey image (h, w), by id; one that is there twice is left out: its id is in doubt."""
     assert targets.dictionary is not None
     ids, corners = _decoded(_eight_bits(image), targets)
     cells = marker_dictionary(targets.dictionary).markerSize + 2 * BORDER_BITS
@@ -222,10 +219,7 @@ def _meeting(before: _Edge, after: _Edge) -> tuple[FloatArray, FloatArray]:
 
 
 def tilts_deg(uv: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Angles (n,) in degrees between the lines of sight and the normals of square markers; NaN where not known.
-
-    `uv`: the corners, (n, 4, 2) px; `matrix`: camera matrix (3, 3) in px.
-    """
+    """Angles (n,) in degrees between the lines of sight and the normals of markers (n, 4, 2) px; NaN if unknown."""
     square = np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
     tilts = np.full(len(uv), np.nan)
     for i, corners in enumerate(uv):

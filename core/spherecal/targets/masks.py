@@ -11,10 +11,7 @@ Rectangle = tuple[float, float, float, float]
 
 
 def masked(uv: FloatArray, rectangles: Sequence[Rectangle]) -> BoolArray:
-    """Which of some places (...,) are in one of the rectangles, borders included; NaN is in none.
-
-    `uv`: the places, (..., 2) px; `rectangles`: left, top, width and height of each, px.
-    """
+    """Which of some places (..., 2) px are in one of the rectangles, borders included; NaN is in none."""
     inside = np.zeros(uv.shape[:-1], dtype=bool)
     for left, top, width, height in rectangles:
         low = np.array([left, top])

@@ -43,10 +43,7 @@ class Found:
 
 
 def detect_predicted(image: GreyImage, expected: ExpectedTargets, table: CodeTable, camera: Sequence[float]) -> Found:
-    """The expected targets that the image really shows, with all dots that were expected of each.
-
-    `image`: grey image, (h, w); `camera`: focal length and centre u, v in px.
-    """
+    """The expected targets that the grey image (h, w) really shows, with all dots that were expected of each."""
     image = np.require(image, requirements=["C", "W"])  # as in detection.py: one type of image
     ids = np.concatenate([expected.known, expected.targets])
     uv = np.concatenate([expected.known_uv, expected.uv])

@@ -38,10 +38,7 @@ class Cause:
 
 
 def why_nothing(image: GreyImage, targets: TargetSet) -> Cause:
-    """The likely reason why an image shows no targets of a set.
-
-    `image`: grey image, (h, w).
-    """
+    """The likely reason why a grey image (h, w) shows no targets of a set."""
     return _without_light(image) or _with_a_change(image, targets) or _without_sharpness(image) or _NOT_THERE
 
 
@@ -103,7 +100,10 @@ def _with_a_change(image: GreyImage, targets: TargetSet) -> Cause | None:
     if reads_mirrored(image, targets):
         found = _found(image[:, ::-1], targets)
         return Cause("mirrored", Phrase("nothing-mirrored", {"targets": found}), Phrase("nothing-mirrored-remedy"))
-    if strangers := _strangers(image, targets):
+    family = make_target_set(CODE_COUNT, targets.size_mm, targets.polarity)
+    every: Detections = Detector(family).detect(image)
+    strangers = [int(target) for target in every.target_ids if int(target) not in targets.layouts]
+    if len(strangers) >= _LEAST_TARGETS:
         values = {"targets": len(strangers), "ids": strangers[:8]}
         seen = Phrase("nothing-others-more", values) if len(strangers) > 8 else Phrase("nothing-others", values)
         return Cause("other-targets", seen, Phrase("nothing-others-remedy"))
@@ -118,14 +118,6 @@ def _with_a_change(image: GreyImage, targets: TargetSet) -> Cause | None:
 
 def _found(image: GreyImage, targets: TargetSet) -> int:
     return len(Detector(targets).detect(cast(GreyImage, np.ascontiguousarray(image))).target_ids)
-
-
-def _strangers(image: GreyImage, targets: TargetSet) -> list[int]:
-    """Ids of the family's targets in the image that the set does not have; none where there is but one."""
-    family = make_target_set(CODE_COUNT, targets.size_mm, targets.polarity)
-    found: Detections = Detector(family).detect(image)
-    strange = [int(target) for target in found.target_ids if int(target) not in targets.layouts]
-    return strange if len(strange) >= _LEAST_TARGETS else []
 
 
 def _without_sharpness(image: GreyImage) -> Cause | None:

@@ -14,12 +14,7 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.verify.budget import certificate_freedom
-from spherecal.verify.uncertainty import (
-    COVERAGE,
-    PointErrors,
-    expansion_kelvin,
-    temperature_sd,
-)
+from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import Decision, MeasuredLength
 
 # INCONSISTENT turns a technician away (exit code 3): a right rig may be called so once in 100 times, by both tests
@@ -40,8 +35,6 @@ def decide(
 
     Lengths whose own uncertainty is not stated decide nothing. Each error is held against Student's k for all of them
     (Bonferroni's bound, which holds for correlated errors too), all together against chi-square with their covariance.
-
-    `errors` None: only single errors are judged.
     """
     measured = [m for m in measured if m.certified]
     if not measured or not comparable:
@@ -87,10 +80,7 @@ def _most_chi_square(n: int, freedom: float) -> float:
 def chi_square(
     measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], errors: PointErrors, scale_relative: float
 ) -> float:
-    """All errors together in units of their covariance.
-
-    What lengths of one laboratory have in common is not stated: the smaller of nothing and everything is taken.
-    """
+    """All errors together in units of their covariance; with nothing or everything in common within a laboratory."""
     error = np.array([m.error_mm for m in measured])
     return min(
         float(error @ np.linalg.solve(error_covariance(measured, bars, errors, scale_relative, shared), error))
@@ -127,9 +117,10 @@ def error_covariance(
     laboratory = [_laboratory(bars[m.bar]) if one_laboratory else m.key for m in measured]
     found += np.outer(certificate, certificate) * _same(laboratory)
     known = [m.temperature_c is not None for m in measured]
-    thermometer = np.array([_by_kelvin(m, bars[m.bar]) * temperature_sd(m.temperature_c) for m in measured])
+    by_kelvin = np.array([m.reference_mm * abs(bars[m.bar].expansion_per_kelvin) for m in measured])
+    thermometer = by_kelvin * [temperature_sd(m.temperature_c) for m in measured]
     found += np.outer(thermometer, thermometer) * _same(known)
-    expansion = np.array([_by_expansion(m, bars[m.bar]) for m in measured])
+    expansion = by_kelvin * [_expansion_kelvin(m, bars[m.bar]) for m in measured]
     return found + np.outer(expansion, expansion) * _same([m.bar for m in measured])
 
 
@@ -157,10 +148,6 @@ def _same(names: Sequence[object]) -> BoolArray:
     return number[:, None] == number
 
 
-def _by_kelvin(m: MeasuredLength, bar: Bar) -> float:
-    return m.reference_mm * abs(bar.expansion_per_kelvin)
-
-
-def _by_expansion(m: MeasuredLength, bar: Bar) -> float:
+def _expansion_kelvin(m: MeasuredLength, bar: Bar) -> float:
     warmer = 0.0 if m.temperature_c is None else m.temperature_c - bar.reference_temperature_c
-    return _by_kelvin(m, bar) * expansion_kelvin(bar, warmer, temperature_sd(m.temperature_c))
+    return expansion_kelvin(bar, warmer, temperature_sd(m.temperature_c))

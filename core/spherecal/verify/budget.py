@@ -85,10 +85,8 @@ def length_budgets(
 ) -> tuple[Budget, ...]:
     """The test value's uncertainty (ISO 14253-5) of each certified length, in the order they were first measured.
 
-    It holds what the test adds: the bar, its temperature, how well its marks are found. What the rig errs by is what
-    is tested: a worse rig must not be harder to fail.
-
-    `noise_share`: of the marks' image noise, what a rig as good as calibrated would have.
+    It holds what the test adds: the bar, its temperature, how well its marks are found. What the rig errs by is what is
+    tested: a worse rig must not be harder to fail.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:
@@ -114,14 +112,9 @@ def _budget(group: Sequence[MeasuredLength], bar: Bar, noise_share: float) -> Bu
     certified = next(x for x in bar.lengths if (x.from_mark, x.to_mark) == (first.from_mark, first.to_mark))
     marks = noise_share * math.sqrt(float(np.mean([m.budget.noise_mm**2 for m in group])))
     thermometer, expansion = _temperature(group, bar, certified)
+    stated, k = certified.expanded_uncertainty_mm / certified.coverage_factor, certified.coverage_factor
     contributions = (
-        Contribution(
-            "certificate",
-            "B",
-            "normal",
-            certified.expanded_uncertainty_mm / certified.coverage_factor,
-            certificate_freedom(certified.coverage_factor),
-        ),
+        Contribution("certificate", "B", "normal", stated, certificate_freedom(k)),
         Contribution("thermometer", "B", "rectangular", thermometer),
         Contribution("expansion", "B", "rectangular", expansion),
         Contribution("centring", "B", "normal", marks),
@@ -154,13 +147,8 @@ def resolution_mm(certified: BarLength) -> float:
     """The last digit in mm in which a certificate states a length: that of its length or uncertainty, the finer one."""
     if certified.expanded_uncertainty_mm == 0:
         return 0.0
-    return 10.0 ** -max(_decimals(certified.length_mm), _decimals(certified.expanded_uncertainty_mm))
-
-
-def _decimals(value: float) -> int:
-    """Decimals of the shortest form of a number; a trailing zero in the file is lost."""
-    digits = f"{value:.12f}".rstrip("0").partition(".")[2]
-    return len(digits)
+    both = certified.length_mm, certified.expanded_uncertainty_mm  # a trailing zero in the file is lost
+    return 10.0 ** -max(len(f"{value:.12f}".rstrip("0").partition(".")[2]) for value in both)
 
 
 def _temperature(group: Sequence[MeasuredLength], bar: Bar, certified: BarLength) -> tuple[float, float]:
@@ -168,9 +156,6 @@ def _temperature(group: Sequence[MeasuredLength], bar: Bar, certified: BarLength
     by_kelvin = certified.length_mm * abs(bar.expansion_per_kelvin)
     warmer = [0.0 if m.temperature_c is None else m.temperature_c - bar.reference_temperature_c for m in group]
     sd_k = [temperature_sd(m.temperature_c) for m in group]
-    root = math.sqrt
-    return (
-        by_kelvin * root(float(np.mean(np.square(sd_k)))),
-        by_kelvin
-        * root(float(np.mean([expansion_kelvin(bar, w, sd) ** 2 for w, sd in zip(warmer, sd_k, strict=True)]))),
-    )
+    squares = [expansion_kelvin(bar, w, sd) ** 2 for w, sd in zip(warmer, sd_k, strict=True)]
+    thermometer = by_kelvin * math.sqrt(float(np.mean(np.square(sd_k))))
+    return thermometer, by_kelvin * math.sqrt(float(np.mean(squares)))

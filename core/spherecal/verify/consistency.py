@@ -50,10 +50,7 @@ class CameraTest:
 
 @dataclass(frozen=True)
 class Consistency:
-    """All cameras that could be tested; `noise` of the observations in units of their sigma, views left out.
-
-    `rejected`: cameras most of whose views contradict the others beyond any small move.
-    """
+    """All cameras that could be tested; `noise` in sigmas, views left out; `rejected`: most views contradict."""
 
     cameras: tuple[CameraTest, ...]
     untested: tuple[str, ...]
@@ -124,13 +121,9 @@ def _search(views: Views, keep: BoolArray, rig: Rig, expected: float, false_alar
             chance = p.copy()
             chance[moved] = 0.0
             return _Found(tuple(moved), total, chance, system.sizes(moved), noise, system)
-        moved.append(_most_telling(system, moved, best, candidates))
-
-
-def _most_telling(system: "_System", moved: list[int], best: int, p: FloatArray) -> int:
-    """Of the most significant cameras, the one that leaves the smallest residuals when it is freed."""
-    doubtful = np.flatnonzero(p <= max(p[best], 1e-12))
-    return min(doubtful.tolist(), key=lambda i: system.noise([*moved, i])) if len(doubtful) > 1 else best
+        # of the most significant cameras, the one that leaves the smallest residuals when it is freed
+        doubtful = np.flatnonzero(candidates <= max(candidates[best], 1e-12)).tolist()
+        moved.append(min(doubtful, key=lambda i: system.noise([*moved, i])) if len(doubtful) > 1 else best)
 
 
 def _settled(
@@ -195,19 +188,8 @@ class _System:
             by_all = whole[pose_rows]
             chance = by_all @ covariance.matrix @ by_all.T
         redundancy = 2 * int(good.sum()) - 3 * len(np.unique(views.feature[good]))
-        return _System(
-            views,
-            good,
-            residual,
-            by_pose,
-            by_point,
-            cofactor,
-            whole[np.ix_(pose_rows, pose_rows)],
-            gradient.ravel(),
-            chance,
-            whole,
-            redundancy,
-        )
+        of_poses, of_rows = whole[np.ix_(pose_rows, pose_rows)], (residual, by_pose, by_point)
+        return _System(views, good, *of_rows, cofactor, of_poses, gradient.ravel(), chance, whole, redundancy)
 
     def solve(self, free: list[int]) -> FloatArray:
         """The poses (k, 6) of some cameras that fit best, the others as they are."""
@@ -230,10 +212,8 @@ class _System:
     def effect(self, step: FloatArray) -> FloatArray:
         """The change of the residuals (n, 2) px by steps (c, 6) of the poses, with the points following."""
         direct = np.einsum("nki,ni->nk", self.by_pose, step[self.views.camera])
-        return (direct + self._by_points(self.point_shift(step))) * self.keep[:, None]
-
-    def _by_points(self, shift: FloatArray) -> FloatArray:
-        return np.einsum("nki,ni->nk", self.by_point, shift[self.views.feature]) * self.views.sigma
+        shift = self.point_shift(step)[self.views.feature]
+        return (direct + np.einsum("nki,ni->nk", self.by_point, shift) * self.views.sigma) * self.keep[:, None]
 
     def point_shift(self, step: FloatArray) -> FloatArray:
         """How the points (m, 3) mm follow steps (c, 6) of the poses."""
@@ -247,10 +227,7 @@ class _System:
         redundancy = self.redundancy - 6 * len(free)
         if redundancy < 10:
             return 0.0
-        rows = _rows(free)
-        gain = 0.0
-        if free:
-            gain = float(self.gradient[rows] @ -self.solve(free).ravel())
+        gain = float(self.gradient[_rows(free)] @ -self.solve(free).ravel()) if free else 0.0
         return float(np.sqrt(max((self.residual**2).sum() - gain, 0.0) / redundancy))
 
     def tests(self, moved: list[int], noise: float) -> tuple[FloatArray, FloatArray]:
@@ -285,10 +262,7 @@ class _System:
 
 
 def camera_normal(views: Views, keep: BoolArray, rig: Rig) -> FloatArray:
-    """The normal matrix (c*w, c*w) of all cameras' parameters (rig.CameraCovariance's order), the points eliminated.
-
-    `keep`: which views count, (n,).
-    """
+    """The normal matrix (c*w, c*w) of all cameras' parameters (rig.CameraCovariance's order), the points eliminated."""
     return _System.at(views, keep, rig, np.zeros((len(rig.cameras), 6))).whole
 
 
@@ -340,28 +314,14 @@ def _consistency(views: Views, keep: BoolArray, rig: Rig, found: _Found) -> Cons
         step[i] = found.turn_shift[i]
         image = np.einsum("nki,i->nk", system.by_pose[rows], step[i])
         shift = system.point_shift(step)[np.unique(views.feature[rows])]
-        tests.append(
-            CameraTest(
-                camera.id,
-                len(rows),
-                _rms(residual[rows]),
-                _rms(image),
-                step[i, :3],
-                step[i, 3:],
-                float(np.linalg.norm(shift, axis=1).max()),
-                float(found.p[i]),
-                i in found.moved,
-            )
-        )
-    return Consistency(tuple(tests), tuple(untested), found.noise, int((~keep).sum()), _rejected(views, keep, rig))
-
-
-def _rejected(views: Views, keep: BoolArray, rig: Rig) -> tuple[str, ...]:
-    """Cameras most of whose views were gross errors, with enough of them to decide."""
+        size, change = (_rms(residual[rows]), _rms(image)), (step[i, :3], step[i, 3:])
+        most = float(np.linalg.norm(shift, axis=1).max())
+        tests.append(CameraTest(camera.id, len(rows), *size, *change, most, float(found.p[i]), i in found.moved))
+    # most of whose views were gross errors, with enough of them to decide
     n = len(rig.cameras)
     seen, out = np.bincount(views.camera, minlength=n), np.bincount(views.camera[~keep], minlength=n)
-    wrong = (seen >= LEAST_POINTS) & (2 * out > seen)
-    return tuple(rig.cameras[i].id for i in np.flatnonzero(wrong))
+    rejected = tuple(rig.cameras[i].id for i in np.flatnonzero((seen >= LEAST_POINTS) & (2 * out > seen)))
+    return Consistency(tuple(tests), tuple(untested), found.noise, int((~keep).sum()), rejected)
 
 
 def _rms(vectors: FloatArray) -> float:

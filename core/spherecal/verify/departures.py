@@ -22,10 +22,7 @@ _ARTEFACT_SHARE = 0.2
 def departures(
     measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], box: MeasuringVolume | None, limit: LengthLimit | None
 ) -> tuple[Phrase, ...]:
-    """The departures from VDI/VDE 2634 part 1, with the figures; never empty.
-
-    `limit` None where none was stated, which is a departure itself.
-    """
+    """The departures from VDI/VDE 2634 part 1, with the figures; never empty: to state no limit is one."""
     found: list[Phrase] = []
     if box is not None and measured:
         found += _of_artefact(measured, box) + _of_lines(measured, box) + _of_corners(measured, box)

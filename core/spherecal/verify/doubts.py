@@ -22,16 +22,9 @@ from spherecal.verify.verification import Decision, MeasuredLength
 
 # Findings under which no rig passes: what was measured, or what it was measured with, is in doubt.
 DOUBTS = (
-    "camera-moved",
-    "camera-contradicts",
-    "camera-not-verified",
-    "outlying-views",
-    "certificate-expired",
-    "temperatures-differ",
-    "bars-disagree",
-    "length-doubtful",
-    "rig-not-valid",
-)
+    "camera-moved", "camera-contradicts", "camera-not-verified", "outlying-views", "certificate-expired",
+    "temperatures-differ", "bars-disagree", "length-doubtful", "rig-not-valid",
+)  # fmt: skip
 # Findings that say that the rig is not as calibrated, whatever the lengths of the other cameras are.
 _OF_THE_RIG = ("camera-moved", "camera-contradicts")
 # Bars that lie in one shop for an hour are within 1 to 2 K of each other; more is a wrong reading or a cold bar.
@@ -84,18 +77,12 @@ def in_proportion(measured: Sequence[MeasuredLength]) -> float | None:
         return None
     ratio = float((length * error / over**2).sum() / (length**2 / over**2).sum())
     left = (error - ratio * length) / over
-    return (
-        ratio
-        if np.abs(left).max() < _CONTRADICTION and (left**2).sum() < _UNEXPLAINED * ((error / over) ** 2).sum()
-        else None
-    )
+    explained = (left**2).sum() < _UNEXPLAINED * ((error / over) ** 2).sum()
+    return ratio if np.abs(left).max() < _CONTRADICTION and explained else None
 
 
 def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:
-    """Findings on certificates that have expired, soon will, or are not valid yet, and on registered bars without one.
-
-    A bar with neither a serial nor a certificate is passed over.
-    """
+    """Findings on certificates expired, soon to expire or not valid yet, and on registered bars without one."""
     found = []
     for bar in bars:
         said = None if bar.serial is None and bar.certificate is None else expiry(bar.certificate, today)

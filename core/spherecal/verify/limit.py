@@ -93,26 +93,18 @@ def judge_against(
         own = [m for m in measured if m.key == budget.key]
         if not own:
             continue
-        verdicts = [(_verdict(m, limit, budget.guard_mm(), budget.guard_mm(n)), m) for m in own]
+        verdicts: list[Conformity] = [_verdict(m, limit, budget.guard_mm(), budget.guard_mm(n)) for m in own]
         # the pose that comes nearest to its limit or exceeds it most
         worst = max(own, key=lambda m: abs(m.error_mm) - limit.at(m.reference_mm))
-        said = {verdict for verdict, _ in verdicts}
-        verdict: Conformity = "fail" if "fail" in said else "cannot tell" if "cannot tell" in said else "pass"
-        rows.append(
-            LengthConformity(
-                *budget.key, worst.pose, worst.error_mm, limit.at(worst.reference_mm), budget.expanded_mm, verdict
-            )
-        )
-    return Acceptance(limit, _overall([row.verdict for row in rows]), tuple(rows))
+        most, verdict = limit.at(worst.reference_mm), _overall(verdicts)
+        rows.append(LengthConformity(*budget.key, worst.pose, worst.error_mm, most, budget.expanded_mm, verdict))
+    return Acceptance(limit, _overall([row.verdict for row in rows]) if rows else None, tuple(rows))
 
 
 def with_doubts(
     acceptance: Acceptance, doubts: tuple[str, ...], doubtful: Collection[tuple[str, str, str]]
 ) -> Acceptance:
-    """The decision if the evidence is in doubt: no pass, and no fail only by lengths that contradict their bar.
-
-    A camera that moved is an error of the rig: a fail remains.
-    """
+    """The decision in doubt: no pass, and no fail (which a camera that moved leaves) only by contradicting lengths."""
     if acceptance.verdict == "pass" and doubts:
         return replace(acceptance, verdict="cannot tell", doubts=doubts)
     failed = [(x.bar, x.from_mark, x.to_mark) for x in acceptance.lengths if x.verdict == "fail"]
@@ -128,7 +120,5 @@ def _verdict(m: "MeasuredLength", limit: LengthLimit, within_mm: float, beyond_m
     return "fail" if size - beyond_mm > most else "cannot tell"
 
 
-def _overall(verdicts: Sequence[Conformity]) -> Conformity | None:
-    if not verdicts:
-        return None
+def _overall(verdicts: Sequence[Conformity]) -> Conformity:
     return "fail" if "fail" in verdicts else "cannot tell" if "cannot tell" in verdicts else "pass"

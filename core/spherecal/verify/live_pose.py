@@ -16,12 +16,7 @@ from spherecal.verify.verify_bars import views_of
 def measured_ends(
     rig: Rig, bar: Bar, target_set: TargetSet | None, observations: Observations, placement: int = 0
 ) -> FloatArray | None:
-    """The places (2, 3) in mm of the bar's first and last mark in one placement, in the rig's world.
-
-    None where two cameras of the rig do not see both marks.
-
-    `target_set` None where the session has none.
-    """
+    """The places (2, 3) in mm of the bar's first and last mark in one placement; None unless two cameras see both."""
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
     in_rig = np.array([index.get(name, -1) for name in observations.cameras], dtype=np.int64)
     targets = [mark.target for mark in bar.marks.values()]

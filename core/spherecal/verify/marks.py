@@ -48,29 +48,27 @@ class MarkFinder:
         """
         names = self.observations.points
         of_target = np.flatnonzero((self.features.placement == pose) & (self.features.target == mark.target))
-        found = of_target[self._usable(of_target)]
+        points = self.checked.points
+        usable = np.isfinite(points.points[:, 0]) & points.in_front & ~self.checked.contradicting
+        found = of_target[usable[of_target]]
         direct = [i for i in found if names[self.features.point[i]] == mark.point]
         if direct:
             rows = np.array(direct[:1])
             return MarkPlace(self.checked.points.points[rows[0]], rows, np.eye(3)[None], self._count_cameras(rows))
         if mark.point != "centre":
-            return _why_missing(mark, len(of_target))
+            if not len(of_target):
+                return Phrase("mark-unseen", {"target": mark.target})
+            return Phrase("mark-in-one-view", {"point": mark.point, "target": mark.target})
         layout = self.target_set.layouts.get(mark.target) if self.target_set is not None else None
         if layout is None:
             return Phrase("mark-no-layout", {"target": mark.target})
         dots = self._leave_out_weak(np.array([i for i in found if names[self.features.point[i]] in layout], dtype=int))
         flat = np.array([layout[names[self.features.point[i]]] for i in dots]).reshape(-1, 2)
-        points = self.checked.points.points[dots]
-        centre = target_centre(flat, points)
+        places = points.points[dots]
+        centre = target_centre(flat, places)
         if centre is None:
             return Phrase("mark-few-dots", {"target": mark.target, "dots": len(dots)})
-        return MarkPlace(centre, dots, centre_by_point(flat, points), self._count_cameras(dots))
-
-    def _usable(self, features: IntArray) -> np.ndarray:
-        points = self.checked.points
-        return (
-            np.isfinite(points.points[features, 0]) & points.in_front[features] & ~self.checked.contradicting[features]
-        )
+        return MarkPlace(centre, dots, centre_by_point(flat, places), self._count_cameras(dots))
 
     def _leave_out_weak(self, dots: IntArray) -> IntArray:
         if len(dots) == 0:
@@ -83,17 +81,8 @@ class MarkFinder:
         return len(np.unique(self.checked.views.camera[rows]))
 
 
-def _why_missing(mark: Mark, seen: int) -> Phrase:
-    if seen:
-        return Phrase("mark-in-one-view", {"point": mark.point, "target": mark.target})
-    return Phrase("mark-unseen", {"target": mark.target})
-
-
 def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
-    """Derivatives (k, 3, 3) of a target's centre by its k dots, by central differences.
-
-    `flat`: the dots' places on the flat sticker, (k, 2) mm; `points`: the same dots in space, (k, 3) mm.
-    """
+    """Derivatives (k, 3, 3) of a target's centre by its k dots (flat (k, 2), in space (k, 3)), by differences."""
     derivative = np.zeros((len(points), 3, 3))
     for i in range(len(points)):
         for axis in range(3):

@@ -135,10 +135,7 @@ def robust_noise(views: Views, points: Triangulation, expected: float) -> float:
 
 
 def weighted_noise(views: Views, points: Triangulation, kept: BoolArray, expected: float) -> float:
-    """The noise in units of sigma of the views kept: sqrt(v'Pv / redundancy).
-
-    `kept`: which views count, (n,).
-    """
+    """The noise in units of sigma of the views kept: sqrt(v'Pv / redundancy)."""
     redundancy = _redundancy(views, points, kept)
     if redundancy < LEAST_REDUNDANCY:
         return expected

@@ -34,10 +34,7 @@ class CameraViews:
 
 
 def participation(checked: CheckedPoints, rig: Rig) -> tuple[CameraViews, ...]:
-    """What each camera of the rig saw of the marks and how much of it was used, in the rig's order.
-
-    A view of a mark that a single camera has is not one that verifies anything, and does not count.
-    """
+    """What each camera of the rig saw of the marks together with another, and how much of it was used, in its order."""
     views = checked.views
     usable = (np.bincount(views.feature, minlength=views.n_features) >= 2)[views.feature]
     cameras = []

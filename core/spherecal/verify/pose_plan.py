@@ -5,7 +5,7 @@ diagonals. A bar that is shorter than a line is laid on it several times, toward
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -158,10 +158,7 @@ class PosePlan:
 
 
 def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> MeasuringVolume:
-    """The box to verify: that of the rig's map of lengths, with its axes, else the box between two corners.
-
-    `corners_mm` (3,).
-    """
+    """The box to verify: that of the rig's map of lengths, with its axes, else the box between two corners (3,)."""
     found = rig.length_map
     if found is not None and len(found.places_mm) > 1 and len(found.directions) >= 3:
         middle, axes = found.places_mm.mean(axis=0), found.directions[:3]
@@ -178,8 +175,6 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
 
     The bars take turns. A place counts when two cameras see every mark, and as good when three do. Then come poses for
     cameras that these would not verify. The lines are those of VDI/VDE 2634 part 1 (reduced), docs/verification.md.
-
-    `corners_mm` (3,).
     """
     box = volume_box(rig, corners_mm)
     poses: list[PlannedPose] = []
@@ -192,7 +187,7 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
                 break
             pose = _pose(rig, box, line, direction, bar, number)
             if pose is not None:
-                found.append(_named(pose, f"L{line + 1}-{len(found) + 1}"))
+                found.append(replace(pose, id=f"L{line + 1}-{len(found) + 1}"))
         poses += found
         lengths.append(sum(_of(bars, pose.bar).lengths for pose in found))
         if not found:
@@ -214,7 +209,7 @@ def _for_every_camera(
                 left_out += [] if count[camera.id] else [camera.id]
                 break
             number = sum(pose.line == found.line for pose in poses) + 1
-            poses.append(_named(found, f"L{found.line + 1}-{number}"))
+            poses.append(replace(found, id=f"L{found.line + 1}-{number}"))
             lengths[found.line] += _of(bars, found.bar).lengths
             for name in facing_cameras(rig, poses[-1]):
                 count[name] += 1
@@ -227,8 +222,10 @@ def _pose_for(
     """The pose that faces a camera and most others, away from those before; None where two never see a whole bar."""
     best: tuple[float, PlannedPose] | None = None
     taken = np.array([(pose.start_mm + pose.end_mm) / 2 for pose in before]).reshape(-1, 3)
+    steps = np.linspace(-0.8, 0.8, 5)
+    unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
     for bar in sorted(bars, key=lambda one: -one.span_mm):
-        for middle in _places(box):
+        for middle in np.array([box.point(at) for at in unit]):
             for line, direction in enumerate(box.directions()):
                 pose = _seen(rig, line, direction, bar, middle, camera)
                 if pose is None or camera.id not in pose.cameras or len(facing_cameras(rig, pose)) < _LEAST_VIEWS:
@@ -240,12 +237,6 @@ def _pose_for(
         if best is not None:  # the longest bar that fits
             return best[1]
     return None
-
-
-def _places(box: MeasuringVolume) -> FloatArray:
-    steps = np.linspace(-0.8, 0.8, 5)
-    unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
-    return np.array([box.point(at) for at in unit])
 
 
 def facing_cameras(rig: Rig, pose: PlannedPose) -> tuple[str, ...]:
@@ -263,12 +254,6 @@ def facing_cameras(rig: Rig, pose: PlannedPose) -> tuple[str, ...]:
 
 def _of(bars: Sequence[BarMarks], name: str) -> BarMarks:
     return next(bar for bar in bars if bar.bar == name)
-
-
-def _named(pose: PlannedPose, name: str) -> PlannedPose:
-    return PlannedPose(
-        name, pose.line, pose.bar, pose.start_mm, pose.end_mm, pose.facing, pose.cameras, pose.near, pose.good
-    )
 
 
 def _pose(
@@ -306,12 +291,7 @@ def _shift(number: int) -> float:
 
 
 def _seen(
-    rig: Rig,
-    line: int,
-    direction: FloatArray,
-    bar: BarMarks,
-    middle: FloatArray,
-    towards: RigCamera | None = None,
+    rig: Rig, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray, towards: RigCamera | None = None
 ) -> PlannedPose | None:
     """The pose at a place, its marks towards one camera or the middle of all that see them; None if too few do."""
     marks = middle + (bar.along_mm - bar.span_mm / 2)[:, None] * direction
@@ -331,10 +311,7 @@ def _seen(
 
 
 def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
-    """Which camera's image contains which of the points, 2 % off its edges: (cameras, n) of bool. Nothing hides them.
-
-    `points`: points (n, 3) in mm in the rig's world.
-    """
+    """Which camera's image holds which points (n, 3) mm, 2 % off its edges: bool (cameras, n). Nothing hides them."""
     seen = np.zeros((len(rig.cameras), len(points)), dtype=bool)
     for i, camera in enumerate(rig.cameras):
         x = points @ camera.rotation.T + camera.translation_mm
@@ -362,13 +339,8 @@ class PoseAnswer:
 ACCEPT_MM, ACCEPT_DEG = 150.0, 15.0
 
 
-def judge_pose(
-    pose: PlannedPose, ends_mm: FloatArray | None, tolerance_mm: float = ACCEPT_MM, tolerance_deg: float = ACCEPT_DEG
-) -> PoseAnswer:
-    """Whether the measured ends of the bar are where the plan wants them, either way round.
-
-    `ends_mm`: places of the first and the last mark, (2, 3) mm in the rig's world; None where they are not seen.
-    """
+def judge_pose(pose: PlannedPose, ends_mm: FloatArray | None) -> PoseAnswer:
+    """Whether the measured ends (2, 3) mm of the bar are where the plan wants them, either way round."""
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return PoseAnswer(False, np.inf, np.inf)
     requested = np.stack([pose.start_mm, pose.end_mm])
@@ -376,4 +348,4 @@ def judge_pose(
     cosine = abs(float(along @ is_along)) / max(float(np.linalg.norm(along) * np.linalg.norm(is_along)), 1e-9)
     off_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
     off_mm = float(np.linalg.norm(requested.mean(axis=0) - ends_mm.mean(axis=0)))
-    return PoseAnswer(off_mm <= tolerance_mm and off_deg <= tolerance_deg, off_mm, off_deg)
+    return PoseAnswer(off_mm <= ACCEPT_MM and off_deg <= ACCEPT_DEG, off_mm, off_deg)

@@ -15,20 +15,10 @@ def cameras_in_rig(session: Session, observations: Observations, rig: Rig, advic
     for spec in session.cameras:
         placed = rig.camera(spec.id)
         if placed is not None and placed.image_size != spec.image_size:
-            raise InputError(
-                Phrase(
-                    "error-other-image-size",
-                    {
-                        "folder": session.where,
-                        "camera": spec.id,
-                        "width": spec.image_size[0],
-                        "height": spec.image_size[1],
-                        "rig_width": placed.image_size[0],
-                        "rig_height": placed.image_size[1],
-                    },
-                ),
-                advice,
-            )
+            values = {"folder": session.where, "camera": spec.id, "width": spec.image_size[0]}
+            values |= {"height": spec.image_size[1], "rig_width": placed.image_size[0]}
+            values |= {"rig_height": placed.image_size[1]}
+            raise InputError(Phrase("error-other-image-size", values), advice)
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
     in_rig = np.array([index.get(camera, -1) for camera in observations.cameras], dtype=np.int64)
     if (in_rig < 0).all():

@@ -84,12 +84,7 @@ def length_budget(
     bar: Bar,
     temperature_c: float | None,
 ) -> LengthBudget:
-    """The uncertainty budget of one measured length's error: standard uncertainties (k = 1) in mm.
-
-    Where the cameras' covariance holds the scale's share, that is taken out of `calibration_mm`.
-
-    `temperature_c` None where it was not measured.
-    """
+    """Standard uncertainties (mm) of one measured length's error, the scale's share apart from the calibration's."""
     length = float(np.linalg.norm(ends[1].place_mm - ends[0].place_mm))
     features, by_point = length_by_points(ends)
     noise = np.einsum("ki,kij,kj->", by_point, errors.covariance[features], by_point)
@@ -106,10 +101,7 @@ def length_budget(
 
 
 def calibration_variance(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> float:
-    """The cameras' share in the variance of a function of points; a camera's error acts on all of them together.
-
-    `by_point`: its derivatives by them, (k, 3), in its own unit per mm.
-    """
+    """The cameras' share in the variance of a function of points, by its derivatives (k, 3); they err for all alike."""
     gradient = camera_gradient(features, by_point, errors)
     return float(gradient @ errors.cameras @ gradient)
 
@@ -123,10 +115,7 @@ def length_by_points(ends: tuple[MarkPlace, MarkPlace]) -> tuple[IntArray, Float
 
 
 def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErrors) -> FloatArray:
-    """How a function of points follows the cameras' parameters and, where there are any, the q shared ones: (c*w + q,).
-
-    `by_point`: its derivatives by them, (k, 3).
-    """
+    """How a function of points (derivatives (k, 3)) follows cameras' and, if any, q shared parameters: (c*w + q,)."""
     views = errors.checked.views
     by_feature = np.zeros((views.n_features, 3))
     np.add.at(by_feature, features, by_point)
@@ -140,10 +129,7 @@ def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErr
 
 
 def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None) -> float:
-    """The certified length in mm at the bar's temperature.
-
-    `temperature_c` None where it was not measured: the length as certified.
-    """
+    """The certified length in mm at the bar's temperature; as certified where that was not measured."""
     warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
     return certified.length_mm * (1 + bar.expansion_per_kelvin * warmer_k)
 
@@ -156,10 +142,7 @@ def temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) ->
 
 
 def expansion_kelvin(bar: Bar, warmer_k: float, sd_k: float) -> float:
-    """The effect of an unknown expansion coefficient in kelvin, for a bar that is warmer by an amount known to `sd_k`.
-
-    Where it is not stated at all the product of both errors counts too (GUM 5.1.2, note).
-    """
+    """The effect of an unknown expansion (kelvin) of a bar that is warmer by an amount known to `sd_k` (GUM 5.1.2)."""
     if "expansion_per_kelvin" in bar.assumed:
         return _UNKNOWN_EXPANSION_RELATIVE_SD * math.hypot(warmer_k, sd_k)
     return warmer_k * EXPANSION_RELATIVE_SD
@@ -173,11 +156,9 @@ def temperature_sd(temperature_c: float | None) -> float:
 def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors | None = None) -> LengthStatistics:
     """One certified length over its poses, with the expanded uncertainty of its mean error.
 
-    Type A is the scatter of the mean. Where the cameras' share differs from pose to pose, it averages. All else errs
-    alike in every pose and does not average. The coverage factor is Student's for the effective degrees of freedom
-    (Welch-Satterthwaite).
-
-    `errors_of` None: the cameras' share is taken as alike in every pose.
+    Type A is the scatter of the mean. Where the cameras' share differs from pose to pose (`errors_of`), it averages.
+    All else errs alike in every pose and does not average. The coverage factor is Student's for the effective degrees
+    of freedom (Welch-Satterthwaite).
     """
     first, n = measured[0], len(measured)
     errors = np.array([m.error_mm for m in measured])

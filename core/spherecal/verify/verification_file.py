@@ -205,10 +205,6 @@ class BarReport:
         return is_failed(self.verdict, None if acceptance is None else acceptance.verdict, self.findings)
 
 
-def _exceeding(pose: str, start: str, end: str) -> tuple[str, str, str]:
-    return pose, start, end
-
-
 def _parts(**parts: float) -> tuple[float | None, ...]:
     return tuple(parts.get(f"{part}_mm") for part in BUDGET_PARTS)
 
@@ -226,10 +222,6 @@ def _procedure(
     departures: Sequence[str], departure_phrases: Sequence[Mapping[str, Any]] | None = None, **others: Any
 ) -> ProcedureReport:
     return ProcedureReport(departures=sentences(departures, departure_phrases), **others)
-
-
-def _volume(sides: tuple[float, ...], diagonal: float) -> tuple[tuple[float, ...], float]:
-    return sides, diagonal
 
 
 def _artefact(certificate: Mapping[str, str] | None = None, serial: str = "", **others: Any) -> ArtefactRow:
@@ -261,10 +253,6 @@ def _poses(verification: Verification) -> list[MeasuredLength]:
         if m.pose not in poses or m.reference_mm > poses[m.pose].reference_mm:
             poses[m.pose] = m
     return list(poses.values())
-
-
-def _moved(verification: Verification) -> list[str]:
-    return [] if verification.consistency is None else [camera.id for camera in verification.consistency.moved]
 
 
 def _ends(start: str = "from_mark", end: str = "to_mark") -> tuple[Field, ...]:
@@ -323,7 +311,7 @@ _OVERALL = group(
 )
 _BROKEN = record(
     "",
-    _exceeding,
+    lambda pose, start, end: (pose, start, end),
     field("pose", name("The pose."), itemgetter(0), "pose"),
     field("from", name("The mark."), itemgetter(1), "start"),
     field("to", name("The mark."), itemgetter(2), "end"),
@@ -338,10 +326,7 @@ _DECISION = group(
     unread("most_chi_square", "The most that agrees (99.9 %).", lambda of: of.decision.most_chi_square),
     optional("exceeding", items("Lengths that break the rule.", _BROKEN), "decision.exceeding"),
     optional(
-        "cameras",
-        items("Cameras that contradict the calibration.", name("")),
-        "decision.cameras",
-        "contradicting",
+        "cameras", items("Cameras that contradict the calibration.", name("")), "decision.cameras", "contradicting"
     ),
 )
 _CAMERA = record(
@@ -447,7 +432,7 @@ _BUDGET = record(
 )
 _VOLUME = record(
     "The measuring volume.",
-    _volume,
+    lambda sides, diagonal: (sides, diagonal),
     field("sides", numbers("Its sides.", 3), itemgetter(0), "sides"),
     field("diagonal", _mm(""), itemgetter(1), "diagonal"),
 )
@@ -471,7 +456,12 @@ PROCEDURE = record(
     field("poses", items("The poses.", _POSE), _poses, "poses"),
     optional("acceptance", _ACCEPTANCE, "procedure.acceptance"),
     field("budgets", items("A budget for each length.", _BUDGET), "procedure.budgets"),
-    optional("cameras_moved", items("Cameras that moved since the calibration.", name("")), _moved, "cameras_moved"),
+    optional(
+        "cameras_moved",
+        items("Cameras that moved since the calibration.", name("")),
+        lambda of: [] if of.consistency is None else [camera.id for camera in of.consistency.moved],
+        "cameras_moved",
+    ),
 )
 OVERRIDE = record(
     "Who uses the rig although this verification failed; `spherecal override` writes it.",

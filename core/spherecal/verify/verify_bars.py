@@ -75,8 +75,6 @@ def verify(
     """Measure every certified length of the check bars in every pose with the rig, and judge the errors.
 
     What could not be measured, and why, is among the findings. docs/verification.md says what is judged and how.
-
-    `settings` None: no limit, certificates of today, the volume of the rig's map.
     """
     context, settings = context or Context(), settings or VerifySettings()
     context.report(STAGE, 0.0, Phrase("triangulating"))
@@ -161,14 +159,9 @@ def _procedure(
     box = None
     if rig.length_map is not None or settings.corners_mm is not None:
         box = volume_box(rig, settings.corners_mm or (np.zeros(3), np.zeros(3)))
-    return Procedure(
-        TITLE,
-        departures(measured, bars, box, settings.limit),
-        budgets,
-        acceptance,
-        tuple(bars.values()),
-        None if box is None else (tuple((2 * box.half).tolist()), box.diagonal_mm),
-    )
+    volume_mm = None if box is None else (tuple((2 * box.half).tolist()), box.diagonal_mm)
+    departed = departures(measured, bars, box, settings.limit)
+    return Procedure(TITLE, departed, budgets, acceptance, tuple(bars.values()), volume_mm)
 
 
 @dataclass
@@ -222,31 +215,13 @@ def _observations_of(
     return kept, in_rig[kept.camera]
 
 
-def _sigmas(observations: Observations, rig: Rig) -> tuple[FloatArray, float]:
-    """Standard deviations (n, 2) px of the observations and the noise to expect in units of them.
-
-    Without sigmas the weights are 1/px^2; then the rig's sigma0, if it has one, says what noise to expect.
-    """
-    if observations.sigma is not None:
-        return observations.sigma, 1.0
-    return np.ones((len(observations), 2)), rig.quality.sigma0 or 1.0
-
-
 def views_of(observations: Observations, features: Features, camera: IntArray, rig: Rig) -> tuple[Views, float]:
-    """The observations as views of the rig's cameras, and the noise to expect in units of their sigma.
-
-    `camera`: index in the rig of each observation's camera, (n,).
-    """
-    sigma, expected_noise = _sigmas(observations, rig)
+    """The observations as views of the rig's cameras (n,), and the noise to expect in units of their sigma."""
+    sigma, expected_noise = observations.sigma, 1.0
+    if sigma is None:  # weights are 1/px^2, and the rig's sigma0, if it has one, says what noise to expect
+        sigma, expected_noise = np.ones((len(observations), 2)), rig.quality.sigma0 or 1.0
     uv, sigma = lens_corrected(rig.cameras, camera, observations.uv, sigma, expected_noise)
-    views = Views(
-        features.of_observation,
-        camera,
-        uv,
-        sigma,
-        len(features),
-        posed(rig.cameras),
-    )
+    views = Views(features.of_observation, camera, uv, sigma, len(features), posed(rig.cameras))
     return views, expected_noise
 
 
@@ -302,12 +277,7 @@ def _measure_pose(
 
 
 def _measure(
-    pose: BarPose,
-    bar: Bar,
-    certified: BarLength,
-    ends: tuple[MarkPlace, MarkPlace],
-    errors: PointErrors,
-    rig: Rig,
+    pose: BarPose, bar: Bar, certified: BarLength, ends: tuple[MarkPlace, MarkPlace], errors: PointErrors, rig: Rig
 ) -> MeasuredLength:
     scale_relative = rig.scale.relative_uncertainty or 0.0
     features, by_point = length_by_points(ends)

@@ -27,8 +27,6 @@ def write_verification(
 
     A folder that already holds the result of this very rig (the same rig.json) keeps its other files: the verification
     joins the calibration. Any other older result is replaced.
-
-    `software` None for name and version alone.
     """
     older = check_folder(folder, RESULT)
     rig = _read(rig_path)

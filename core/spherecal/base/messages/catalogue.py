@@ -84,10 +84,7 @@ def hint_of(one: Phrase) -> Phrase | None:
 
 
 def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_options: bool | None = None) -> str:
-    """A template with its values, in words.
-
-    `with_options` None where brackets are brackets.
-    """
+    """A template with its values, in words; `with_options` None where brackets are brackets."""
     out = ""
     for piece in parsed(words, with_options):
         if isinstance(piece, str):
@@ -101,10 +98,7 @@ def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_
 
 @cache
 def parsed(words: str, with_options: bool | None = None) -> tuple[str | TemplateField, ...]:
-    """The literal text and the fields of a template, in their order.
-
-    `with_options` None where brackets are brackets.
-    """
+    """The literal text and the fields of a template, in order; `with_options` None where brackets are brackets."""
     if with_options is not None:
         words = re.sub(r"[\[\]]", "", words) if with_options else _OPTIONS.sub("", words)
     pieces: list[str | TemplateField] = []

@@ -179,7 +179,9 @@ class SavePage(Page):
         busy = self.tr("Work is running.")
         enable(self.profile, idle and not why, why or busy)
         action = self.action()
-        self.profile.setVisible(action is None or action.does != "save")  # else the large button does it
+        saves = self.state is not None and (self.state.status is Status.STALE or not self.is_kept)
+        self.apply.setVisible(saves)
+        self.profile.setVisible(saves and (action is None or action.does != "save"))  # else the large button does it
         stale = self.tr("The calibration is out of date.") if self._is_stale else ""
         problem = self.controller.user_frame.problem
         if self._refused:

@@ -80,6 +80,8 @@ class Chart(pg.PlotWidget):
         """Take the palette's colours."""
         c = theme.now()
         self.setBackground(c.surface)
+        # room for the upper half of a number that stands at the very top
+        self.plot_item.layout.setContentsMargins(0.0, QFontMetricsF(_font(10)).height() / 2, 0.0, 0.0)
         for side in ("left", "bottom"):
             axis = self.getAxis(side)
             axis.setPen(c.border)

@@ -72,10 +72,7 @@ def same_place(before: SetDots, now: SetDots) -> bool:
 
 
 def unmasked(dots: Dots, rectangles: Sequence[tuple[float, float, float, float]]) -> Dots:
-    """The dots outside all of these parts of the image.
-
-    `rectangles`: left, top, width and height of each part, px.
-    """
+    """The dots outside all of these parts of the image. `rectangles`: left, top, width and height of each part, px."""
     if not rectangles:
         return dots
     out = np.zeros(len(dots), dtype=bool)

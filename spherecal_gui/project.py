@@ -311,10 +311,7 @@ def with_note(project: Project, note: str) -> Project:
 
 
 def with_bar_temperature(project: Project, celsius: float | None) -> Project:
-    """The bars' temperature was read.
-
-    `celsius` None: it is not known.
-    """
+    """The bars' temperature was read. `celsius` None: it is not known."""
     return replace(project, bar_celsius=celsius)
 
 
@@ -327,10 +324,7 @@ def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
 
 
 def without_masks(project: Project, camera: str | None = None) -> Project:
-    """Without the masks of a camera, or without any.
-
-    `camera` None: all.
-    """
+    """Without the masks of a camera, or without any. `camera` None: all."""
     return replace(project, masks=tuple(one for one in project.masks if camera not in (None, one[0])))
 
 

@@ -165,10 +165,7 @@ class RigPlanes:
 
     @staticmethod
     def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
-        """Upright, as the rig is set up.
-
-        `middle`: of the measuring volume (3,), mm in the rig's world.
-        """
+        """Upright, as the rig is set up. `middle`: of the measuring volume (3,), mm in the rig's world."""
         from spherecal_documents.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])

@@ -8,13 +8,12 @@ import wave
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication, QProcess
+from PySide6.QtCore import QProcess
 
 from spherecal.base.filesystem import remove_below
 from spherecal.base.working_folder import find_program
 from spherecal_gui import languages
-
-translate = QCoreApplication.translate
+from spherecal_gui.languages import translate
 
 _RATE = 22_050
 # Up: captured. Down: not good. Three up: all done. One: ready. Three times low: a camera is lost. Told apart by ear.

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
@@ -15,6 +13,7 @@ from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.files.target_set_file import read_target_set
 from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.bench_presenter import (
     BallDraft,
     BarDraft,
@@ -31,8 +30,6 @@ from spherecal_gui.project_folder import rig_bench
 from spherecal_rigs.ball_registry import BALL_REGISTRY, RegisteredBall
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_rigs.bench_file import Bench, write_bench
-
-translate = QCoreApplication.translate
 
 _MOST_STEPS = 500
 

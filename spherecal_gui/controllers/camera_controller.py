@@ -5,12 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from PySide6.QtCore import QCoreApplication, Signal
+from PySide6.QtCore import Signal
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -24,8 +25,6 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from spherecal_cameras.in_process import Staged
     from spherecal_cameras.protocol import Counters
     from spherecal_gui.tasks.live_detection import Connection, LiveView
-
-translate = QCoreApplication.translate
 
 # Sight of the cameras while somebody aims them; detection takes 45 ms an image of 1.3 MP here and sets its own pace.
 LIVE_HZ = 5.0

@@ -2,14 +2,13 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.tasks import jobs
 from spherecal_gui.texts import verdict_word
@@ -17,8 +16,6 @@ from spherecal_gui.texts import verdict_word
 if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
-
-translate = QCoreApplication.translate
 
 
 class CheckController(ControllerPart):

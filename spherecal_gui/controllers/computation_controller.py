@@ -4,14 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.bar_controller import BarController
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
@@ -21,8 +20,6 @@ from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
-
-translate = QCoreApplication.translate
 
 
 class ComputationController(ControllerPart):

@@ -7,7 +7,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication, QObject
+from PySide6.QtCore import QObject
 
 from spherecal.base.errors import OutputError
 from spherecal.files.lock import InUse, locked
@@ -24,6 +24,7 @@ from spherecal_gui.controllers.saving_controller import SavingController
 from spherecal_gui.controllers.set_controller import SetController
 from spherecal_gui.controllers.staging_controller import StagingController
 from spherecal_gui.controllers.tuning_controller import TuningController
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.presenters.step_states import left_text
 from spherecal_gui.project import Computation, Project
@@ -38,8 +39,6 @@ from spherecal_gui.project_folder import (
     save_project,
 )
 from spherecal_gui.workflow import Running, WorkflowState, resolve
-
-translate = QCoreApplication.translate
 
 
 class Controller(ProjectController):

@@ -9,10 +9,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication, QObject, Signal
+from PySide6.QtCore import QObject, Signal
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import project as changes
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, profile_of, save_project
 from spherecal_gui.tasks.outcome import Outcome
@@ -23,7 +24,6 @@ if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_rigs.result_folder import Result
 
 log = logging.getLogger("spherecal.gui")
-translate = QCoreApplication.translate
 
 
 class ProjectController(QObject):

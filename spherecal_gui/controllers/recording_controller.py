@@ -5,14 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController, masks_of
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.coverage import Dots, unmasked
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.project_folder import Document, taken_in
 from spherecal_gui.tasks import jobs
@@ -25,8 +24,6 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from spherecal_cameras.capture import SessionCamera
     from spherecal_gui.recorded_sets import RecordedSession
     from spherecal_gui.tasks.live_detection import Connection
-
-translate = QCoreApplication.translate
 
 
 class RecordingController(ControllerPart):

@@ -5,8 +5,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal.base.errors import OutputError
 from spherecal.base.filesystem import write_below
@@ -16,10 +14,9 @@ from spherecal_gui.controllers.computation_controller import ComputationControll
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.frame_controller import FrameController
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.start_presenter import picture_name
 from spherecal_gui.tasks import jobs
-
-translate = QCoreApplication.translate
 
 
 class SavingController(ControllerPart):

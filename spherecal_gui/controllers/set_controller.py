@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui import project as changes
@@ -11,11 +9,10 @@ from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.controllers.recording_controller import RecordingController
+from spherecal_gui.languages import translate
 from spherecal_gui.project_folder import require_project, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.task import BackgroundTask
-
-translate = QCoreApplication.translate
 
 
 class SetController(ControllerPart):

@@ -5,8 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.catalogue import phrase
@@ -14,14 +12,13 @@ from spherecal_gui import languages
 from spherecal_gui.controllers.camera_controller import CameraController, keep_in_profile
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # the window starts without the cameras' modules
     from spherecal_cameras.protocol import CameraSettings, CameraSource, TriggerMode
 
     OfAll = Mapping[str, CameraSettings]  # by serial
-
-translate = QCoreApplication.translate
 
 _BLINKS, _BLINK_S = 8, 0.35
 _PATIENCE_MS = 10_000

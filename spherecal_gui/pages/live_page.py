@@ -4,9 +4,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 from PySide6.QtGui import QImage
 
+from spherecal_gui.languages import translate
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import Expected, TileState, figures_text, tile_state, usual_light
 from spherecal_gui.presenters.step_states import Work
@@ -16,8 +16,6 @@ from spherecal_gui.widgets.tile import Wall
 
 if TYPE_CHECKING:  # detection is loaded by the thread that connects the cameras
     from spherecal_gui.tasks.live_detection import Sight
-
-translate = QCoreApplication.translate
 
 _AFTER_IMAGES = (
     "testing stillness",

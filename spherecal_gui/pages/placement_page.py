@@ -1,7 +1,6 @@
 """A placement: counters against need, image coverage, pairs; taken by space bar or by itself when still."""
 
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +20,9 @@ from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, isl
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
-from spherecal_gui.standing import Deed, Part, Said, worst
+from spherecal_gui.standing import Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
-from spherecal_gui.widgets.basic import add, button, label, named, option, set_level
+from spherecal_gui.widgets.basic import add, button, label, named, option, say, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
@@ -42,6 +41,7 @@ class PlacementPage(LivePage):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {"capture": self._take, "next": self._next}
         self._trigger = AutoTrigger()
         self._turned = False
         self._facts = PlacementFacts()
@@ -50,39 +50,27 @@ class PlacementPage(LivePage):
         self._lacking = True  # a camera needs more dots, over all placements and what it sees now
         self._carried_s = 0.0
         controller.advice.guidance_changed.connect(self._show_guidance)
-        column = QVBoxLayout(self)
-        head = QHBoxLayout()
-        head.setSpacing(theme.PAD)
         self.ready = label("", "huge", wrap=False)
         self.headline = self.advice = label("", "huge")
         self.advice.setAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
-        head.addWidget(self.advice, 1)
-        head.addWidget(self.ready)
-        column.addLayout(head)
-        self.hold = named(QProgressBar(), "hold-still", self.tr("How long it has lain still"))
-        self.hold.setTextVisible(False)
+        self.hold = named(QProgressBar(textVisible=False), "hold-still", self.tr("How long it has lain still"))
         policy = self.hold.sizePolicy()
         policy.setRetainSizeWhenHidden(True)  # the page must not jump when it comes
         self.hold.setSizePolicy(policy)
         self.hold.setFixedHeight(_HOLD_PX)
         self.hold.hide()
-        column.addWidget(self.hold)
         self._looked_s = 0.0
-        row = QHBoxLayout()
         self.wall = Wall()
-        row.addWidget(self.wall, 5)
-        row.addWidget(self._tabs(), 3)
-        column.addLayout(row, 1)
-        column.addLayout(self._buttons())
+        head = add(QHBoxLayout(spacing=theme.PAD), (self.advice, 1), self.ready)
+        row = add(QHBoxLayout(), (self.wall, 5), (self._tabs(), 3))
+        add(QVBoxLayout(self), head, self.hold, (row, 1), self._buttons())
         controller.advice.ball_seen.connect(self._ball_seen)
         self.tabs.currentChanged.connect(self._tab_changed)
 
     def _buttons(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.automatic = named(option(self.tr("Capture by itself when still")), "automatic")
-        self.automatic.setToolTip(self.tr("Once the ball lies still where it should."))
-        row.addWidget(self.automatic)
-        row.addStretch(1)
+        tip = self.tr("Once the ball lies still where it should.")
+        self.automatic = named(option(self.tr("Capture by itself when still")), "automatic", tip=tip)
+        row = add(QHBoxLayout(), self.automatic, None)
         sets, cameras = self.controller.sets, self.controller.cameras
         self.small: dict[str, QPushButton] = {}
         for key, text, act, tip in (
@@ -102,8 +90,7 @@ class PlacementPage(LivePage):
             ("undo", self.tr("Undo"), sets.undo, ""),
             ("more", self.tr("One more placement"), sets.add_placement, ""),
         ):  # fmt: skip
-            one = self.small[key] = button(text, key)
-            one.setToolTip(tip)
+            one = self.small[key] = button(text, key, tip=tip)
             one.clicked.connect(lambda _=False, act=act: act())
             one.hide()
             row.addWidget(one)
@@ -115,36 +102,24 @@ class PlacementPage(LivePage):
         self.tabs.setUsesScrollButtons(False)  # three names have room, if need be cut short
         self.tabs.setElideMode(Qt.TextElideMode.ElideRight)
         self.coverage = CoverageChart()
-        covered = QWidget()
-        column = QVBoxLayout(covered)
-        column.addWidget(self.coverage, 1)
         self.more_dots, self.spread_dots = NeedLabel("bad"), NeedLabel("caution")
         for line in (self.more_dots, self.spread_dots):
             line.setToolTip(self.tr("A click on a camera shows its picture."))
             line.asked.connect(self._show_camera)
-            column.addWidget(line)
         self.coverage_key = label(self.tr("Green: covered so far. Blue: what this placement adds."), "soft")
-        column.addWidget(self.coverage_key)
-        self._covered, self._paired = covered, QWidget()
-        self.tabs.addTab(covered, self.tr("Coverage"))
-        column = QVBoxLayout(self._paired)
-        self.islands = label("", "big")
-        column.addWidget(self.islands)
-        self.pairs = PairMatrix()
-        column.addWidget(self.pairs, 1)
-        column.addWidget(
-            label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
-        )
+        self._covered, self._paired, self.guidance = QWidget(), QWidget(), QWidget()
+        add(QVBoxLayout(self._covered), (self.coverage, 1), self.more_dots, self.spread_dots, self.coverage_key)
+        self.tabs.addTab(self._covered, self.tr("Coverage"))
+        self.islands, self.pairs = label("", "big"), PairMatrix()
+        key = label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
+        add(QVBoxLayout(self._paired), self.islands, (self.pairs, 1), key)
         self.tabs.addTab(self._paired, self.tr("Pairs"))
-        self.guidance, self._next_title = QWidget(), self.tr("In space")
-        column = QVBoxLayout(self.guidance)
+        self._next_title = self.tr("In space")
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.space = make_scene_view()
         self.space.setMinimumSize(200, 90)  # the words below it need room under an instruction of three lines
         self.guide_key = label(self.tr("Expected error on 500 mm (95 %)."), "soft")
-        column.addWidget(self.guide_text)
-        column.addWidget(self.space, 1)
-        add(column, self.now, self.then, self.guide_key)
+        add(QVBoxLayout(self.guidance), self.guide_text, (self.space, 1), self.now, self.then, self.guide_key)
         return self.tabs
 
     # --- what is shown -----------------------------------------------------------------------------------------------
@@ -243,8 +218,7 @@ class PlacementPage(LivePage):
         level = self.standing().level
         whole = facts.scene.made_up or len(facts.scene.ready) == len(facts.scene.counts) > 0
         set_level(self.ready, level if level in ("bad", "caution") else "good" if whole else "caution")
-        self.guide_text.setText(self._reason())
-        self.guide_text.setVisible(bool(self.guide_text.text()))
+        say(self.guide_text, self._reason())
         self._show_space()
         waiting = self.automatic.isChecked() and not (facts.taken or facts.work or facts.as_before or facts.stuck)
         waiting = waiting and not facts.away and level != "bad"  # where it should go is known: there, and nowhere else
@@ -286,11 +260,6 @@ class PlacementPage(LivePage):
         if self.project is None or self.step is None:
             return Said("none", "")
         return placement_says(replace(self._facts, taken=self.is_taken, work=self.work))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Take it, or go on."""
-        return {"capture": self._take, "next": self._next}
 
     def _next(self) -> None:
         state = self.controller.state
@@ -397,9 +366,7 @@ class PlacementPage(LivePage):
         common = cov.common_dots(everything, cameras)
         if tab is self._paired:
             self.pairs.show_common(cameras, common)
-        text, level = island_text(cov.islands(common), cameras)
-        self.islands.setText(text)
-        set_level(self.islands, level)
+        say(self.islands, *island_text(cov.islands(common), cameras), hides=False)
 
     def _show_on_tiles(
         self, cameras: list[str], before: list[IntArray], now: list[IntArray], found: list[cov.CameraNeed]
@@ -475,9 +442,7 @@ class PlacementPage(LivePage):
             self.tabs.setCurrentIndex(0)
         if shown is not None and shown.scene is not self.space.data:  # the last one stays until there is a newer one
             self.space.show_scene(shown.scene)
-        text, level = now_text(shown) if shown is not None else ("", "none")
-        self.now.setText(text)
-        set_level(self.now, level)
+        say(self.now, *(now_text(shown) if shown is not None else ("",)), hides=False)
         self.then.setText(next_text(shown, self._all_taken) if shown is not None else "")
         self._show_keys()
         self._show_ghosts()

@@ -1,7 +1,5 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
-from collections.abc import Callable, Mapping
-
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QSignalBlocker
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
@@ -23,9 +21,9 @@ from spherecal_gui.presenters.results_presenter import (
 from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
-from spherecal_gui.standing import Deed, Said
+from spherecal_gui.standing import Said
 from spherecal_gui.tasks.camera_effects import CameraEffect
-from spherecal_gui.widgets.basic import add, button, enable, label, named, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.effects_view import EffectsView
 from spherecal_gui.widgets.findings_list import FindingsList
@@ -44,20 +42,15 @@ class ResultsPage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {"accept": controller.computation.accept_results, "calibrate": self._calibrate_again}
         self._shown: object = None
         self._camera: str | None = None
         controller.saving.draw_rig = self._rig_png
-        column = QVBoxLayout(self)
-        head = QHBoxLayout()
         self.headline = self.word = label("", "huge", wrap=False)
-        self.sentence = label("", "big")
-        head.addWidget(self.word)
-        head.addSpacing(theme.PAD)
-        head.addWidget(self.sentence, 1)
-        column.addLayout(head)
-        self.since = label("", "soft")
-        column.addWidget(self.since)
-        column.addWidget(SceneSplit(self._left(), self._right(), (620, 600)), 1)
+        self.sentence, self.since = label("", "big"), label("", "soft")
+        head = add(QHBoxLayout(), self.word, theme.PAD, (self.sentence, 1))
+        split = SceneSplit(self._left(), self._right(), (620, 600))
+        add(QVBoxLayout(self), head, self.since, (split, 1))
 
     def _left(self) -> QWidget:
         self.panel = ScenePanel()
@@ -80,15 +73,11 @@ class ResultsPage(Page):
         self.table.itemSelectionChanged.connect(self._selected)
         self.table.itemDoubleClicked.connect(lambda _: self.tabs.setCurrentIndex(2))
         residuals = QWidget()
-        column = QVBoxLayout(residuals)
-        self.residuals = ResidualView()
+        self.residuals, self.histogram = ResidualView(), HistogramChart()
         self.residuals.image_chosen.connect(self._dot_chosen)
-        self.histogram = HistogramChart()
-        column.addLayout(self._image_row())
         self.residual_size = label("")
-        column.addWidget(self.residual_size)
-        column.addWidget(self.residuals, 3)
-        column.addWidget(self.histogram, 2)
+        column = add(QVBoxLayout(residuals), self._image_row(), self.residual_size)
+        add(column, (self.residuals, 3), (self.histogram, 2))
         self.histogram.setVisible(not theme.is_far())  # large text needs its room
         self.tabs.addTab(self.findings, self.tr("What to do"))
         self.tabs.addTab(self.table, self.tr("Cameras"))
@@ -98,17 +87,12 @@ class ResultsPage(Page):
 
     def _image_row(self) -> QVBoxLayout:
         """One image of the camera that is shown, and what can be done about it."""
-        # below each other: beside each other they are too wide for large text in German
-        column, row = QVBoxLayout(), QHBoxLayout()
         self.image = named(QComboBox(), "which-image", self.tr("Which image"))
         self.image.currentIndexChanged.connect(self._image_chosen)
         self.leave_image = button(self.tr("Leave this image out"), "leave-image", act=self._leave_image)
         self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera", act=self._leave_camera)
-        column.addWidget(self.image)
-        add(row, self.leave_image, self.leave_camera)
-        row.addStretch(1)
-        column.addLayout(row)
-        return column
+        # below each other: beside each other they are too wide for large text in German
+        return add(QVBoxLayout(), self.image, add(QHBoxLayout(), self.leave_image, self.leave_camera, None))
 
     def refresh(self) -> None:
         """There may be another result."""
@@ -120,10 +104,7 @@ class ResultsPage(Page):
         self.sentence.setText(verdict(result).sentence)
         self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
         outcome = self.controller.outcome
-        since, level = compared_text(outcome.compared if outcome is not None else None)
-        self.since.setText(since)
-        self.since.setVisible(bool(since))
-        set_level(self.since, level)
+        say(self.since, *compared_text(outcome.compared if outcome is not None else None))
         if result is not self._shown:
             self._shown = result
             self._fill()
@@ -174,10 +155,7 @@ class ResultsPage(Page):
         self.refresh()
 
     def show_camera(self, camera: str, placement: str | None = None) -> None:
-        """Show a camera's residuals and mark it in the scene.
-
-        `placement` None for those of all placements.
-        """
+        """Show a camera's residuals and mark it in the scene. `placement` None for those of all placements."""
         result = self.controller.result
         if result is None:
             return
@@ -279,11 +257,6 @@ class ResultsPage(Page):
         stale = state.status is Status.STALE
         stopped = any(one.code == "stopped-early" for one in result.rig.quality.findings)
         return results_says(ResultFacts((message.word, message.level, may_use), stale, accepted, running, stopped))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Accept, or calibrate again where something was changed."""
-        return {"accept": self.controller.computation.accept_results, "calibrate": self._calibrate_again}
 
     def _calibrate_again(self) -> None:
         self.controller.go("calibrate")

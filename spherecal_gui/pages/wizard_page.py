@@ -37,6 +37,7 @@ class Page(QWidget):
         self.alarmed = False  # a red message is on the screen
         self._standing: Standing | None = None
         self.headline: QLabel | None = None  # the label with the state of the page
+        self.deeds: Mapping[Deed, Callable[[], object]] = {}  # how it does what its large button can do
 
     def enter(self, step: Step) -> None:
         """The page is shown for this step."""
@@ -66,11 +67,6 @@ class Page(QWidget):
     def action(self) -> Button | None:
         """The large button; None for none."""
         return self.standing().said.button
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """How the page does what its large button can do."""
-        return {}
 
     def act(self) -> None:
         """The large button was pressed."""

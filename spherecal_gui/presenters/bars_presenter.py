@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.verify.verification_file import AcceptanceReport, BarReport
-
-translate = QCoreApplication.translate
 
 
 def pose_name(pose: str, poses: Sequence[str]) -> str:

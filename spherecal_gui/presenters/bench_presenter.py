@@ -8,8 +8,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
@@ -20,6 +18,7 @@ from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.certificates import state_words
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
@@ -35,8 +34,6 @@ from spherecal_rigs.bench_file import Bench, BenchBar
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_cameras.plan import CapturePlan
-
-translate = QCoreApplication.translate
 
 # A marble and a room; what is meant in metres or inches is outside for most balls.
 _DIAMETERS_MM = (5.0, 5000.0)

@@ -4,17 +4,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.results_presenter import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
-
-translate = QCoreApplication.translate
 
 _LEVELS: dict[str, Level] = {"ok": "good", "watch": "caution", "recalibrate": "bad"}
 

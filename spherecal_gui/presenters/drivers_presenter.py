@@ -6,18 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal_cameras.builtin_driver import BuiltinDriver, state
 from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.standing import Level
 
 if TYPE_CHECKING:
     from spherecal_cameras.camera_network import InterfaceFact
-
-translate = QCoreApplication.translate
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
 

@@ -5,19 +5,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
 from spherecal_documents.scene.model import SceneData, scene_data
+from spherecal_gui.languages import translate
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # imports scipy.optimize
     from spherecal_rigs.framed_rig import Place
     from spherecal_rigs.result_folder import Result
-
-translate = QCoreApplication.translate
 
 Role = Literal["origin", "x", "xy"]
 _MINUS = "\N{MINUS SIGN}"

@@ -3,11 +3,10 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.verify.limit import parse_limit
 from spherecal_gui import limits_in_force as in_use
+from spherecal_gui.languages import translate
 from spherecal_gui.texts import error_text
 from spherecal_rigs.limits_file import (
     DOTS,
@@ -20,8 +19,6 @@ from spherecal_rigs.limits_file import (
     read_limits,
     write_limits,
 )
-
-translate = QCoreApplication.translate
 
 
 @dataclass(frozen=True)
@@ -108,10 +105,7 @@ def limit_problems(limits: Limits) -> dict[str, str]:
 
 
 def value_text(name: str, value: Value | None) -> str:
-    """A limit's value with its unit, for people.
-
-    `value` None or empty text: no limit.
-    """
+    """A limit's value with its unit, for people. `value` None or empty text: no limit."""
     if isinstance(value, bool):
         return translate("Limits", "yes") if value else translate("Limits", "no")
     unit = next((one.unit for one in limit_fields() if one.name == name), "")

@@ -6,20 +6,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.findings import AdvisedRepair, Finding, RepairKind
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
     from spherecal.verify.verification_file import BarReport
     from spherecal_gui.tasks.outcome import Compared
     from spherecal_rigs.result_folder import Result
-
-translate = QCoreApplication.translate
 
 ActionKind = Literal["add placement", "retake", "show camera", "calibrate", "bench", "--leave-out", "--split", "--swap"]
 

@@ -2,13 +2,10 @@
 
 from dataclasses import dataclass
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import map_step
-
-translate = QCoreApplication.translate
+from spherecal_gui.languages import translate
 
 
 @dataclass(frozen=True, eq=False)

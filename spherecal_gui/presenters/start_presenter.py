@@ -5,10 +5,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import SpherecalError
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
@@ -19,8 +18,6 @@ from spherecal_rigs.kept_checks import last_check
 if TYPE_CHECKING:
     from spherecal_rigs.entry import Entry
     from spherecal_rigs.store import Profile
-
-translate = QCoreApplication.translate
 
 
 @dataclass(frozen=True)

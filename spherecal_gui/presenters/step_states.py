@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.placement_presenter import Scene, is_stuck, ready_text, short_text
 from spherecal_gui.standing import Button, Level, Said
 from spherecal_gui.texts import reason_text
@@ -18,8 +17,6 @@ from spherecal_gui.workflow import Reason, Status
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import ToGo
-
-translate = QCoreApplication.translate
 
 Work = Literal["", "exposing", "computing", "other"]  # computing: the images are there, ball and bar may be moved
 

@@ -44,10 +44,7 @@ def contents_text(contents: BundleContents, names: bool = False) -> str:
 
 
 def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -> int:
-    """Write the zip of `bundle_files` with its table of contents; how many files.
-
-    `project` None: none is open.
-    """
+    """Write the zip of `bundle_files` with its table of contents; how many files. `project` None: none is open."""
     found, contents = bundle_files(project, log_text, about)
     found["contents.txt"] = contents_text(contents).encode()
     try:

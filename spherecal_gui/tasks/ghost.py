@@ -239,10 +239,7 @@ def _towards(lenses: Lenses, start: FloatArray, way: FloatArray) -> str:
 
 
 def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
-    """The ghost and the ball in every camera's image.
-
-    `lying` None: not known, and nothing is drawn of it.
-    """
+    """The ghost and the ball in every camera's image. `lying` None: not known, and nothing is drawn of it."""
     nothing = np.empty((0, 2))
     pole = ghost.body.up * ghost.body.radius_mm
     found = {}
@@ -330,10 +327,7 @@ def thinned(dots: SetDots, most: int) -> SetDots:
 
 
 def turn_of(axis: FloatArray | None, turn_deg: float) -> FloatArray:
-    """The turn (3, 3) about an axis.
-
-    `axis`: unit axis (3,); None: no turn.
-    """
+    """The turn (3, 3) about an axis. `axis`: unit axis (3,); None: no turn."""
     return np.eye(3) if axis is None else exp_rotation(np.deg2rad(turn_deg) * np.asarray(axis))
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, SpherecalError
@@ -19,6 +18,7 @@ from spherecal.files.atomic import RESULT, check_folder, write_file_whole
 from spherecal.files.json_file import JsonValue, json_bytes, read_json
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots
+from spherecal_gui.languages import translate
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
@@ -42,18 +42,13 @@ if TYPE_CHECKING:
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.
 
-translate = QCoreApplication.translate
-
 REPAIRS = ("leave-out", "split", "swap")
 SMALLER = 4  # six placements of twenty cameras of 5 MP take 38 MB; a lamp of 4 px is still half as bright
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
 
 def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Connection":
-    """Open the project's source and all its cameras.
-
-    `ask` None: nobody can be asked.
-    """
+    """Open the project's source and all its cameras. `ask` None: nobody can be asked."""
     from spherecal_cameras.camera_settings import default_profile_path, read_profile
     from spherecal_cameras.driver_help import NoCameras, answering, driver_troubles, on_wire
     from spherecal_cameras.sources import open_source

@@ -128,10 +128,7 @@ class Runner(QObject):
         on_failed: Callable[[BaseException], None],
         on_cancelled: Callable[[], None] | None = None,
     ) -> bool:
-        """Start work; False where something runs already.
-
-        `on_cancelled` None: nothing is.
-        """
+        """Start work; False where something runs already. `on_cancelled` None: nothing is."""
         if self.task is not None:
             return False
         self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled

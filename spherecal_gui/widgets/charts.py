@@ -102,10 +102,7 @@ class CoverageChart(Chart):
     def show_cells(
         self, cameras: Sequence[str], before: Sequence[IntArray], live: Sequence[IntArray], levels: Sequence[str]
     ) -> None:
-        """Show the grids.
-
-        `before`: dots in the cells (10, 10) of each camera, of the placements taken.
-        """
+        """Show the grids. `before`: dots in the cells (10, 10) of each camera, of the placements taken."""
         grids = tuple(grid.tobytes() for grid in (*before, *live))
         if self._is_drawn(tuple(cameras), grids, tuple(levels)):
             return
@@ -167,10 +164,7 @@ class PairMatrix(Chart):
     """The dots that each two cameras have in common: numbers, red where too few, amber where weak, empty for none."""
 
     def show_common(self, cameras: Sequence[str], common: IntArray) -> None:
-        """Show the matrix.
-
-        `common`: the common dots of each two (c, c).
-        """
+        """Show the matrix. `common`: the common dots of each two (c, c)."""
         if self._is_drawn(tuple(cameras), common.tobytes()):
             return
         c = theme.now()
@@ -366,10 +360,7 @@ class HistogramChart(Chart):
     """How often residuals of each size occur."""
 
     def show_values(self, values: FloatArray, limit: float) -> None:
-        """Show residuals.
-
-        `values`: residuals (n,), px; `limit`: largest size that is shown, px.
-        """
+        """Show residuals. `values`: residuals (n,), px; `limit`: largest size that is shown, px."""
         c = theme.now()
         self.clear()
         self.dress()

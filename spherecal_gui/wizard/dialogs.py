@@ -6,17 +6,16 @@ from html import escape
 from pathlib import Path
 
 from PySide6 import __version__ as qt_version
-from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, QWidget
 
 import spherecal
 from spherecal.base.resources import resource_path
 from spherecal_documents.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
-
-translate = QCoreApplication.translate
 
 
 def help_dialog(kind: str, parent: QWidget) -> QDialog:
@@ -30,10 +29,7 @@ def help_dialog(kind: str, parent: QWidget) -> QDialog:
 
 
 def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = None) -> QDialog:
-    """A dialog with a text to read, which is shown.
-
-    `folder` None for a text without pictures.
-    """
+    """A dialog with a text to read, which is shown. `folder` None for a text without pictures."""
     dialog = QDialog(parent)
     dialog.setWindowTitle(title)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)

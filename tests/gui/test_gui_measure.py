@@ -152,13 +152,13 @@ def test_words_about_trust() -> None:
     def measured(names: tuple[int, ...], *contradictions: Contradiction) -> Any:
         return SimpleNamespace(names=names, contradictions=contradictions)
 
-    assert trust_of(measured((1,)), ()).level == "good"
-    moved = trust_of(measured((1,)), ("C02",))
-    assert moved.level == "bad" and "C02" in moved.text
-    assert "C03" in trust_of(measured((1,), Contradiction(7, "C03", 8, 8)), ()).text
-    assert "7" in trust_of(measured((1,), Contradiction(7, None, 8, 8)), ()).text
-    assert trust_of(measured((1,), Contradiction(7, "C03", 1, 8)), ()).level == "good", "one dot"
-    assert trust_of(measured(()), ()).level == "caution"
+    assert trust_of(measured((1,)), ())[1] == "good"
+    moved, level = trust_of(measured((1,)), ("C02",))
+    assert level == "bad" and "C02" in moved
+    assert "C03" in trust_of(measured((1,), Contradiction(7, "C03", 8, 8)), ())[0]
+    assert "7" in trust_of(measured((1,), Contradiction(7, None, 8, 8)), ())[0]
+    assert trust_of(measured((1,), Contradiction(7, "C03", 1, 8)), ())[1] == "good", "one dot"
+    assert trust_of(measured(()), ())[1] == "caution"
 
 
 def test_rulers_and_rates() -> None:

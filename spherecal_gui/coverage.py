@@ -158,15 +158,21 @@ def board_needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraN
     common, found = common_dots(sets, cameras), []
     for index, camera in enumerate(cameras):
         images = [one[camera] for one in sets if camera in one and len(one[camera])]
-        dots, covered = sum(len(image) for image in images), coverage(images)
         linked = len(cameras) < 2 or np.delete(common[index], index).max() > 0
+        lacks: Level = "none"
         if len(images) < BOARD_VIEWS or not linked:
-            found.append(CameraNeed(camera, dots, covered, "more", "caution" if images else "bad"))
-        elif covered < LITTLE_COVERAGE:
-            found.append(CameraNeed(camera, dots, covered, "spread", "caution"))
-        else:
-            found.append(CameraNeed(camera, dots, covered, "enough", "good"))
+            lacks = "caution" if images else "bad"
+        found.append(_need(camera, images, lacks))
     return found
+
+
+def _need(camera: str, images: Sequence[Dots], lacks: Level) -> CameraNeed:
+    """What a camera needs that lacks dots as badly as this, or none (`none`): then these may be badly spread."""
+    dots, covered = sum(len(image) for image in images), coverage(images)
+    if lacks != "none":
+        return CameraNeed(camera, dots, covered, "more", lacks)
+    spread = covered >= LITTLE_COVERAGE
+    return CameraNeed(camera, dots, covered, "enough" if spread else "spread", "good" if spread else "caution")
 
 
 def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
@@ -175,14 +181,11 @@ def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
     found = []
     for index, camera in enumerate(cameras):
         images = [one[camera] for one in sets if camera in one]
-        dots, covered = sum(len(image) for image in images), coverage(images)
+        dots = sum(len(image) for image in images)
         others = np.sort(np.delete(common[index], index))
         linked = len(others) < 2 or others[-2] >= MIN_COMMON  # a triple takes two partners
+        lacks: Level = "none"
         if dots < needed_dots() * max(len(sets), 1) or not linked:
-            bad = not linked or dots < MIN_COMMON * max(len(sets), 1)
-            found.append(CameraNeed(camera, dots, covered, "more", "bad" if bad else "caution"))
-        elif covered < LITTLE_COVERAGE:
-            found.append(CameraNeed(camera, dots, covered, "spread", "caution"))
-        else:
-            found.append(CameraNeed(camera, dots, covered, "enough", "good"))
+            lacks = "bad" if not linked or dots < MIN_COMMON * max(len(sets), 1) else "caution"
+        found.append(_need(camera, images, lacks))
     return found

@@ -71,9 +71,8 @@ class Sounds:
             self.play("done")
             return ""
         if self._player is None:
-            return translate(
-                "Sounds", "There is no program that plays sounds; one of these is needed: {names}."
-            ).format(names=languages.listed(name for name, *_ in _PLAYERS))
+            text = translate("Sounds", "There is no program that plays sounds; one of these is needed: {names}.")
+            return text.format(names=languages.listed(name for name, *_ in _PLAYERS))
         playing = QProcess()
         playing.start(self._player[0], [*self._player[1:], str(self._file("done"))])
         ended = playing.waitForFinished(_TEST_MS)
@@ -81,9 +80,8 @@ class Sounds:
             return ""
         playing.kill()
         said = bytes(playing.readAllStandardError().data()).decode(errors="replace").strip().splitlines()
-        return translate(
-            "Sounds", "The sound device does not work: {why}. Choose one in the system's settings."
-        ).format(why=said[-1].rstrip(".") if said else self._player[0])
+        text = translate("Sounds", "The sound device does not work: {why}. Choose one in the system's settings.")
+        return text.format(why=said[-1].rstrip(".") if said else self._player[0])
 
     def _file(self, kind: str) -> Path:
         if kind not in self._files:

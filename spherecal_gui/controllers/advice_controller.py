@@ -184,12 +184,10 @@ class AdviceController(ControllerPart):
                 self.lying = lying
                 self.ball_seen.emit()
 
-        return self.seer.start(
-            "ball",
-            lambda _: lying_ball(ghost.lenses, ghost.body, dots),
-            seen,
-            lambda error: self.main.note(f"ball: {error}"),
-        )
+        def failed(error: BaseException) -> None:
+            self.main.note(f"ball: {error}")
+
+        return self.seer.start("ball", lambda _: lying_ball(ghost.lenses, ghost.body, dots), seen, failed)
 
     @property
     def to_go(self) -> "ToGo | None":

@@ -91,16 +91,10 @@ class CheckController(ControllerPart):
             text = translate("Check", "The repaired calibration is in use, as number {number}.")
             self.main.tell("good", text.format(number=number))
 
-        note = translate("Check", "repaired after a check: {cameras}").format(
-            cameras=languages.listed(self.repaired_names)
-        )
+        repaired = languages.listed(self.found.to_repair if self.found is not None else ())
+        note = translate("Check", "repaired after a check: {cameras}").format(cameras=repaired)
 
         def work(context: Context) -> str:
             return jobs.save_profile(project.repair_folder, project.folder, profile, True, note, context)
 
         return self.runner.start("check", work, done, self.main.failed("check"))
-
-    @property
-    def repaired_names(self) -> tuple[str, ...]:
-        """The cameras that the check found moved."""
-        return tuple(self.found.to_repair) if self.found is not None else ()

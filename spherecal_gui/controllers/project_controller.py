@@ -5,9 +5,10 @@ import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, Signal
 
@@ -73,6 +74,11 @@ class ProjectController(QObject):
                 self.attempt(lambda: save_project(project))
         self.project = project
         self.changed.emit()
+
+    def change(self, **fields: Any) -> None:
+        """Take over the open project with other values of these fields; nothing where they have them already."""
+        if self.project is not None and (changed := replace(self.project, **fields)) != self.project:
+            self.update(changed)
 
     def move(self, project: Project) -> None:
         """Take over a project that is only at another step: it is written beside the window, which waits for no disk.

@@ -65,7 +65,7 @@ class RecordingController(ControllerPart):
             text = translate("Connect", "It is not known which targets are on the ball.")
             self.main.tell("bad", text, translate("Connect", "Choose the file that describes the bench."))
             return
-        self.main.update(changes.with_artefacts(self.project, artefacts))
+        self.main.change(artefacts=artefacts)
         self._open_folders()
 
     def _take_up(self) -> None:
@@ -101,11 +101,8 @@ class RecordingController(ControllerPart):
 
         project, connection = self.project, self._cameras.connection
         assert project is not None and connection is not None
-        plan = jobs.calibration_plan(connection.plan, project.sets)
-        session = self.session or RecordedSession(
-            project.folder, plan, _masked_cameras(project, connection), connection.source
-        )
-        return session.document()
+        plan, cameras = jobs.calibration_plan(connection.plan, project.sets), _masked_cameras(project, connection)
+        return (self.session or RecordedSession(project.folder, plan, cameras, connection.source)).document()
 
     def _open_checks(self, project: Project, connection: "Connection") -> None:
         """Make or take up the session folder of the check bars."""
@@ -240,12 +237,12 @@ class RecordingController(ControllerPart):
     def undo_mask(self) -> None:
         """Take the mask back that was drawn last."""
         if self.project is not None:
-            self._with_masks(changes.without_last_mask(self.project))
+            self._with_masks(replace(self.project, masks=self.project.masks[:-1]))
 
     def clear_masks(self) -> None:
         """Take all masks back."""
         if self.project is not None:
-            self._with_masks(changes.without_masks(self.project))
+            self._with_masks(replace(self.project, masks=()))
 
     def _with_masks(self, project: Project) -> None:
         """On disk first: wizard.json, then the two session folders that calibration and verification read."""

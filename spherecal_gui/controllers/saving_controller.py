@@ -52,8 +52,7 @@ class SavingController(ControllerPart):
 
     def set_note(self, note: str) -> None:
         """What the operator has written on the calibration; it goes into the profile and the report."""
-        if self.project is not None and note != self.project.note:
-            self.main.update(changes.with_note(self.project, note))
+        self.main.change(note=note)
 
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
         """Add the calibration to a rig profile's history; whether that was begun."""

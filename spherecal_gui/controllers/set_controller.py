@@ -68,14 +68,12 @@ class SetController(ControllerPart):
         self.main.update(changes.with_set(self.project, taken.set_id, at, flaws))
         missing, moved = languages.listed(lacking), languages.listed(moving)
         if missing:
-            text = translate("Placement", "{name} is captured, but without {cameras}.").format(
-                name=taken.set_id, cameras=missing
-            )
+            text = translate("Placement", "{name} is captured, but without {cameras}.")
+            text = text.format(name=taken.set_id, cameras=missing)
             self.main.tell("bad", text, translate("Placement", "Check these cameras, then retake it."))
         elif moved:
-            text = translate("Placement", "{name} is captured, but {cameras} saw it move.").format(
-                name=taken.set_id, cameras=moved
-            )
+            text = translate("Placement", "{name} is captured, but {cameras} saw it move.")
+            text = text.format(name=taken.set_id, cameras=moved)
             self.main.tell("bad", text, translate("Placement", "Let it come to rest, then retake it."))
         else:
             self.main.tell("good", translate("Placement", "{name} is captured.").format(name=taken.set_id))

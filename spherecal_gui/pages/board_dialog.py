@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 
 from spherecal.base.errors import SpherecalError
 from spherecal_boards.pattern_entry import SQUARED, board_entry, partial_board
-from spherecal_gui.texts import error_text
+from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import WheelGuard, add, button, enable, label
 from spherecal_gui.widgets.fields import number_field
 
@@ -134,7 +134,7 @@ class BoardDialog(QDialog):
             if partial_board(self.entry) is None:
                 board_entry(self.entry)
         except SpherecalError as error:
-            said = " ".join(error_text(error)).strip()
+            said = error_line(error)
         self.problem.setText(said)
         for one in (self.sheet, self.begin):
             enable(one, not said, said)
@@ -152,7 +152,7 @@ class BoardDialog(QDialog):
             try:
                 write_board_sheet(self.entry, path, page)
             except SpherecalError as error:
-                self.problem.setText(" ".join(error_text(error)).strip())
+                self.problem.setText(error_line(error))
             else:
                 self.problem.setText("")
                 return

@@ -86,7 +86,7 @@ class CameraDialog(QDialog):
             self.trigger.addItem(text, mode)
         self.trigger.setCurrentIndex(self.trigger.findData(chosen))
         enable(self.trigger, not self.controller.tuning.why_no_trigger(), self.controller.tuning.why_no_trigger())
-        self.trigger.activated.connect(lambda _: self.controller.tuning.set_trigger(self.trigger.currentData()))
+        self.trigger.activated.connect(lambda _: self.controller.tuning.set_all(trigger=self.trigger.currentData()))
         return self.trigger
 
     def _buttons(self) -> QHBoxLayout:

@@ -14,7 +14,7 @@ from spherecal_gui import languages
 from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.project_folder import new_folder
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_text
+from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import add, button, label, say
 from spherecal_gui.widgets.fields import number_field
 
@@ -105,7 +105,7 @@ class ImportDialog(QDialog):
 
     def _failed(self, error: BaseException) -> None:
         self.begin.setEnabled(True)
-        say(self.message, " ".join(error_text(error)).strip(), "bad")
+        say(self.message, error_line(error), "bad")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop what runs."""

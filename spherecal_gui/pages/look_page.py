@@ -49,7 +49,7 @@ class LookPage(LivePage):
         says = self.tr("Pixel format of all cameras")
         self.format = named(QComboBox(), "pixel-format", says, says)
         self.format.addItems(_FORMATS)
-        self.format.textActivated.connect(self.controller.tuning.set_pixel_format)
+        self.format.textActivated.connect(lambda name: self.controller.tuning.set_all(pixel_format=name))
         says = self.tr("Gain of all cameras")
         self.gain = number_field("gain-all", says, (-_STEP_DB, MOST_GAIN_DB), "dB", step=_STEP_DB, tip=says)
         self.gain.setSpecialValueText(self.tr("different gains"))
@@ -59,7 +59,7 @@ class LookPage(LivePage):
 
     def _set_gain(self, gain_db: float) -> None:
         if gain_db >= 0:
-            self.controller.tuning.set_gain(gain_db)
+            self.controller.tuning.set_all(gain_db=gain_db)
 
     def _of_masks(self) -> tuple[QWidget, ...]:
         """Reflections and strange targets are covered with the mouse; in the order of the tiles."""
@@ -104,9 +104,9 @@ class LookPage(LivePage):
         connected = self.controller.cameras.connection is not None
         for one in (self.expose, self.format, self.gain, self.draw):
             enable(one, idle and connected, busy)
-        formats = self.controller.tuning.pixel_formats()
+        settings = self.controller.tuning.of_all()
+        formats, gains = {one.pixel_format for one in settings}, {one.gain_db for one in settings}
         self.format.setCurrentIndex(self.format.findText(formats.pop()) if len(formats) == 1 else -1)
-        gains = self.controller.tuning.gains_db()
         if not self.gain.hasFocus():
             with QSignalBlocker(self.gain):
                 self.gain.setValue(gains.pop() if len(gains) == 1 else self.gain.minimum())

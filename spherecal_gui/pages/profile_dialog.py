@@ -12,7 +12,7 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui.presenters.results_presenter import compared_text
 from spherecal_gui.presenters.start_presenter import ProfileRow, picture_of, profile_rows, validity_of
 from spherecal_gui.tasks.outcome import Compared
-from spherecal_gui.texts import error_text
+from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, say
 from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_rigs.compare_rigs import compare, seen_volume
@@ -93,7 +93,7 @@ class ProfileDialog(QDialog):
         try:
             act()
         except SpherecalError as error:
-            say(self.message, " ".join(error_text(error)).strip(), "bad", hides=False)
+            say(self.message, error_line(error), "bad", hides=False)
 
     def _compare(self) -> None:
         self._try(lambda: self._show_change(str(self.chosen)))

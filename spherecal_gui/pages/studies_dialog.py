@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QProgressBar, QPushButton, Q
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_text
+from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import add, button, enable, label, say
 from spherecal_study.executor import workers_for
 from spherecal_study.studies import STUDIES, run_study
@@ -67,7 +67,7 @@ class StudiesDialog(QDialog):
         self._say(self.tr("The page is {path}.").format(path=page), "good")
 
     def _failed(self, error: BaseException) -> None:
-        self._say(" ".join(error_text(error)).strip(), "bad")
+        self._say(error_line(error), "bad")
 
     def _stopped(self) -> None:
         self._say(self.tr("Stopped; what was computed is kept."), "none")

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spherecal.base.errors import InputError, SpherecalError
+from spherecal.base.errors import InputError
 from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
@@ -200,16 +200,8 @@ def _sticker(bar: RegisteredBar, name: str) -> str:
 
 def registered(bar: Bar) -> RegisteredBar:
     """A bar of a session as the library would have it, by its serial, else by its id."""
-    return RegisteredBar(
-        bar.serial or bar.id,
-        bar.marks,
-        bar.lengths,
-        bar.expansion_per_kelvin,
-        bar.reference_temperature_c,
-        "",
-        bar.certificate,
-        bar.assumed,
-    )
+    material = bar.expansion_per_kelvin, bar.reference_temperature_c
+    return RegisteredBar(bar.serial or bar.id, bar.marks, bar.lengths, *material, "", bar.certificate, bar.assumed)
 
 
 def read_bar(draft: BarDraft) -> tuple[RegisteredBar | None, Problems]:
@@ -284,17 +276,14 @@ def _checked(entry: Mapping[str, object], problems: Problems) -> RegisteredBar |
             "lengths": [{"from": "a", "to": "b", "length_mm": 1.0}],
             **{key: value for key, value in entry.items() if key not in ("marks", "lengths")},
         }
-        try:
-            read_registered_bar(JsonValue(dict(entry), Path()))
-        except InputError as error:
-            for key, text in _by_field(error, _BAR_FIELDS).items():
-                problems.setdefault(key, text)
-        return None
+    whole = not problems
     try:
-        return read_registered_bar(JsonValue(dict(entry), Path()))
+        bar = read_registered_bar(JsonValue(dict(entry), Path()))
     except InputError as error:
-        problems.update(_by_field(error, _BAR_FIELDS))
+        for key, text in _by_field(error, _BAR_FIELDS).items():
+            problems.setdefault(key, text)
         return None
+    return bar if whole else None
 
 
 def _by_field(error: InputError, fields: Mapping[str, str], before: str = "") -> Problems:
@@ -412,11 +401,10 @@ def print_text(draft: BallDraft) -> tuple[str, Level]:
         )
         return words.format(first=pair[0], second=pair[1], mm=pair[2]), "none"
     error = print_error(targets, spacing) or 0.0
-    large, small = (
-        translate("Bench", "Printed {percent:.2f} % too large."),
-        translate("Bench", "Printed {percent:.2f} % too small."),
-    )
-    text = (large if error >= 0 else small).format(percent=100 * abs(error))
+    text = translate("Bench", "Printed {percent:.2f} % too large.")
+    if error < 0:
+        text = translate("Bench", "Printed {percent:.2f} % too small.")
+    text = text.format(percent=100 * abs(error))
     if abs(error) <= USUAL_PRINT:
         usual = translate("Bench", "Printers err by 0.5 % at most: this is as usual.")
         return f"{text} {usual}", "good"
@@ -546,8 +534,3 @@ def certificate_state(draft: BarDraft, today: date) -> tuple[str, Level]:
     """The state of a bar's certificate, in a few words."""
     bar, _ = read_bar(draft)
     return state_words(bar.certificate, today) if bar is not None else (translate("Bench", "incomplete"), "caution")
-
-
-def error_words(error: SpherecalError) -> str:
-    """An error in one line."""
-    return " ".join(error.words(languages.now())).strip()

@@ -81,20 +81,13 @@ def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
         "watch": translate("Check", "watch it"),
         "recalibrate": translate("Check", "has moved"),
     }
-    return [
-        CheckRow(
-            one.test.id,
-            words[one.verdict],
-            _LEVELS[one.verdict],
-            float(one.test.move_px),
-            float(one.test.point_mm),
-            float(one.test.rms_px),
-            one.before_px,
-            float(np.linalg.norm(one.test.shift_mm)),
-            float(np.degrees(np.linalg.norm(one.test.turn_rad))),
-        )
-        for one in found.cameras
-    ]
+    rows = []
+    for one in found.cameras:
+        test, word = one.test, (words[one.verdict], _LEVELS[one.verdict])
+        shift, turn = float(np.linalg.norm(test.shift_mm)), float(np.degrees(np.linalg.norm(test.turn_rad)))
+        figures = map(float, (test.move_px, test.point_mm, test.rms_px))
+        rows.append(CheckRow(test.id, *word, *figures, one.before_px, shift, turn))
+    return rows
 
 
 def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", in_use: bool) -> tuple[str, Level]:

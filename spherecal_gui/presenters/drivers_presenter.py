@@ -84,9 +84,8 @@ def _builtin_lacks(builtin: BuiltinDriver) -> list[str]:
 def _wrong_driver(troubles: Sequence[DriverTrouble], builtin: BuiltinDriver) -> DriverNote:
     """Cameras answer, and no driver that is there lists one: it is another maker's."""
     names = [Path(one.file).name for one in troubles]
-    title = translate("Drivers", "The driver does not reach these cameras: {names}.").format(
-        names=languages.listed(names)
-    )
+    title = translate("Drivers", "The driver does not reach these cameras: {names}.")
+    title = title.format(names=languages.listed(names))
     own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
     in_use = ANY_MAKER.files[0] in names
     steps = (own, *_packages(troubles[0].makers), *([] if in_use else _builtin_lacks(builtin)))

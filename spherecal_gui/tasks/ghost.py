@@ -45,14 +45,8 @@ class Lenses:
     @staticmethod
     def of(rig: "Rig") -> "Lenses":
         """Those of a calibrated rig."""
-        cameras = rig.cameras
-        return Lenses(
-            tuple(c.id for c in cameras),
-            np.array([c.intrinsics for c in cameras]),
-            np.array([c.rotation for c in cameras]),
-            np.array([c.translation_mm for c in cameras]),
-            np.array([c.image_size for c in cameras], dtype=float),
-        )
+        known = [(c.intrinsics, c.rotation, c.translation_mm, np.array(c.image_size, float)) for c in rig.cameras]
+        return Lenses(tuple(c.id for c in rig.cameras), *map(np.array, zip(*known, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,11 +255,10 @@ def drawn_bar(lenses: Lenses, wanted: FloatArray, lying: FloatArray | None) -> d
     `wanted`: the bar's two ends where it should lie (2, 3), mm; `lying`: its two ends where it lies (2, 3), mm; None:
     not known.
     """
-    nothing = np.empty((0, 2))
     found = {}
     for c, name in enumerate(lenses.names):
         line = _seen(lenses, c, wanted)
-        now = nothing if lying is None else _seen(lenses, c, lying)
+        now = np.empty((0, 2)) if lying is None else _seen(lenses, c, lying)
         found[name] = Drawn(line, line, now, now)
     return found
 

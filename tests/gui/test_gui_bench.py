@@ -368,8 +368,8 @@ def test_a_certificate_is_remembered(days, level, words):
     certificate = Certificate("K", "", date(2020, 1, 1), TODAY + timedelta(days))
     text, found = state_words(certificate, TODAY)
     assert (found, words in text) == (level, True)
-    told = reminder([registered(certificate=certificate)], TODAY)
-    assert (told.level if told.text else "good") == level
+    told, worst = reminder([registered(certificate=certificate)], TODAY)
+    assert (worst if told else "good") == level
     assert ("B-1" in told.text) == (level != "good")
 
 

@@ -43,38 +43,14 @@ class Colours:
 
 # Contrast (WCAG 2) of text and state colours on every ground where they appear: at least 4.5:1, `text` 7:1; large
 # letters and marks 3:1. tests/gui/test_design.py computes all pairs.
-LIGHT = Colours(
-    dark=False,
-    window="#f2f4f6",
-    surface="#ffffff",
-    raised="#f5f7f9",
-    border="#d0d7de",
-    text="#141c24",
-    soft="#4a5763",
-    accent="#1d5d97",
-    on_accent="#ffffff",
-    good="#17683c",
-    caution="#855000",
-    bad="#ad2a20",
-    idle="#66727e",
-    scene="#e9edf1",
-)
-DARK = Colours(
-    dark=True,
-    window="#0f1317",
-    surface="#171c22",
-    raised="#212830",
-    border="#37424d",
-    text="#e8edf2",
-    soft="#aab6c1",
-    accent="#74b4e6",
-    on_accent="#08131c",
-    good="#63cf98",
-    caution="#eeb457",
-    bad="#ff8c82",
-    idle="#8b98a4",
-    scene="#12171c",
-)
+_ROLES = {  # in the light look, in the dark one
+    "window": ("#f2f4f6", "#0f1317"), "surface": ("#ffffff", "#171c22"), "raised": ("#f5f7f9", "#212830"),
+    "border": ("#d0d7de", "#37424d"), "text": ("#141c24", "#e8edf2"), "soft": ("#4a5763", "#aab6c1"),
+    "accent": ("#1d5d97", "#74b4e6"), "on_accent": ("#ffffff", "#08131c"), "good": ("#17683c", "#63cf98"),
+    "caution": ("#855000", "#eeb457"), "bad": ("#ad2a20", "#ff8c82"), "idle": ("#66727e", "#8b98a4"),
+    "scene": ("#e9edf1", "#12171c"),
+}  # fmt: skip
+LIGHT, DARK = (Colours(dark, **{role: both[dark] for role, both in _ROLES.items()}) for dark in (False, True))
 _TINT = 0.13
 
 FAMILY = "Inter"

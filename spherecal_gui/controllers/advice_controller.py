@@ -198,11 +198,6 @@ class AdviceController(ControllerPart):
             return None
         return to_go(self.guidance.ghost, self.lying)
 
-    @property
-    def planning(self) -> bool:
-        """Whether the next placement is being worked out."""
-        return self.planner.running is not None
-
     def _planned(self, found: GuidanceView | None) -> None:
         if self._asked != self._planned_for:
             self._plan_again()

@@ -108,16 +108,15 @@ class Controller(ProjectController):
         """Begin a calibration in a new folder."""
         self.close_project()
         limit = limits.now().verification_limit
-        project = Project(new_folder(parent, datetime.now()), source, bench, limit=limit)
-        save_project(project)
-        self._begin(project)
-        self._is_new = True
+        self._begin_new(Project(new_folder(parent, datetime.now()), source, bench, limit=limit))
 
     def new_check(self, like: Project) -> None:
         """Begin a check with the cameras and the bench of an earlier calibration."""
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "check")
-        project = Project(folder, like.source, like.bench, placements=("P1",), purpose="check")
+        self._begin_new(Project(folder, like.source, like.bench, placements=("P1",), purpose="check"))
+
+    def _begin_new(self, project: Project) -> None:
         save_project(project)
         self._begin(project)
         self._is_new = True
@@ -128,8 +127,8 @@ class Controller(ProjectController):
 
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "verification")
-        project = Project(folder, like.source, like.bench, placements=(), purpose="verify")
-        project = replace(project, limit=limits.now().verification_limit)
+        limit = limits.now().verification_limit
+        project = Project(folder, like.source, like.bench, placements=(), purpose="verify", limit=limit)
         try:
             number, verdict = result_of(profile_of(project), project.result_folder)
         except BaseException:

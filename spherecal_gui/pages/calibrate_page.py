@@ -229,11 +229,6 @@ class CalibratePage(Page):
         self.plot.show_runs(self.course.runs)
         self._plot_key.setVisible(bool(self.course.runs))  # else there is no line
 
-    @property
-    def _was_cut_short(self) -> bool:
-        """Whether the last computation was cancelled or failed: its last stage did not come to its end."""
-        return _LAST not in self.course.stages
-
     def _draw(self) -> None:
         far = theme.is_far()
         self.details.setVisible(not far)
@@ -250,7 +245,7 @@ class CalibratePage(Page):
             mark, tint, words = "✓", good, escape(stage_name(stage))
             if stage == self.course.stage and self.is_running:
                 mark, tint, words = "▸", now, f"<b>{words}</b>"
-            elif stage == stages[-1] and self._was_cut_short and not self.is_running:
+            elif stage == stages[-1] and _LAST not in self.course.stages and not self.is_running:  # cut short
                 mark, tint = "✕", bad
             lines.append(f'<span style="color: {tint}">{mark}</span>&nbsp; {words}')
         text = f'<p style="line-height: 150%">{"<br>".join(lines)}</p>' if lines else ""

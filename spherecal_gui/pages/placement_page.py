@@ -185,17 +185,11 @@ class PlacementPage(LivePage):
         connection, sights = self.controller.cameras.connection, self.sights()
         if connection is None:
             return Scene({}, None)
-        statuses = connection.source.statuses()
-        lost = tuple(
-            name
-            for serial, name in connection.names.items()
-            if serial in statuses and not statuses[serial].state.usable
-        )
-        counts = {
-            name: 0 if name in lost else len(sights[name].dots) if name in sights else 0
-            for name in connection.names.values()
-        }
-        seen = [sight for name, sight in sights.items() if len(sight.dots) and name not in lost]
+        statuses, names = connection.source.statuses(), connection.names
+        lost = tuple(names[s] for s in names if s in statuses and not statuses[s].state.usable)
+        there = {name: sight for name, sight in sights.items() if name not in lost}
+        counts = {name: len(there[name].dots) if name in there else 0 for name in names.values()}
+        seen = [sight for sight in there.values() if len(sight.dots)]
         known = [sight for sight in seen if sight.motion_px is not None]
         still = all(sight.still for sight in known) if known and len(known) == len(seen) else None
         return Scene(counts, still, lost, self.open_project.by_board)
@@ -298,12 +292,8 @@ class PlacementPage(LivePage):
         """Whether the ball is where it was at the placement taken last, and nobody says that it was turned."""
         if self.is_taken or self._turned or scene.lost or self.recorded:
             return False
-        last = max(
-            (name for name in self.open_project.placements if name in self.open_project.taken),
-            key=lambda name: self.open_project.taken[name],
-            default=None,
-        )
-        before = self.controller.recording.dots.get(last) if last is not None else None
+        taken = {name: at for name, at in self.open_project.taken.items() if name in self.open_project.placements}
+        before = self.controller.recording.dots.get(max(taken, key=lambda name: taken[name], default=""))
         now = {name: sight.dots for name, sight in self.sights().items()}
         return before is not None and cov.same_place(before, now)
 
@@ -314,11 +304,8 @@ class PlacementPage(LivePage):
 
     def _sets(self) -> list[cov.SetDots]:
         """The dots of all placements taken but this one."""
-        return [
-            self.controller.recording.dots[name]
-            for name in self.open_project.placements
-            if name in self.controller.recording.dots and name != self.set_id
-        ]
+        dots = self.controller.recording.dots
+        return [dots[name] for name in self.open_project.placements if name in dots and name != self.set_id]
 
     def _tab_changed(self) -> None:
         """Another chart is in sight: it may be older than what the cameras see."""
@@ -334,14 +321,8 @@ class PlacementPage(LivePage):
         live = dict(mine) if mine is not None else seen
         counts = [len(live[name]) if name in live else 0 for name in cameras]
         tab = self.tabs.currentWidget()
-        key = (
-            self.set_id,
-            mine is not None,
-            tuple(counts),
-            tuple(self.controller.recording.dots),
-            tab,
-            tab.size().toTuple(),
-        )
+        of_dots = tuple(counts), tuple(self.controller.recording.dots)
+        key = (self.set_id, mine is not None, *of_dots, tab, tab.size().toTuple())
         if key == self._drawn:
             return
         self._drawn = key
@@ -425,15 +406,14 @@ class PlacementPage(LivePage):
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
-        shown, planning = self.controller.advice.guidance, self.controller.advice.planning
-        at = self.tabs.indexOf(self.guidance)
-        known = self.controller.advice.known
+        advice, at = self.controller.advice, self.tabs.indexOf(self.guidance)
+        shown, known = advice.guidance, advice.known
         if self.space.data is None and known is None:  # as the cameras stood when they were calibrated last
             rig = rig_in_use(self.controller.profile_folder, self.scene().counts)
             self.space.show_scene(rig_scene(rig) if rig is not None else None)
         elif shown is None and known is not None and known.scene is not None and self.space.data is None:
             self.space.show_scene(known.scene)
-        if shown is None and not planning and self.space.data is None:
+        if shown is None and advice.planning_s is None and self.space.data is None:
             if at >= 0:
                 self.tabs.removeTab(at)
             return

@@ -1,7 +1,7 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
-from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QSignalBlocker
-from PySide6.QtGui import QImage, QPixmap
+from PySide6.QtCore import QSignalBlocker
+from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
@@ -29,6 +29,7 @@ from spherecal_gui.widgets.effects_view import EffectsView
 from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
+from spherecal_gui.widgets.scene_view import png_of
 from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_gui.workflow import Status
 
@@ -74,7 +75,7 @@ class ResultsPage(Page):
         self.table.itemDoubleClicked.connect(lambda _: self.tabs.setCurrentIndex(2))
         residuals = QWidget()
         self.residuals, self.histogram = ResidualView(), HistogramChart()
-        self.residuals.image_chosen.connect(self._dot_chosen)
+        self.residuals.image_chosen.connect(self._show_image)
         self.residual_size = label("")
         column = add(QVBoxLayout(residuals), self._image_row(), self.residual_size)
         add(column, (self.residuals, 3), (self.histogram, 2))
@@ -88,9 +89,11 @@ class ResultsPage(Page):
     def _image_row(self) -> QVBoxLayout:
         """One image of the camera that is shown, and what can be done about it."""
         self.image = named(QComboBox(), "which-image", self.tr("Which image"))
-        self.image.currentIndexChanged.connect(self._image_chosen)
-        self.leave_image = button(self.tr("Leave this image out"), "leave-image", act=self._leave_image)
-        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera", act=self._leave_camera)
+        self.image.currentIndexChanged.connect(lambda: self._show_image(self.image.currentData()))
+        self.leave_image = button(self.tr("Leave this image out"), "leave-image")
+        self.leave_image.clicked.connect(lambda: self._leave_out(f"{self._camera}@{self.image.currentData()}"))
+        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
+        self.leave_camera.clicked.connect(lambda: self._leave_out(f"camera:{self._camera}"))
         # below each other: beside each other they are too wide for large text in German
         return add(QVBoxLayout(), self.image, add(QHBoxLayout(), self.leave_image, self.leave_camera, None))
 
@@ -118,13 +121,17 @@ class ResultsPage(Page):
         usual = sorted(row.rms_px for row in rows if row.rms_px is not None)
         middle = usual[len(usual) // 2] if usual else 1.0
         accused = culprit(outcome.result)
-        guilty = accused[0] if accused is not None else None
-        self.table.fill([_cells(row, middle, self.tr("not placed"), row.camera == guilty) for row in rows], sort_by=1)
+        guilty, none = accused[0] if accused is not None else None, self.tr("not placed")
+        self.table.fill([_cells(row, middle, none, row.camera == guilty) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
         self.panel.show_scene(outcome_scene(outcome))
         self._show_effects(outcome.effects)
-        if rows:
-            self._show_worst(culprit(outcome.result), rows[0].camera)
+        if rows:  # the camera that the findings accuse, in the image they name; else that with the largest residuals
+            name, placement = accused or (rows[0].camera, None)
+            with QSignalBlocker(self.table):
+                if not self.table.select_name(name):
+                    self.table.selectRow(0)
+            self.show_camera(name, placement)
 
     def _show_effects(self, effects: tuple[CameraEffect, ...]) -> None:
         """A tab for fields of lenses and drifts of cameras, where there are any."""
@@ -133,14 +140,6 @@ class ResultsPage(Page):
             self.tabs.removeTab(at)
         elif at < 0 and effects:
             self.tabs.addTab(self.effects, self.tr("Lenses"))
-
-    def _show_worst(self, accused: tuple[str, str | None] | None, largest: str) -> None:
-        """The camera that the findings accuse, in the image they name; else the one with the largest residuals."""
-        name, placement = accused or (largest, None)
-        with QSignalBlocker(self.table):
-            if not self.table.select_name(name):
-                self.table.selectRow(0)
-        self.show_camera(name, placement)
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -205,24 +204,13 @@ class ResultsPage(Page):
         image = QImage(str(path))
         return None if image.isNull() else image.scaledToWidth(min(image.width(), 1600))
 
-    def _image_chosen(self) -> None:
-        if self._camera is not None:
-            self.show_camera(self._camera, self.image.currentData())
-
-    def _dot_chosen(self, placement: str) -> None:
+    def _show_image(self, placement: str | None) -> None:
         if self._camera is not None:
             self.show_camera(self._camera, placement)
 
-    def _leave_image(self) -> None:
-        placement = self.image.currentData()
-        if self._camera is not None and placement is not None:
-            self.controller.computation.repair("--leave-out", f"{self._camera}@{placement}")
-            self.show_camera(self._camera, placement)
-
-    def _leave_camera(self) -> None:
-        if self._camera is not None:
-            self.controller.computation.repair("--leave-out", f"camera:{self._camera}")
-            self.show_camera(self._camera, self.image.currentData())
+    def _leave_out(self, what: str) -> None:
+        self.controller.computation.repair("--leave-out", what)
+        self._show_image(self.image.currentData())
 
     def _selected(self) -> None:
         rows = self.table.selectionModel().selectedRows()
@@ -266,11 +254,7 @@ class ResultsPage(Page):
         """The scene as a PNG file; empty where nothing is shown."""
         if self.scene.data is None:
             return b""
-        data = QByteArray()
-        buffer = QBuffer(data)
-        buffer.open(QIODevice.OpenModeFlag.WriteOnly)
-        QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)).save(buffer, "PNG")
-        return bytes(data.data())
+        return png_of(self.scene.thumbnail(*_THUMBNAIL_PX))
 
 
 def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:

@@ -17,7 +17,6 @@ from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.presenters.connect_presenter import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import VerifyFacts, verify_says
-from spherecal_gui.project import Artefacts
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
 from spherecal_gui.standing import Part, Said
 from spherecal_gui.tasks.outcome import Outcome
@@ -237,18 +236,11 @@ class VerifyPage(ScalePage):
     def _show_lengths(self) -> None:
         """What the check bars are called by, where the bench's description has it."""
         artefacts = self.open_project.artefacts
-        known = bars_with_nominal(
-            self.controller.cameras.connection, artefacts.check_bars if artefacts is not None else ()
-        )
-        self._show_certificates(artefacts)
-        say(self.lengths, "\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
-
-    def _show_certificates(self, artefacts: Artefacts | None) -> None:
-        """A reminder of certificates that have expired or soon will, before anything is measured."""
-        connection = self.controller.cameras.connection
-        checks = artefacts.check_bars if artefacts is not None else ()
+        checks, connection = artefacts.check_bars if artefacts is not None else (), self.controller.cameras.connection
+        known = bars_with_nominal(connection, checks)
         bars = [bar for bar in connection.plan.bars if bar.id in checks] if connection is not None else []
-        say(self.certificates, *reminder(bars, date.today()))
+        say(self.certificates, *reminder(bars, date.today()))  # of what is measured with
+        say(self.lengths, "\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
 
     def _stage(self) -> None:
         pose = self.current
@@ -340,10 +332,8 @@ class VerifyPage(ScalePage):
             return Said("none", "")
         state, bars, pose = self.state, self.bar_facts(), self.current
         measuring = self.controller.runner.running == "verify" and self.controller.sets.taking is None
-        current = state is not None and (
-            state.status in (Status.DONE, Status.CARE)
-            or (self.project.verified is not None and state.status is Status.FAILED)
-        )
+        done = (Status.DONE, Status.CARE, *((Status.FAILED,) if self.project.verified is not None else ()))
+        current = state is not None and state.status in done
         planned = self.controller.bars.planned_pose(pose) if pose is not None else None
         if self.guide is not None:
             bars = replace(bars, guide=(self.guide.text, self.guide.level, self.guide.accepted))
@@ -356,10 +346,8 @@ class VerifyPage(ScalePage):
 
     def _step_part(self, state: StepState) -> Part:
         """While poses are laid where the bar goes comes first, and not what was measured before."""
-        if not self.shows_outcome and state.status is Status.CARE:
-            return Part("caution")
-        stale = state.status is Status.STALE and state.reason is not None and state.reason.code == "changed"
-        return Part("none") if stale and not self.shows_outcome else super()._step_part(state)
+        past = state.status is Status.CARE or (state.reason is not None and state.reason.code == "changed")
+        return Part("none") if past and not self.shows_outcome else super()._step_part(state)
 
     @property
     def _any_taken(self) -> bool:

@@ -164,33 +164,17 @@ _BAR_FIELDS = {
 def bar_draft(bar: RegisteredBar, role: str = "none", id: str = "") -> BarDraft:
     """A bar of the library, to be changed."""
     c, own = bar.certificate, bar.assumed
-    lengths = tuple(
-        LengthDraft(
-            one.from_mark,
-            _sticker(bar, one.from_mark),
-            one.to_mark,
-            _sticker(bar, one.to_mark),
-            shown(one.nominal_mm),
-            shown(one.length_mm),
-            "" if "expanded_uncertainty_mm" in one.assumed else shown(one.expanded_uncertainty_mm),
-            "" if "coverage_factor" in one.assumed else shown(one.coverage_factor),
-        )
-        for one in bar.lengths
-    )
-    return BarDraft(
-        bar.serial,
-        bar.description,
-        lengths,
-        "" if "expansion_per_kelvin" in own else shown(1e6 * bar.expansion_per_kelvin),
-        "" if "reference_temperature_c" in own else shown(bar.reference_temperature_c),
-        c.number if c else "",
-        c.laboratory if c else "",
-        str(c.date or "") if c else "",
-        str(c.valid_until or "") if c else "",
-        role,
-        id,
-        bar.serial,
-    )
+    lengths = []
+    for one in bar.lengths:
+        ends = one.from_mark, _sticker(bar, one.from_mark), one.to_mark, _sticker(bar, one.to_mark)
+        uncertainty = "" if "expanded_uncertainty_mm" in one.assumed else shown(one.expanded_uncertainty_mm)
+        factor = "" if "coverage_factor" in one.assumed else shown(one.coverage_factor)
+        lengths.append(LengthDraft(*ends, shown(one.nominal_mm), shown(one.length_mm), uncertainty, factor))
+    expansion = "" if "expansion_per_kelvin" in own else shown(1e6 * bar.expansion_per_kelvin)
+    reference = "" if "reference_temperature_c" in own else shown(bar.reference_temperature_c)
+    paper = (c.number, c.laboratory, str(c.date or ""), str(c.valid_until or "")) if c else ("", "", "", "")
+    about = bar.serial, bar.description, tuple(lengths), expansion, reference
+    return BarDraft(*about, *paper, role, id, bar.serial)
 
 
 def _sticker(bar: RegisteredBar, name: str) -> str:
@@ -433,21 +417,13 @@ def read_bench(draft: BenchDraft) -> tuple[Bench | None, tuple[RegisteredBar | N
     celsius = _number(draft.celsius, "celsius", problems, -20.0, 60.0) if draft.celsius.strip() else None
     if problems or ball is None:
         return None, tuple(bars), problems
-    chosen = tuple(
-        BenchBar(
-            _bench_id(one, number),
-            bar.serial,
-            "scale" if one.role == "scale" else "check",
-            _SCALE_POSES if one.role == "scale" else _CHECK_POSES,
-        )
-        for number, (one, bar) in enumerate(zip(draft.bars, bars, strict=True))
-        if bar is not None and one.role != "none"
-    )
-    return Bench(ball, chosen, int(placements), celsius), tuple(bars), problems
-
-
-def _bench_id(draft: BarDraft, number: int) -> str:
-    return draft.id or as_id(draft.serial.strip(), f"bar{number + 1}")
+    chosen = []
+    for number, (one, bar) in enumerate(zip(draft.bars, bars, strict=True), start=1):
+        if bar is not None and one.role != "none":
+            name = one.id or as_id(one.serial.strip(), f"bar{number}")
+            poses = _SCALE_POSES if one.role == "scale" else _CHECK_POSES
+            chosen.append(BenchBar(name, bar.serial, "scale" if one.role == "scale" else "check", poses))
+    return Bench(ball, tuple(chosen), int(placements), celsius), tuple(bars), problems
 
 
 def _together(draft: BenchDraft, bars: Iterable[RegisteredBar | None]) -> Problems:

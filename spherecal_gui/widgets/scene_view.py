@@ -321,10 +321,15 @@ class SceneView(QWidget):
 
     def picture_png(self) -> bytes:
         """What is seen, as a PNG file's contents."""
-        memory = QBuffer()
-        memory.open(QBuffer.OpenModeFlag.WriteOnly)
-        self.grab().save(memory, "PNG")
-        return bytes(memory.data().data())
+        return png_of(self.grab().toImage())
+
+
+def png_of(image: QImage) -> bytes:
+    """An image as a PNG file's contents."""
+    memory = QBuffer()
+    memory.open(QBuffer.OpenModeFlag.WriteOnly)
+    image.save(memory, "PNG")
+    return bytes(memory.data().data())
 
 
 def _rgb(name: str) -> tuple[int, int, int]:

@@ -22,6 +22,11 @@ Level = Literal["none", "bad", "caution", "good"]
 Need = Literal["enough", "more", "spread"]
 
 
+def dot_keys(target: IntArray, point: IntArray) -> IntArray:
+    """One number for each dot of a target set (n,), by its target's number and the point on it."""
+    return np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class Dots:
     """The dots of one image: `target` (n,), `point` (n,), `uv` (n, 2) px, and the image's size (width, height)."""
@@ -33,6 +38,11 @@ class Dots:
 
     def __len__(self) -> int:
         return len(self.target)
+
+    @property
+    def keys(self) -> IntArray:
+        """One number for each dot, (n,)."""
+        return dot_keys(self.target, self.point)
 
     @property
     def targets(self) -> int:
@@ -64,8 +74,7 @@ def same_place(before: SetDots, now: SetDots) -> bool:
         if len(dots) < _SAME_DOTS or camera not in before:
             continue
         old = before[camera]
-        keys = [np.asarray(one.target, dtype=np.int64) * 64 + one.point for one in (old, dots)]
-        _, a, b = np.intersect1d(keys[0], keys[1], return_indices=True)
+        _, a, b = np.intersect1d(old.keys, dots.keys, return_indices=True)
         close = len(a) >= _SAME_DOTS and np.median(np.linalg.norm(old.uv[a] - dots.uv[b], axis=1)) <= SAME_PX
         same, other = same + bool(close), other + (not close)
     return same > other
@@ -111,17 +120,13 @@ def common_dots(sets: Sequence[SetDots], cameras: Sequence[str]) -> IntArray:
     """The dots that each two cameras see at the same placement, summed, (c, c); the diagonal counts a camera's own."""
     total = np.zeros((len(cameras), len(cameras)), dtype=np.int64)
     for one in sets:
-        keys = [_keys(one.get(camera)) for camera in cameras]
+        keys = [one[camera].keys if camera in one else np.empty(0, np.int64) for camera in cameras]
         names, flat = np.unique(np.concatenate(keys) if keys else np.empty(0), return_inverse=True)
         seen = np.zeros((len(cameras), len(names)), dtype=np.int64)
         at = np.repeat(np.arange(len(cameras)), [len(key) for key in keys])
         seen[at, flat.reshape(-1)] = 1
         total += seen @ seen.T
     return total
-
-
-def _keys(dots: Dots | None) -> IntArray:
-    return np.empty(0, dtype=np.int64) if dots is None else dots.target.astype(np.int64) * 64 + dots.point
 
 
 def islands(common: IntArray) -> list[list[int]]:

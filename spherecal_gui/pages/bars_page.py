@@ -65,11 +65,6 @@ class ScalePage(LivePage):
         marks = [one.marks.values() for one in connection.plan.bars if one.id == bar]
         return frozenset(mark.target for own in marks for mark in own)
 
-    @property
-    def is_taking(self) -> bool:
-        """Whether a pose is being taken, or the lengths measured."""
-        return self.step is not None and self.controller.runner.running == self.step.id
-
     def enter(self, step: Step) -> None:
         """Show the first pose that is missing."""
         self.step = step

@@ -39,6 +39,11 @@ class LivePage(Page):
         return "computing" if task.stage in _AFTER_IMAGES else "exposing"
 
     @property
+    def is_taking(self) -> bool:
+        """Whether the step's own work runs: images are taken, or lengths measured."""
+        return self.step is not None and self.controller.runner.running == self.step.id
+
+    @property
     def recorded(self) -> bool:
         """Whether the images come from a recording, in which nothing can be moved."""
         return self.project is not None and self.project.source.startswith("replay")

@@ -134,11 +134,6 @@ class PlacementPage(LivePage):
         """Whether the placement is there."""
         return self.project is not None and self.set_id in self.project.taken
 
-    @property
-    def is_taking(self) -> bool:
-        """Whether it is being taken."""
-        return self.step is not None and self.controller.runner.running == self.step.id
-
     def enter(self, step: Step) -> None:
         """Another placement: draw everything again."""
         self._drawn, self._trigger, self._turned = None, AutoTrigger(), False

@@ -87,7 +87,7 @@ class AutoTrigger:
 
     def feed(self, scene: Scene, now_s: float) -> bool:
         """Whether to take now."""
-        if scene.still is False or scene.still is None:
+        if not scene.still:
             self._armed, self._since = True, None
             return False
         if not scene.enough or not self._armed:

@@ -23,6 +23,7 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look_presenter import TileState
+from spherecal_gui.project import Rectangle
 from spherecal_gui.widgets.basic import MARKS, bare, button, named, plain
 
 if TYPE_CHECKING:  # imports scipy
@@ -80,8 +81,8 @@ class CameraTile(QWidget):
         self._near = False
         self._covered: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
         self.need = ""  # what the camera needs, in words
-        self._masks: tuple[tuple[float, float, float, float], ...] = ()
-        self._proposed: tuple[tuple[float, float, float, float], ...] = ()
+        self._masks: tuple[Rectangle, ...] = ()
+        self._proposed: tuple[Rectangle, ...] = ()
         self._drag: tuple[QPointF, QPointF] | None = None
         self._doubled = False
         self.can_rename = False  # a click on the name edits it
@@ -119,11 +120,7 @@ class CameraTile(QWidget):
         """Show how many pixels have each grey value, dark to bright (n,); None: not."""
         self._histogram = counts  # drawn with the next image
 
-    def show_masks(
-        self,
-        masks: tuple[tuple[float, float, float, float], ...],
-        proposed: tuple[tuple[float, float, float, float], ...] = (),
-    ) -> None:
+    def show_masks(self, masks: tuple[Rectangle, ...], proposed: tuple[Rectangle, ...] = ()) -> None:
         """Show the parts of the image that do not count, and those that are proposed as such."""
         if (masks, proposed) != (self._masks, self._proposed):
             self._masks, self._proposed = masks, proposed

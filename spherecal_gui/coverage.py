@@ -95,11 +95,6 @@ def needed_dots() -> int:
     return limits.now().needed_dots
 
 
-def level(dots: int) -> Level:
-    """The colour of a counter."""
-    return "good" if dots >= needed_dots() else "caution" if dots >= MIN_COMMON else "bad"
-
-
 def cells(images: Sequence[Dots]) -> IntArray:
     """How many dots of some images of one camera fall into each cell, (CELLS, CELLS), rows from the top."""
     counts = np.zeros((CELLS, CELLS), dtype=np.int64)

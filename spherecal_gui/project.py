@@ -262,11 +262,6 @@ def with_calibration(project: Project, verdict: Verdict) -> Project:
     return without_failure(replace(project, calibrated=Computation(project.calibration_inputs, verdict)), "calibrate")
 
 
-def with_accepted(project: Project) -> Project:
-    """The results of the present calibration were looked at."""
-    return replace(project, accepted=project.calibrated)
-
-
 def with_verification(project: Project, verdict: Verdict) -> Project:
     """A verification of the present inputs was finished."""
     return without_failure(replace(project, verified=Computation(project.verification_inputs, verdict)), "verify")

@@ -138,25 +138,14 @@ def apply(application: QApplication, dark: bool, far: bool = False) -> None:
 
 def _palette(c: Colours) -> QPalette:
     palette, role = QPalette(), QPalette.ColorRole
-    for name, value in {
-        role.Window: c.window,
-        role.WindowText: c.text,
-        role.Base: c.surface,
-        role.AlternateBase: c.raised,
-        role.Text: c.text,
-        role.Button: c.raised,
-        role.ButtonText: c.text,
-        role.ToolTipBase: c.raised,
-        role.ToolTipText: c.text,
-        role.Highlight: c.accent,
-        role.HighlightedText: c.on_accent,
-        role.Link: c.accent,
-        role.PlaceholderText: c.soft,
-        role.Mid: c.border,
-        role.Dark: c.border,
-        role.Light: c.surface,
-    }.items():
-        palette.setColor(name, QColor(value))
+    for value, names in (
+        (c.window, (role.Window,)), (c.surface, (role.Base, role.Light)), (c.border, (role.Mid, role.Dark)),
+        (c.raised, (role.AlternateBase, role.Button, role.ToolTipBase)), (c.accent, (role.Highlight, role.Link)),
+        (c.text, (role.WindowText, role.Text, role.ButtonText, role.ToolTipText)), (c.soft, (role.PlaceholderText,)),
+        (c.on_accent, (role.HighlightedText,)),
+    ):  # fmt: skip
+        for name in names:
+            palette.setColor(name, QColor(value))
     for name in (role.WindowText, role.Text, role.ButtonText):
         palette.setColor(QPalette.ColorGroup.Disabled, name, QColor(c.idle))
     return palette

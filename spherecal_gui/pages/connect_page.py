@@ -269,11 +269,9 @@ class ConnectPage(Page):
         self.describe.setEnabled(running is None)
         self.describe.setVisible(self.project.source.startswith("genicam"))  # else it would describe the real bench
         self.choose.setEnabled(running is None and not self.project.taken)
-        self.choose.setToolTip(
-            self.tr("Placements are captured already: begin a new calibration for another bench.")
-            if self.project.taken
-            else self.tr("A session.json, or the folder of an earlier session.")
-        )
+        wanted = self.tr("A session.json, or the folder of an earlier session.")
+        too_late = self.tr("Placements are captured already: begin a new calibration for another bench.")
+        self.choose.setToolTip(too_late if self.project.taken else wanted)
         self.action_changed.emit()
 
     def _lines(self) -> list[CameraLine]:

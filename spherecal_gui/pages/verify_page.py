@@ -346,8 +346,10 @@ class VerifyPage(ScalePage):
 
     def _step_part(self, state: StepState) -> Part:
         """While poses are laid where the bar goes comes first, and not what was measured before."""
-        past = state.status is Status.CARE or (state.reason is not None and state.reason.code == "changed")
-        return Part("none") if past and not self.shows_outcome else super()._step_part(state)
+        if not self.shows_outcome and state.status is Status.CARE:
+            return Part("caution")
+        stale = state.status is Status.STALE and state.reason is not None and state.reason.code == "changed"
+        return Part("none") if stale and not self.shows_outcome else super()._step_part(state)
 
     @property
     def _any_taken(self) -> bool:

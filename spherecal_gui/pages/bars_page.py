@@ -76,12 +76,10 @@ class ScalePage(LivePage):
         if pose is not None and self.controller.staging.can_show(pose):
             self.controller.staging.show_pose(pose)
 
-    def refresh(self) -> None:
+    def draw(self) -> None:
         """A pose was taken."""
-        if self.project is None:
-            return
         self.show_cameras()
-        taken = [pose for pose in self.pose_ids() if pose in self.project.taken]
+        taken = [pose for pose in self.pose_ids() if pose in self.open_project.taken]
         if taken and taken[-1] != self._last and not self.is_taking and self.isVisible():
             self._stage()
         self._last = taken[-1] if taken else None
@@ -148,7 +146,7 @@ class ScalePage(LivePage):
         name = pose_name(pose, self.pose_ids()) if pose is not None else None
         return BarFacts(name, seeing(targets), self.work, connected, recorded=self.recorded)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """What to do with the bar."""
         return bar_says(self.bar_facts())
 

@@ -116,10 +116,8 @@ class CalibratePage(Page):
         """Whether the computation runs."""
         return self.controller.runner.running == "calibrate"
 
-    def refresh(self) -> None:
+    def draw(self) -> None:
         """Started, ended, or something is out of date."""
-        if self.project is None:
-            return
         if self.controller.computation.course is not self.course:  # begun, another project, or a window made again
             self.course = self.controller.computation.course or CourseOfWork()
             self._told = 0
@@ -252,12 +250,12 @@ class CalibratePage(Page):
         if text != self._stages.text():
             self._stages.setText(text)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Start, cancel, see what came of it."""
         state, task = self.state, self.controller.runner.task
-        if state is None or self.project is None:
+        if state is None:
             return Said("none", "")
-        project = self.project
+        project = self.open_project
         run: Literal["", "running", "stopping", "keeping"] = ""
         if self.is_running and task is not None:
             run = "stopping" if task.stopping else "keeping" if task.keeping else "running"

@@ -95,10 +95,8 @@ class CheckPage(Page):
         done = repaired_text(found, after, in_use) if there and found is not None and after is not None else ("",)
         say(self.mended, *done, hides=False)
 
-    def refresh(self) -> None:
+    def draw(self) -> None:
         """Show what was found."""
-        if self.project is None:
-            return
         found, state = self.controller.checks.found, self.state
         there = found is not None and state is not None and state.status is not Status.STALE
         self.table.setVisible(there)
@@ -106,7 +104,7 @@ class CheckPage(Page):
         if not there:
             self._draw(None)
         self.sentence.setText("")
-        checked = self.project.checked
+        checked = self.open_project.checked
         self.calibrate.setVisible(
             checked is not None and checked.verdict != "ok" and not self.controller.runner.running
         )
@@ -146,10 +144,10 @@ class CheckPage(Page):
             return
         self.panel.show_scene(check_scene(rig, found) if found is not None else rig_scene(rig))
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Check; once the rig is known to be well, finish."""
-        project, state, running = self.project, self.state, self.controller.runner.running or ""
-        if project is None or state is None:
+        project, state, running = self.open_project, self.state, self.controller.runner.running or ""
+        if state is None:
             return Said("none", "")
         found, checked = self.controller.checks.found, project.checked
         shown: tuple[str, Level] | None = None

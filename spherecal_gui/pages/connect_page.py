@@ -241,21 +241,20 @@ class ConnectPage(Page):
         add(self.bench.body, (Downwards(rows), 1), self.describe, self.choose)
         return self.bench
 
-    def refresh(self) -> None:
+    def draw(self) -> None:
         """Show what is there."""
-        if self.project is None:
-            return
-        connection, running = self.controller.cameras.connection, self.controller.runner.running
+        project, connection = self.open_project, self.controller.cameras.connection
+        running = self.controller.runner.running
         lines = self._lines()
-        failure = self.project.failures.get("connect", "")
-        wrong = recording_text(self.project.source) if failure else ""
+        failure = project.failures.get("connect", "")
+        wrong = recording_text(project.source) if failure else ""
         self.show_standing()
         say(self.why, failure if wrong else "")
         self.other.setVisible(bool(wrong))
         self.again.setVisible(not wrong)
         self.bench.setMinimumWidth(int(theme.pt(_BENCH_PT)) + 2 * theme.PAD)
         self._show_lines(lines)
-        taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
+        taken = self.tr("Placements are captured already: begin a new calibration.") if project.taken else ""
         self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))
         notes = [] if running == "connect" else self._notes()
         if notes and self.summary.text().startswith(notes[0].title):  # the headline says it, with the first step
@@ -263,15 +262,15 @@ class ConnectPage(Page):
         self.drivers.show_notes(notes)
         all_well = not any(line.level == "bad" for line in lines)
         self.network.show_notes([] if running == "connect" else network_notes(self.controller.cameras.facts, all_well))
-        self._show_bench(bench_rows(connection, self.project.artefacts))
+        self._show_bench(bench_rows(connection, project.artefacts))
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)
         self.describe.setEnabled(running is None)
-        self.describe.setVisible(self.project.source.startswith("genicam"))  # else it would describe the real bench
-        self.choose.setEnabled(running is None and not self.project.taken)
+        self.describe.setVisible(project.source.startswith("genicam"))  # else it would describe the real bench
+        self.choose.setEnabled(running is None and not project.taken)
         wanted = self.tr("A session.json, or the folder of an earlier session.")
         too_late = self.tr("Placements are captured already: begin a new calibration for another bench.")
-        self.choose.setToolTip(too_late if self.project.taken else wanted)
+        self.choose.setToolTip(too_late if project.taken else wanted)
         self.action_changed.emit()
 
     def _lines(self) -> list[CameraLine]:
@@ -367,15 +366,13 @@ class ConnectPage(Page):
         if path:
             self.controller.cameras.choose_bench(path)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Whether the cameras are there and the bench is confirmed."""
-        if self.project is None:
-            return Said("none", "")
         connection, running = self.controller.cameras.connection, self.controller.runner.running
-        failure = self.project.failures.get("connect", "")
+        failure = self.open_project.failures.get("connect", "")
         notes = self._notes() if running != "connect" else []
-        wrong = recording_text(self.project.source) if failure else ""
+        wrong = recording_text(self.open_project.source) if failure else ""
         summary = connect_summary(self._lines(), running == "connect", wrong or failure, notes)
-        there, confirmed = connection is not None and bool(connection.names), self.project.artefacts is not None
+        there, confirmed = connection is not None and bool(connection.names), self.open_project.artefacts is not None
         described = connection is None or artefacts_of(connection.plan) is not None
         return connect_says(ConnectFacts(summary, there, confirmed, running is not None, described))

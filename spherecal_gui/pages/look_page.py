@@ -146,7 +146,7 @@ class LookPage(LivePage):
         text = warm_up_text({names[serial]: rate for serial, rate in rates.items() if serial in names})
         say(self.warm_up, text, "caution")
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Whether the images are good."""
         state, moved = self.state, self.controller.cameras.moved()
         images = bool(self._states) and all(tile.has_image for tile in self.wall.tiles.values())

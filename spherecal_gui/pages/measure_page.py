@@ -231,7 +231,7 @@ class MeasurePage(Page):
 
     # --- the series --------------------------------------------------------------------------------------------------
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Record a series, or end it."""
         run = self._run
         measuring = run is not None and run.problem is None

@@ -157,10 +157,8 @@ class PlacementPage(LivePage):
         self.guide_key.setVisible(told and self.height() > _TALL_PX and not theme.is_far())
         self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
-    def refresh(self) -> None:
+    def draw(self) -> None:
         """Something was taken, deleted or has ended."""
-        if self.project is None:
-            return
         self.show_cameras()
         undo = self.controller.sets.can_undo
         self.small["undo"].setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
@@ -244,10 +242,8 @@ class PlacementPage(LivePage):
             bool(self.controller.recording.spots),
         )
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """What to do with this placement."""
-        if self.project is None or self.step is None:
-            return Said("none", "")
         return placement_says(replace(self._facts, taken=self.is_taken, work=self.work))
 
     def _next(self) -> None:

@@ -233,11 +233,11 @@ class ResultsPage(Page):
         elif kind.startswith("--"):
             self.controller.computation.repair(kind, target)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Accept the result, valid or not; the technician decides."""
-        result, state, project = self.controller.result, self.state, self.project
+        result, state, project = self.controller.result, self.state, self.open_project
         running = self.controller.runner.running or ""
-        if result is None or project is None or state is None:
+        if result is None or state is None:
             return results_says(ResultFacts(running=running))
         message, calibrated = verdict(result), project.calibrated
         may_use = calibrated is None or usable(calibrated.verdict)

@@ -227,13 +227,11 @@ class SavePage(Page):
         self.note.setText(self.open_project.note)
         super().enter(step)
 
-    def refresh(self) -> None:
+    def draw(self) -> None:
         """Show what there is."""
-        if self.project is None:
-            return
         self.keeps.setText(
             self.tr("A simulated rig has a profile of its own: it never counts as the calibration of a real one.")
-            if self.project.simulated
+            if self.open_project.simulated
             else self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
         )
         self._for_the_desk.setVisible(not theme.is_far())
@@ -242,10 +240,10 @@ class SavePage(Page):
         self.tick()
         if self._opens and self.controller.runner.running is None:
             self._opens = False
-            if self.report_path.is_file() and "save" not in self.project.failures:
+            if self.report_path.is_file() and "save" not in self.open_project.failures:
                 self._open_report()
         self._show_end()
-        self.folder.setText(str(self.project.result_folder))
+        self.folder.setText(str(self.open_project.result_folder))
         commands = "\n".join(self.controller.saving.commands())
         if commands != self.commands.toPlainText():
             self.commands.setPlainText(commands)
@@ -317,10 +315,10 @@ class SavePage(Page):
         QGuiApplication.clipboard().setText("\n".join(self.controller.saving.commands()))
         self.controller.tell("info", self.tr("Copied."))
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Save what is not in the profile yet; then the report."""
         state, task = self.state, self.controller.runner.task
-        if self.project is None or state is None:
+        if state is None:
             return Said("none", "")
         return save_says(
             SaveFacts(

@@ -183,14 +183,12 @@ class VerifyPage(ScalePage):
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
-    def refresh(self) -> None:
+    def draw(self) -> None:
         """A pose was taken, or the lengths were measured."""
-        if self.project is None:
-            return
-        if self._chosen in self.project.taken and not self.is_taking and self._was_taking:
+        if self._chosen in self.open_project.taken and not self.is_taking and self._was_taking:
             self._chosen = None
         self._was_taking = self.is_taking
-        super().refresh()
+        super().draw()
         shown = self.shows_outcome
         if self.isVisible() and not shown and not self.is_taking and self.current != self._staged:
             self._stage()  # the plan came after the page: the result was still being read
@@ -200,7 +198,7 @@ class VerifyPage(ScalePage):
         self.again.setVisible(not self.guided)  # else a click on the pose does it
         self.automatic.setVisible(not shown and self.guided)
         self.as_it_lies.setVisible(not shown and self.guided)
-        self.more.setVisible(shown and any(pose not in self.project.taken for pose in self.pose_ids()))
+        self.more.setVisible(shown and any(pose not in self.open_project.taken for pose in self.pose_ids()))
         idle, also = self.controller.runner.running is None, self.said().also
         enable(self.enough, "measure-now" in also, self.tr("No pose is captured yet."))
         self.as_it_lies.setEnabled("take-anyway" in also)
@@ -326,13 +324,11 @@ class VerifyPage(ScalePage):
 
     # --- its state ---------------------------------------------------------------------------------------------------
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Where the bar goes, or what was measured."""
-        if self.project is None or self.step is None:
-            return Said("none", "")
         state, bars, pose = self.state, self.bar_facts(), self.current
         measuring = self.controller.runner.running == "verify" and self.controller.sets.taking is None
-        done = (Status.DONE, Status.CARE, *((Status.FAILED,) if self.project.verified is not None else ()))
+        done = (Status.DONE, Status.CARE, *((Status.FAILED,) if self.open_project.verified is not None else ()))
         current = state is not None and state.status in done
         planned = self.controller.bars.planned_pose(pose) if pose is not None else None
         if self.guide is not None:
@@ -341,7 +337,7 @@ class VerifyPage(ScalePage):
             bars = replace(bars, guide=(lay_text(planned), "none", False))
         outcome = self.outcome.words if self.shows_outcome else None
         outdated = state is not None and state.reason is not None and state.reason.code == "calibration stale"
-        empty = self.project.verified is not None and self.project.verified.verdict == "no data"
+        empty = self.open_project.verified is not None and self.open_project.verified.verdict == "no data"
         return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated, empty))
 
     def _step_part(self, state: StepState) -> Part:

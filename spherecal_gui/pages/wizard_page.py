@@ -49,6 +49,11 @@ class Page(QWidget):
 
     def refresh(self) -> None:
         """Something may have changed."""
+        if self.project is not None:
+            self.draw()
+
+    def draw(self) -> None:
+        """Show the open project as it is."""
 
     def tick(self) -> None:
         """Called some ten times a second while the page is shown."""
@@ -78,7 +83,11 @@ class Page(QWidget):
     # --- its state ---------------------------------------------------------------------------------------------------
 
     def said(self) -> Said:
-        """What the page's step says of itself (presenters/step_states.py)."""
+        """What the page's step says of itself; nothing where no step is shown."""
+        return self.says() if self.project is not None and self.step is not None else Said("none", "")
+
+    def says(self) -> Said:
+        """What the step of the open project says (presenters/step_states.py)."""
         return Said("none", "")
 
     def show_standing(self) -> None:

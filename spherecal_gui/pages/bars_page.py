@@ -12,7 +12,7 @@ from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing
 from spherecal_gui.standing import Said
-from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, named, option
+from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, named, option, spaced
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
 
@@ -26,7 +26,7 @@ class ScalePage(LivePage):
         super().__init__(controller, parent)
         self.deeds = {"capture": self._take}
         self.headline = self.message = label("", "huge")
-        self.poses = QHBoxLayout(spacing=18)
+        self.poses = spaced(QHBoxLayout(), 18)
         self.column = add(QVBoxLayout(self), self.message, self.poses)
         self.wall = Wall()
         self.space: RigSpace | None = None
@@ -76,7 +76,7 @@ class ScalePage(LivePage):
         if pose is not None and self.controller.staging.can_show(pose):
             self.controller.staging.show_pose(pose)
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """A pose was taken."""
         self.show_cameras()
         taken = [pose for pose in self.pose_ids() if pose in self.open_project.taken]

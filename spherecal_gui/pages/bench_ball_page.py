@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import Problems, print_text
-from spherecal_gui.widgets.basic import Downwards, add, button, label, named, say
+from spherecal_gui.widgets.basic import Downwards, add, button, label, named, say, spaced
 from spherecal_gui.widgets.fields import TextField
 
 _BALL = ("name", "diameter", "first", "last", "width", "measured")
@@ -25,7 +25,7 @@ class BallTab(QWidget):
         super().__init__(parent)
         self.desk = desk
         inner = QWidget()
-        grid = QGridLayout(horizontalSpacing=18, verticalSpacing=12)
+        grid = spaced(QGridLayout(), 18, 12)
         self.fields = {
             "name": TextField("ball-name", self.tr("Name of the ball"), self.tr("such as Ball hall 3")),
             "diameter": TextField(
@@ -52,7 +52,7 @@ class BallTab(QWidget):
         line.addStretch(2)
         title = label(self.tr("Printed scale"), "big", wrap=False)
         message = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
-        column = add(QVBoxLayout(inner, spacing=12), self._library(), grid, self._own(), title, self.print_said, line)
+        column = add(spaced(QVBoxLayout(inner), 12), self._library(), grid, self._own(), title, self.print_said, line)
         add(column, label(message, "soft"), None)
         for key, one in self.fields.items():
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))
@@ -144,7 +144,7 @@ class RigTab(QWidget):
         self.open_limits = button(self.tr("Open the limits"), "open-limits", act=self.limits_wanted)
         line = add(QHBoxLayout(), self.open_limits, None)
         title = label(self.tr("Limits"), "big", wrap=False)
-        add(QVBoxLayout(self, spacing=12), row, title, self.limit, line, None)
+        add(spaced(QVBoxLayout(self), 12), row, title, self.limit, line, None)
 
     def _edited(self, key: str, text: str) -> None:
         self.desk.change(key, replace(self.desk.draft, **{key: text}))

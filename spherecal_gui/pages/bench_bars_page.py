@@ -21,7 +21,19 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import BarDraft, LengthDraft, Problems, certificate_state
-from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, add, bare, button, clear, label, named, say
+from spherecal_gui.widgets.basic import (
+    MARKS,
+    Downwards,
+    WheelGuard,
+    add,
+    bare,
+    button,
+    clear,
+    label,
+    named,
+    say,
+    spaced,
+)
 from spherecal_gui.widgets.fields import TextField
 
 _COLUMNS = tuple(one.name for one in fields(LengthDraft))
@@ -41,7 +53,7 @@ class BarsTab(QWidget):
         self._rows: list[dict[str, QLineEdit]] = []
         self._row_problems: list[QLabel] = []
         self.form = self._form()
-        add(QHBoxLayout(self, spacing=18), self._left(), (self.form, 1))
+        add(spaced(QHBoxLayout(self), 18), self._left(), (self.form, 1))
 
     # --- parts -------------------------------------------------------------------------------------------------------
 
@@ -62,7 +74,7 @@ class BarsTab(QWidget):
 
     def _form(self) -> QWidget:
         inner = QWidget()
-        grid = QGridLayout(horizontalSpacing=14, verticalSpacing=8)
+        grid = spaced(QGridLayout(), 14, 8)
         day, materials = self.tr("2026-11-21"), self.tr("Steel 11.5, aluminium 23, carbon fibre about 0.")
         self.fields = {
             "serial": TextField("bar-serial", self.tr("Serial number")),
@@ -92,12 +104,13 @@ class BarsTab(QWidget):
         grid.addWidget(role, 0, 3)
         for at in range(4):
             grid.setColumnStretch(at, 1)
-        self.lengths = QGridLayout(horizontalSpacing=6)
+        self.lengths = QGridLayout()
+        self.lengths.setHorizontalSpacing(6)
         self.lengths_problem = label("", level="bad")
         self.more = button(self.tr("Add a length"), "add-length", act=self._more)
         self.state = label("", "big")
         head = add(QHBoxLayout(), label(self.tr("Certificate and material"), "big", wrap=False), (self.state, 1))
-        below = QGridLayout(horizontalSpacing=14, verticalSpacing=8)
+        below = spaced(QGridLayout(), 14, 8)
         for key, at in (
             ("certificate", (0, 0)),
             ("laboratory", (0, 1)),
@@ -108,7 +121,7 @@ class BarsTab(QWidget):
         ):
             below.addWidget(self.fields[key], *at)
         title = label(self.tr("Certified lengths (mm)"), "big", wrap=False)
-        column = add(QVBoxLayout(inner, spacing=10), grid, title, self.lengths, self.lengths_problem)
+        column = add(spaced(QVBoxLayout(inner), 10), grid, title, self.lengths, self.lengths_problem)
         add(column, add(QHBoxLayout(), self.more, None), head, below, None)
         for key, one in self.fields.items():
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))

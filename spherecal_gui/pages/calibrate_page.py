@@ -116,7 +116,7 @@ class CalibratePage(Page):
         """Whether the computation runs."""
         return self.controller.runner.running == "calibrate"
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """Started, ended, or something is out of date."""
         if self.controller.computation.course is not self.course:  # begun, another project, or a window made again
             self.course = self.controller.computation.course or CourseOfWork()

@@ -95,7 +95,7 @@ class CheckPage(Page):
         done = repaired_text(found, after, in_use) if there and found is not None and after is not None else ("",)
         say(self.mended, *done, hides=False)
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """Show what was found."""
         found, state = self.controller.checks.found, self.state
         there = found is not None and state is not None and state.status is not Status.STALE

@@ -44,6 +44,7 @@ from spherecal_gui.widgets.basic import (
     plain,
     say,
     set_level,
+    spaced,
 )
 from spherecal_gui.widgets.bench_view import BenchView
 from spherecal_gui.widgets.fields import number_field
@@ -61,7 +62,7 @@ class CameraRow(QWidget):
     def __init__(self, page: "ConnectPage", line: CameraLine, narrow: bool) -> None:
         super().__init__(page)
         self.line, self._page = line, page
-        row = bare(QGridLayout(self, horizontalSpacing=theme.SMALL, verticalSpacing=0))
+        row = bare(spaced(QGridLayout(self), theme.SMALL, 0))
         row.setColumnStretch(2, 1)
         self.in_rig = named(option(""), f"in-rig-{line.name}", self.tr("{name} in this rig").format(name=line.name))
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
@@ -217,7 +218,7 @@ class ConnectPage(Page):
         self.lenses = LensBar(controller)
         self._rows: dict[str, CameraRow] = {}
         inner, inside = QWidget(), QWidget()
-        self._grid = bare(QGridLayout(inner, horizontalSpacing=theme.PAD, verticalSpacing=theme.SMALL))
+        self._grid = bare(spaced(QGridLayout(inner), theme.PAD, theme.SMALL))
         self.drivers = DriversPanel()
         self.drivers.allowed.connect(self.controller.cameras.allow_driver)
         self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
@@ -233,7 +234,7 @@ class ConnectPage(Page):
         self.bench = Card(self.tr("On the bench"))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
-        self._bench_rows, self.drawn = QVBoxLayout(spacing=12), BenchView()
+        self._bench_rows, self.drawn = spaced(QVBoxLayout(), 12), BenchView()
         add(bare(QVBoxLayout(rows)), label(hint, "soft"), self._bench_rows, (self.drawn, 1))
         self.choose = button(self.tr("Choose another description"), "choose-bench", act=self._choose)
         self.describe = button(self.tr("Describe the bench"), "describe-bench", act=self.bench_wanted)
@@ -241,7 +242,7 @@ class ConnectPage(Page):
         add(self.bench.body, (Downwards(rows), 1), self.describe, self.choose)
         return self.bench
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """Show what is there."""
         project, connection = self.open_project, self.controller.cameras.connection
         running = self.controller.runner.running

@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.drivers_presenter import DriverNote, makers_rows
-from spherecal_gui.widgets.basic import add, bare, button, clear, details_button, label, plain
+from spherecal_gui.widgets.basic import add, bare, button, clear, details_button, label, plain, spaced
 from spherecal_gui.widgets.table import Table
 
 
@@ -21,7 +21,7 @@ class DriversPanel(QWidget):
     def __init__(self, parent: QWidget | None = None, of_drivers: bool = True) -> None:
         super().__init__(parent)
         self._notes: list[DriverNote] | None = None
-        self._blocks = QVBoxLayout(spacing=10)
+        self._blocks = spaced(QVBoxLayout(), 10)
         self.makers = button(self.tr("Makers and their drivers"), "makers", act=self.show_makers)
         if not of_drivers:
             self.makers.hide()

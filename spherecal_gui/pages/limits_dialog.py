@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.limits_presenter import LimitField, LimitsDesk, limit_fields, limit_problems, value_text
-from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, say
+from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, say, spaced
 from spherecal_gui.widgets.fields import number_field
 from spherecal_rigs.limits_file import Limits
 
@@ -42,7 +42,7 @@ class LimitsDialog(QDialog):
         self._filling = True  # the fields are being made or filled
         self._guard = WheelGuard(self)
         self.state, self.message = label(""), label("", hidden=True)
-        add(QVBoxLayout(self, spacing=10), self.state, self.message, (self._scrolled(), 1), self._buttons())
+        add(spaced(QVBoxLayout(self), 10), self.state, self.message, (self._scrolled(), 1), self._buttons())
         self.resize(*_SIZE)
         self.show_limits(self.desk.kept)
         self._refresh()

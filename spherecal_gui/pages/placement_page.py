@@ -22,7 +22,7 @@ from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
 from spherecal_gui.standing import Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
-from spherecal_gui.widgets.basic import add, button, label, named, option, say, set_level
+from spherecal_gui.widgets.basic import add, button, label, named, option, say, set_level, spaced
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
@@ -61,7 +61,7 @@ class PlacementPage(LivePage):
         self.hold.hide()
         self._looked_s = 0.0
         self.wall = Wall()
-        head = add(QHBoxLayout(spacing=theme.PAD), (self.advice, 1), self.ready)
+        head = add(spaced(QHBoxLayout(), theme.PAD), (self.advice, 1), self.ready)
         row = add(QHBoxLayout(), (self.wall, 5), (self._tabs(), 3))
         add(QVBoxLayout(self), head, self.hold, (row, 1), self._buttons())
         controller.advice.ball_seen.connect(self._ball_seen)
@@ -157,7 +157,7 @@ class PlacementPage(LivePage):
         self.guide_key.setVisible(told and self.height() > _TALL_PX and not theme.is_far())
         self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """Something was taken, deleted or has ended."""
         self.show_cameras()
         undo = self.controller.sets.can_undo

@@ -1,7 +1,7 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
 from PySide6.QtCore import QSignalBlocker
-from PySide6.QtGui import QImage
+from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
@@ -254,7 +254,7 @@ class ResultsPage(Page):
         """The scene as a PNG file; empty where nothing is shown."""
         if self.scene.data is None:
             return b""
-        return png_of(self.scene.thumbnail(*_THUMBNAIL_PX))
+        return png_of(QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)))
 
 
 def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:

@@ -227,7 +227,7 @@ class SavePage(Page):
         self.note.setText(self.open_project.note)
         super().enter(step)
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """Show what there is."""
         self.keeps.setText(
             self.tr("A simulated rig has a profile of its own: it never counts as the calibration of a real one.")

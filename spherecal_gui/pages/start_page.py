@@ -25,7 +25,7 @@ from spherecal_gui.presenters.start_presenter import (
 )
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, say
+from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, say, spaced
 from spherecal_gui.widgets.drawing import Drawing
 
 if TYPE_CHECKING:  # dialogs that need scipy or matplotlib; imported when they are first shown
@@ -60,7 +60,7 @@ class StartPage(QWidget):
         middle.setMaximumWidth(_WIDEST_PX)
         outer = add(QHBoxLayout(self), None, (middle, 100), None)  # a wide screen has larger drawings, no wider lines
         outer.setContentsMargins(theme.WIDE, theme.GAP, theme.WIDE, theme.PAD)
-        cards = add(QHBoxLayout(spacing=theme.PAD), (self._calibrate(), 1), (self._verify(), 1), (self._check(), 1))
+        cards = add(spaced(QHBoxLayout(), theme.PAD), (self._calibrate(), 1), (self._verify(), 1), (self._check(), 1))
         add(bare(QVBoxLayout(middle), theme.PAD), self._rig(), (cards, 6), (self._recent(), 4))
 
     # --- cards -------------------------------------------------------------------------------------------------------
@@ -77,8 +77,8 @@ class StartPage(QWidget):
         self.certificates = label("", hidden=True)
         self.profile = button(self.tr("The rig's profile"), "profile", act=self.show_profile, icon="camera")
         title = label(self.tr("Rig in use"), "title", wrap=False)
-        line = add(QHBoxLayout(spacing=theme.GAP), title, self.validity, None)
-        words = QVBoxLayout(spacing=theme.TIGHT)
+        line = add(spaced(QHBoxLayout(), theme.GAP), title, self.validity, None)
+        words = spaced(QVBoxLayout(), theme.TIGHT)
         add(words, None, line, self.age, self.newest, self.due, self.certificates, None)
         card.body.setSpacing(theme.PAD)
         add(card.body, self.picture, (words, 1))
@@ -123,7 +123,7 @@ class StartPage(QWidget):
         self.training = button(self.tr("Train on a simulated rig"), "new-simulated", icon="school")
         self.training.clicked.connect(lambda: self.train(""))
         head = add(QHBoxLayout(), label(self.tr("Recent"), "big", wrap=False), None, self.training)
-        self._rows = QVBoxLayout(spacing=theme.TIGHT)
+        self._rows = spaced(QVBoxLayout(), theme.TIGHT)
         other = button(self.tr("Open another folder"), "open-project", icon="folder-open")
         other.clicked.connect(lambda: self._open(self.tr("Open a project")))
         self.replay = button(self.tr("Replay a recorded session"), "new-replay", icon="player-record")

@@ -183,12 +183,12 @@ class VerifyPage(ScalePage):
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """A pose was taken, or the lengths were measured."""
         if self._chosen in self.open_project.taken and not self.is_taking and self._was_taking:
             self._chosen = None
         self._was_taking = self.is_taking
-        super().draw()
+        super().show_project()
         shown = self.shows_outcome
         if self.isVisible() and not shown and not self.is_taking and self.current != self._staged:
             self._stage()  # the plan came after the page: the result was still being read

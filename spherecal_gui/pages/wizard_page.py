@@ -50,9 +50,9 @@ class Page(QWidget):
     def refresh(self) -> None:
         """Something may have changed."""
         if self.project is not None:
-            self.draw()
+            self.show_project()
 
-    def draw(self) -> None:
+    def show_project(self) -> None:
         """Show the open project as it is."""
 
     def tick(self) -> None:

@@ -83,10 +83,11 @@ def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
     }
     rows = []
     for one in found.cameras:
-        test, word = one.test, (words[one.verdict], _LEVELS[one.verdict])
+        test = one.test
         shift, turn = float(np.linalg.norm(test.shift_mm)), float(np.degrees(np.linalg.norm(test.turn_rad)))
-        figures = map(float, (test.move_px, test.point_mm, test.rms_px))
-        rows.append(CheckRow(test.id, *word, *figures, one.before_px, shift, turn))
+        figures = float(test.move_px), float(test.point_mm), float(test.rms_px)
+        word, level = words[one.verdict], _LEVELS[one.verdict]
+        rows.append(CheckRow(test.id, word, level, *figures, one.before_px, shift, turn))
     return rows
 
 

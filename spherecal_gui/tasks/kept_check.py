@@ -80,7 +80,7 @@ def _camera(entry: JsonValue) -> _Camera:
     f = entry.fields(
         ("id", "verdict", "moved"), ("move_px", "point_mm", "rms_px", "shift_mm", "turn_deg", "calibrated_rms_px")
     )
-    figures = (_number(f, key) for key in ("move_px", "point_mm", "rms_px"))
+    figures = _number(f, "move_px"), _number(f, "point_mm"), _number(f, "rms_px")
     sizes = np.array([_number(f, "shift_mm")]), np.radians([_number(f, "turn_deg")])
     test = _Test(f["id"].text(), f["moved"].boolean(), *figures, *sizes)
     return _Camera(test, f["verdict"].choice("ok", "watch", "recalibrate"), _optional(f, "calibrated_rms_px"))

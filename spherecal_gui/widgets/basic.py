@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QBoxLayout,
     QCheckBox,
     QFrame,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLayout,
@@ -97,6 +98,14 @@ def bare(layout: L, spacing: int | None = None) -> L:
     layout.setContentsMargins(0, 0, 0, 0)
     if spacing is not None:
         layout.setSpacing(spacing)
+    return layout
+
+
+def spaced(layout: L, px: int, rows_px: int | None = None) -> L:
+    """The layout with so many px between its parts; `rows_px`: between the rows of a grid, where that differs."""
+    layout.setSpacing(px)
+    if rows_px is not None and isinstance(layout, QGridLayout):
+        layout.setVerticalSpacing(rows_px)
     return layout
 
 
@@ -341,7 +350,7 @@ class Banner(QFrame):
         self._mark = label("", "", wrap=False)
         self._what = label("", "big")
         self._hint = label("", "soft")
-        words = QVBoxLayout(spacing=2)
+        words = spaced(QVBoxLayout(), 2)
         add(words, self._what, self._hint)
         close = button("", "close-banner")
         give_icon(close, "x")

@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.results_presenter import Action, FindingAdvice, repair_text
-from spherecal_gui.widgets.basic import add, bare, button, clear, details_button, label
+from spherecal_gui.widgets.basic import add, bare, button, clear, details_button, label, spaced
 from spherecal_gui.widgets.icons import level_pixmap
 
 
@@ -49,7 +49,7 @@ class FindingsList(QScrollArea):
         mark.setPixmap(level_pixmap(one.level, theme.pt(20), tint))
         row.addWidget(mark, 0, Qt.AlignmentFlag.AlignTop)
         row.addSpacing(theme.SMALL)
-        words, folded = QVBoxLayout(spacing=2), QWidget()
+        words, folded = spaced(QVBoxLayout(), 2), QWidget()
         more = bare(QVBoxLayout(folded), 2)
         named = self.tr("{title}: {where}").format(title=one.title, where=one.where) if one.where else one.title
         first = add(QHBoxLayout(), (label(named, "big" if one.level != "none" else "", level=one.level), 1))

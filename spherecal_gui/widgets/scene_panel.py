@@ -13,7 +13,7 @@ from spherecal_documents.scene.shapes import SHOWN_AT_FIRST
 from spherecal_gui import theme
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import add, bare, button
+from spherecal_gui.widgets.basic import add, bare, button, spaced
 from spherecal_gui.widgets.icons import menu_icon
 from spherecal_gui.widgets.scene_view import make_scene_view
 
@@ -79,7 +79,7 @@ class ScenePanel(QWidget):
         saving.addAction(menu_icon("photo-down"), self.tr("As a picture (PNG)"), self.save_picture)
         saving.addAction(menu_icon("cube"), self.tr("As a 3-D model (glTF)"), self.save_model)
         self.save.setMenu(saving)
-        column.addLayout(add(QHBoxLayout(spacing=theme.SMALL), self.show_what, self.whole, self.save, None))
+        column.addLayout(add(spaced(QHBoxLayout(), theme.SMALL), self.show_what, self.whole, self.save, None))
         self._offer()
 
     def show_scene(self, data: SceneData | None) -> None:

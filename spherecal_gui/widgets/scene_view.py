@@ -13,6 +13,7 @@ from PySide6.QtGui import (
     QMouseEvent,
     QPainter,
     QPaintEvent,
+    QPixmap,
     QResizeEvent,
     QWheelEvent,
 )
@@ -104,8 +105,9 @@ class SceneView(QWidget):
     def style_of_now(self) -> SceneStyle:
         """The palette's colours, as the scene takes them."""
         c = theme.now()
-        colours = map(_rgb, (c.scene, c.border, c.text, c.accent, c.good, c.caution, c.bad))
-        return SceneStyle(c.dark, *colours, self.layers, self.marked)
+        plain, marks = (_rgb(c.scene), _rgb(c.border), _rgb(c.text), _rgb(c.accent)), (c.good, c.caution, c.bad)
+        good, caution, bad = map(_rgb, marks)
+        return SceneStyle(c.dark, *plain, good, caution, bad, self.layers, self.marked)
 
     def dress(self) -> None:
         """Take the palette's colours."""
@@ -321,10 +323,10 @@ class SceneView(QWidget):
 
     def picture_png(self) -> bytes:
         """What is seen, as a PNG file's contents."""
-        return png_of(self.grab().toImage())
+        return png_of(self.grab())
 
 
-def png_of(image: QImage) -> bytes:
+def png_of(image: QPixmap) -> bytes:
     """An image as a PNG file's contents."""
     memory = QBuffer()
     memory.open(QBuffer.OpenModeFlag.WriteOnly)

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.start_page import StartPage
 from spherecal_gui.sounds import Sounds
-from spherecal_gui.widgets.basic import Banner, add, bare, label, named
+from spherecal_gui.widgets.basic import Banner, add, bare, label, named, spaced
 from spherecal_gui.widgets.icons import dress_icons
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.wizard.dialogs import about_dialog
@@ -102,7 +102,7 @@ class WindowFrame(QMainWindow):
         self.stack.addWidget(self.start)
         self.footer = Footer()
         column = add(bare(QVBoxLayout(), 0), self._head(), (_PageArea(self.stack), 1), self.footer)
-        outer.addLayout(add(QHBoxLayout(spacing=0), self.rail, (column, 1)), 1)
+        outer.addLayout(add(spaced(QHBoxLayout(), 0), self.rail, (column, 1)), 1)
         self.setCentralWidget(middle)
         self.banner = Banner(middle)
         self._log()
@@ -119,7 +119,7 @@ class WindowFrame(QMainWindow):
         self.title, self.task = label("", "title", wrap=False), label("", "task")
         self._heading = QWidget()
         add(bare(QHBoxLayout(self._heading)), self.title, 16, (self.task, 1))
-        head = add(QVBoxLayout(spacing=theme.SMALL), self._heading)
+        head = add(spaced(QVBoxLayout(), theme.SMALL), self._heading)
         head.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, 0)
         return head
 

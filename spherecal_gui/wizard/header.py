@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QWidget
 from spherecal_gui import theme
 from spherecal_gui.languages import LANGUAGES
 from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, fault_text
-from spherecal_gui.widgets.basic import Chip, Elided, add, button
+from spherecal_gui.widgets.basic import Chip, Elided, add, button, spaced
 from spherecal_gui.widgets.icons import menu_icon
 
 
@@ -30,7 +30,7 @@ class Header(QFrame):
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("header")
-        row = QHBoxLayout(self, spacing=theme.SMALL)
+        row = spaced(QHBoxLayout(self), theme.SMALL)
         row.setContentsMargins(theme.PAD, theme.SMALL - 2, theme.PAD, theme.SMALL - 2)
         self.home = button(self.tr("Start page"), "home", tip=self.tr("Start page"), icon="home")
         self.name = Elided("SphereCal", "big")

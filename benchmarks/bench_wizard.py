@@ -263,7 +263,7 @@ def calibrate(_: argparse.Namespace, home: Path) -> dict[str, object]:
         controller.staging.show_pose(name)
         controller.sets.take(name, step)
         _until(application, lambda: controller.runner.running is None)
-    _until(application, lambda: not controller.advice.planning)
+    _until(application, lambda: controller.advice.planning_s is None)
     controller.go("calibrate")
     controller.computation.calibrate()  # compiles what is not in the cache yet
     _until(application, lambda: controller.runner.running is None)

@@ -64,10 +64,8 @@ class Hooks(QObject):
         if self._telling:
             return
         self._telling = True
-        box = QMessageBox()
-        box.setWindowTitle("SphereCal")
-        box.setIcon(QMessageBox.Icon.Critical)
-        box.setText(self.tr("Something went wrong inside the program. What was recorded is safe."))
+        text_of_box = self.tr("Something went wrong inside the program. What was recorded is safe.")
+        box = QMessageBox(QMessageBox.Icon.Critical, "SphereCal", text_of_box)
         box.setInformativeText(self.tr("You can go on. If it happens again, send these details to us."))
         box.setDetailedText(plain(f"SphereCal {spherecal.__version__}, Python {sys.version}\n\n{text}"))
         box.addButton(QMessageBox.StandardButton.Close)

@@ -29,8 +29,7 @@ class ClickMap(QObject):
         self._path = path
         self.times = WalkTimes(path.with_name("times.json"), self)
         self._ticks = 0
-        self._timer = QTimer(self)
-        self._timer.setInterval(_EVERY_MS)
+        self._timer = QTimer(self, interval=_EVERY_MS)
         self._timer.timeout.connect(self.write)
         self._timer.start()
 
@@ -61,9 +60,7 @@ class WalkTimes(QObject):
         self._steps: dict[str, float] = {}
         self._first_s: float | None = None
         self._heard: set[int] = set()
-        self._beat = QTimer(self)
-        self._beat.setTimerType(Qt.TimerType.PreciseTimer)
-        self._beat.setInterval(_BEAT_MS)
+        self._beat = QTimer(self, timerType=Qt.TimerType.PreciseTimer, interval=_BEAT_MS)
         self._beat.timeout.connect(self._tick)
         self._beat.start()
 
@@ -98,10 +95,7 @@ class WalkTimes(QObject):
             self._first_s = max([*seen, self._first_s or 0.0]) or None
         found = {"clicks": self._clicks, "seconds": round(now, 2), "entered, s": self._steps}
         found |= {"live pictures": len(shown := live_pictures()), "with dots": sum(map(bool, shown))}
-        found |= {
-            "longest stall, ms": round(1e3 * self._stall_s),
-            "first picture of the scene, s": self._first_s,
-        }
+        found |= {"longest stall, ms": round(1e3 * self._stall_s), "first picture of the scene, s": self._first_s}
         write_whole(self._path, json.dumps(found, indent=1).encode())
 
 

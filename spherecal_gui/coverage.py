@@ -22,6 +22,11 @@ Level = Literal["none", "bad", "caution", "good"]
 Need = Literal["enough", "more", "spread"]
 
 
+def dot_keys(target: IntArray, point: IntArray) -> IntArray:
+    """One number for each dot of a target set (n,), by its target's number and the point on it."""
+    return np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class Dots:
     """The dots of one image: `target` (n,), `point` (n,), `uv` (n, 2) px, and the image's size (width, height)."""
@@ -33,6 +38,11 @@ class Dots:
 
     def __len__(self) -> int:
         return len(self.target)
+
+    @property
+    def keys(self) -> IntArray:
+        """One number for each dot, (n,)."""
+        return dot_keys(self.target, self.point)
 
     @property
     def targets(self) -> int:
@@ -64,18 +74,14 @@ def same_place(before: SetDots, now: SetDots) -> bool:
         if len(dots) < _SAME_DOTS or camera not in before:
             continue
         old = before[camera]
-        keys = [np.asarray(one.target, dtype=np.int64) * 64 + one.point for one in (old, dots)]
-        _, a, b = np.intersect1d(keys[0], keys[1], return_indices=True)
+        _, a, b = np.intersect1d(old.keys, dots.keys, return_indices=True)
         close = len(a) >= _SAME_DOTS and np.median(np.linalg.norm(old.uv[a] - dots.uv[b], axis=1)) <= SAME_PX
         same, other = same + bool(close), other + (not close)
     return same > other
 
 
 def unmasked(dots: Dots, rectangles: Sequence[tuple[float, float, float, float]]) -> Dots:
-    """The dots outside all of these parts of the image.
-
-    `rectangles`: left, top, width and height of each part, px.
-    """
+    """The dots outside all of these parts of the image. `rectangles`: left, top, width and height of each part, px."""
     if not rectangles:
         return dots
     out = np.zeros(len(dots), dtype=bool)
@@ -87,11 +93,6 @@ def unmasked(dots: Dots, rectangles: Sequence[tuple[float, float, float, float]]
 def needed_dots() -> int:
     """The dots that a camera should see at a placement, as the responsible person has set it."""
     return limits.now().needed_dots
-
-
-def level(dots: int) -> Level:
-    """The colour of a counter."""
-    return "good" if dots >= needed_dots() else "caution" if dots >= MIN_COMMON else "bad"
 
 
 def cells(images: Sequence[Dots]) -> IntArray:
@@ -114,17 +115,13 @@ def common_dots(sets: Sequence[SetDots], cameras: Sequence[str]) -> IntArray:
     """The dots that each two cameras see at the same placement, summed, (c, c); the diagonal counts a camera's own."""
     total = np.zeros((len(cameras), len(cameras)), dtype=np.int64)
     for one in sets:
-        keys = [_keys(one.get(camera)) for camera in cameras]
+        keys = [one[camera].keys if camera in one else np.empty(0, np.int64) for camera in cameras]
         names, flat = np.unique(np.concatenate(keys) if keys else np.empty(0), return_inverse=True)
         seen = np.zeros((len(cameras), len(names)), dtype=np.int64)
         at = np.repeat(np.arange(len(cameras)), [len(key) for key in keys])
         seen[at, flat.reshape(-1)] = 1
         total += seen @ seen.T
     return total
-
-
-def _keys(dots: Dots | None) -> IntArray:
-    return np.empty(0, dtype=np.int64) if dots is None else dots.target.astype(np.int64) * 64 + dots.point
 
 
 def islands(common: IntArray) -> list[list[int]]:
@@ -161,15 +158,21 @@ def board_needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraN
     common, found = common_dots(sets, cameras), []
     for index, camera in enumerate(cameras):
         images = [one[camera] for one in sets if camera in one and len(one[camera])]
-        dots, covered = sum(len(image) for image in images), coverage(images)
         linked = len(cameras) < 2 or np.delete(common[index], index).max() > 0
+        lacks: Level = "none"
         if len(images) < BOARD_VIEWS or not linked:
-            found.append(CameraNeed(camera, dots, covered, "more", "caution" if images else "bad"))
-        elif covered < LITTLE_COVERAGE:
-            found.append(CameraNeed(camera, dots, covered, "spread", "caution"))
-        else:
-            found.append(CameraNeed(camera, dots, covered, "enough", "good"))
+            lacks = "caution" if images else "bad"
+        found.append(_need(camera, images, lacks))
     return found
+
+
+def _need(camera: str, images: Sequence[Dots], lacks: Level) -> CameraNeed:
+    """What a camera needs that lacks dots as badly as this, or none (`none`): then these may be badly spread."""
+    dots, covered = sum(len(image) for image in images), coverage(images)
+    if lacks != "none":
+        return CameraNeed(camera, dots, covered, "more", lacks)
+    spread = covered >= LITTLE_COVERAGE
+    return CameraNeed(camera, dots, covered, "enough" if spread else "spread", "good" if spread else "caution")
 
 
 def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
@@ -178,14 +181,11 @@ def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
     found = []
     for index, camera in enumerate(cameras):
         images = [one[camera] for one in sets if camera in one]
-        dots, covered = sum(len(image) for image in images), coverage(images)
+        dots = sum(len(image) for image in images)
         others = np.sort(np.delete(common[index], index))
         linked = len(others) < 2 or others[-2] >= MIN_COMMON  # a triple takes two partners
+        lacks: Level = "none"
         if dots < needed_dots() * max(len(sets), 1) or not linked:
-            bad = not linked or dots < MIN_COMMON * max(len(sets), 1)
-            found.append(CameraNeed(camera, dots, covered, "more", "bad" if bad else "caution"))
-        elif covered < LITTLE_COVERAGE:
-            found.append(CameraNeed(camera, dots, covered, "spread", "caution"))
-        else:
-            found.append(CameraNeed(camera, dots, covered, "enough", "good"))
+            lacks = "bad" if not linked or dots < MIN_COMMON * max(len(sets), 1) else "caution"
+        found.append(_need(camera, images, lacks))
     return found

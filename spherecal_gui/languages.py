@@ -8,6 +8,8 @@ from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.base.resources import resource_path
 
+translate = QCoreApplication.translate  # (context, text): texts that belong to no widget
+
 _LOCALES = {
     "en": (QLocale.Language.English, QLocale.Country.UnitedStates),
     "de": (QLocale.Language.German, QLocale.Country.Germany),

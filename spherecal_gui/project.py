@@ -207,16 +207,6 @@ def with_cameras(project: Project, cameras: tuple[str, ...]) -> Project:
     return project if project.taken else replace(project, cameras=cameras)
 
 
-def with_artefacts(project: Project, artefacts: Artefacts) -> Project:
-    """What is on the bench, confirmed."""
-    return replace(project, artefacts=artefacts)
-
-
-def with_looked(project: Project) -> Project:
-    """All cameras of the project were looked at."""
-    return replace(project, looked=project.cameras)
-
-
 def with_set(
     project: Project, name: str, taken: str, flaws: Mapping[FlawCode, tuple[str, ...]] | None = None
 ) -> Project:
@@ -269,22 +259,17 @@ def without_placement(project: Project, name: str) -> Project:
 
 def with_calibration(project: Project, verdict: Verdict) -> Project:
     """A calibration of the present inputs was finished."""
-    return _succeeded(replace(project, calibrated=Computation(project.calibration_inputs, verdict)), "calibrate")
-
-
-def with_accepted(project: Project) -> Project:
-    """The results of the present calibration were looked at."""
-    return replace(project, accepted=project.calibrated)
+    return without_failure(replace(project, calibrated=Computation(project.calibration_inputs, verdict)), "calibrate")
 
 
 def with_verification(project: Project, verdict: Verdict) -> Project:
     """A verification of the present inputs was finished."""
-    return _succeeded(replace(project, verified=Computation(project.verification_inputs, verdict)), "verify")
+    return without_failure(replace(project, verified=Computation(project.verification_inputs, verdict)), "verify")
 
 
 def with_check(project: Project, verdict: Verdict) -> Project:
     """A check of the present inputs was finished."""
-    return _succeeded(replace(project, checked=Computation(project.check_inputs, verdict)), "check")
+    return without_failure(replace(project, checked=Computation(project.check_inputs, verdict)), "check")
 
 
 def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
@@ -295,29 +280,6 @@ def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
     return replace(project, check_poses=(*kept, *ids), pose_bars=(*bars, *poses))
 
 
-def with_limit(project: Project, limit: str) -> Project:
-    """Length errors are judged by this limit, or by their own uncertainty where it is empty."""
-    return replace(project, limit=limit)
-
-
-def with_method(project: Project, method: str) -> Project:
-    """The next calibration is made by this method, or by the program's own where it is empty."""
-    return replace(project, method=method)
-
-
-def with_note(project: Project, note: str) -> Project:
-    """By whom it was made, and why."""
-    return replace(project, note=note)
-
-
-def with_bar_temperature(project: Project, celsius: float | None) -> Project:
-    """The bars' temperature was read.
-
-    `celsius` None: it is not known.
-    """
-    return replace(project, bar_celsius=celsius)
-
-
 def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
     """One more part of a camera's image in which nothing is a target.
 
@@ -326,23 +288,10 @@ def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
     return replace(project, masks=(*project.masks, (camera, rectangle)))
 
 
-def without_masks(project: Project, camera: str | None = None) -> Project:
-    """Without the masks of a camera, or without any.
-
-    `camera` None: all.
-    """
-    return replace(project, masks=tuple(one for one in project.masks if camera not in (None, one[0])))
-
-
-def without_last_mask(project: Project) -> Project:
-    """Without the mask that was drawn last."""
-    return replace(project, masks=project.masks[:-1])
-
-
 def with_repaired(project: Project, verdict: Verdict) -> Project:
     """The cameras that a check found moved were recalibrated."""
     inputs = (("check", fingerprint(project.checked)),)
-    return _succeeded(replace(project, repaired=Computation(inputs, verdict)), "check")
+    return without_failure(replace(project, repaired=Computation(inputs, verdict)), "check")
 
 
 def with_repair_in_use(project: Project) -> Project:
@@ -356,7 +305,8 @@ def with_saved(project: Project) -> Project:
     """Calibration and verification as they are now were saved."""
     if project.calibrated is None:
         return project
-    return _succeeded(replace(project, saved=Computation(saved_inputs(project), project.calibrated.verdict)), "save")
+    saved = Computation(saved_inputs(project), project.calibrated.verdict)
+    return without_failure(replace(project, saved=saved), "save")
 
 
 def saved_inputs(project: Project) -> tuple[tuple[str, str], ...]:
@@ -382,9 +332,5 @@ def with_failure(project: Project, step: str, text: str) -> Project:
 
 
 def without_failure(project: Project, step: str) -> Project:
-    """The work of a step is tried again."""
-    return _succeeded(project, step)
-
-
-def _succeeded(project: Project, step: str) -> Project:
+    """The work of a step is tried again, or has succeeded."""
     return replace(project, failures={key: text for key, text in project.failures.items() if key != step})

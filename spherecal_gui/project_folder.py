@@ -154,6 +154,7 @@ def _arguments(values: Mapping[str, object]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in values.items())
 
 
+_PURPOSES = "`calibrate`, `check` or `verify`; anything else counts as `calibrate`."
 WIZARD = FileFormat(
     "spherecal/wizard",
     FILE,
@@ -163,10 +164,7 @@ WIZARD = FileFormat(
         partial(Project, Path()),
         field("source", text("Where images come from.")),
         optional("bench", prose("The file that describes targets, ball and bars.")),
-        optional(
-            "purpose",
-            prose("`calibrate`, `check` or `verify`; anything else counts as `calibrate`.").mapped(_purpose),
-        ),
+        optional("purpose", prose(_PURPOSES).mapped(_purpose)),
         field("step", text("The step.")),
         field("cameras", items("Serial numbers of the chosen cameras.", text(""))),
         field("looked", items("Those that were looked at.", text(""))),

@@ -77,10 +77,7 @@ class RecordedSession(SessionFolder):
         self.plan = replace(self.plan, sets=(*taken.values(), *planned.values()))
 
     def plan_anew(self, set_id: str, temperature_c: float | None) -> None:
-        """The set is to be taken (again), the bar being as warm as this.
-
-        `temperature_c` None: it is not known.
-        """
+        """The set is to be taken (again), the bar being as warm as this. `temperature_c` None: it is not known."""
         sets = tuple(replace(one, temperature_c=temperature_c) if one.id == set_id else one for one in self.plan.sets)
         self.plan = replace(self.plan, sets=sets)
 

@@ -30,12 +30,8 @@ def outcome_scene(outcome: "Outcome") -> SceneData | None:
     data = with_images(data, outcome.images)
     if outcome.compared is None:
         return data
-    changes = [
-        (one.id, one.centre_mm, one.rotation_deg)
-        for one in outcome.compared.comparison.cameras
-        if one.moved and not one.replaced
-    ]
-    return with_moved(data, changes)
+    moved = [one for one in outcome.compared.comparison.cameras if one.moved and not one.replaced]
+    return with_moved(data, [(one.id, one.centre_mm, one.rotation_deg) for one in moved])
 
 
 def verified_scene(outcome: "Outcome") -> SceneData | None:
@@ -46,13 +42,9 @@ def verified_scene(outcome: "Outcome") -> SceneData | None:
 
 def rig_scene(rig: "Rig") -> SceneData | None:
     """A rig alone, such as that of a profile, which keeps no dots."""
-    none = SimpleNamespace(
-        placement=[], target=np.empty(0, dtype=np.int64), point=[], xyz_mm=np.empty((0, 3)), sigma_mm=np.empty((0, 3))
-    )
-    residuals = SimpleNamespace(
-        placement=[], target=np.empty(0, dtype=np.int64), point=[], used=np.empty(0, dtype=bool), du_dv=np.empty((0, 2))
-    )
-    return scene_data(SimpleNamespace(rig=rig, points=none, residuals=residuals, spheres=()))
+    none = SimpleNamespace(placement=[], target=np.empty(0, dtype=np.int64), point=[], used=np.empty(0, dtype=bool))
+    none.xyz_mm, none.sigma_mm, none.du_dv = np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2))
+    return scene_data(SimpleNamespace(rig=rig, points=none, residuals=none, spheres=()))
 
 
 def rig_in_use(profile: "Path | None", cameras: Collection[str]) -> "Rig | None":
@@ -146,9 +138,8 @@ def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
             now.append(camera)
             continue
         turn = exp_rotation(np.asarray(test.turn_rad, dtype=float))
-        there = replace(
-            camera, rotation=turn @ camera.rotation, translation_mm=turn @ camera.translation_mm + test.shift_mm
-        )
+        shifted = turn @ camera.translation_mm + test.shift_mm
+        there = replace(camera, rotation=turn @ camera.rotation, translation_mm=shifted)
         now.append(there)
         changes.append((camera.id, there.centre_mm - camera.centre_mm, np.degrees(test.turn_rad)))
     data = rig_scene(replace(rig, cameras=tuple(now)))
@@ -165,10 +156,7 @@ class RigPlanes:
 
     @staticmethod
     def of(rig: "Rig", middle: FloatArray) -> "RigPlanes":
-        """Upright, as the rig is set up.
-
-        `middle`: of the measuring volume (3,), mm in the rig's world.
-        """
+        """Upright, as the rig is set up. `middle`: of the measuring volume (3,), mm in the rig's world."""
         from spherecal_documents.report.rig_view import choose_axes  # imports scipy
 
         centres = np.array([camera.centre_mm for camera in rig.cameras])

@@ -8,13 +8,12 @@ import wave
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication, QProcess
+from PySide6.QtCore import QProcess
 
 from spherecal.base.filesystem import remove_below
 from spherecal.base.working_folder import find_program
 from spherecal_gui import languages
-
-translate = QCoreApplication.translate
+from spherecal_gui.languages import translate
 
 _RATE = 22_050
 # Up: captured. Down: not good. Three up: all done. One: ready. Three times low: a camera is lost. Told apart by ear.
@@ -72,9 +71,8 @@ class Sounds:
             self.play("done")
             return ""
         if self._player is None:
-            return translate(
-                "Sounds", "There is no program that plays sounds; one of these is needed: {names}."
-            ).format(names=languages.listed(name for name, *_ in _PLAYERS))
+            text = translate("Sounds", "There is no program that plays sounds; one of these is needed: {names}.")
+            return text.format(names=languages.listed(name for name, *_ in _PLAYERS))
         playing = QProcess()
         playing.start(self._player[0], [*self._player[1:], str(self._file("done"))])
         ended = playing.waitForFinished(_TEST_MS)
@@ -82,9 +80,8 @@ class Sounds:
             return ""
         playing.kill()
         said = bytes(playing.readAllStandardError().data()).decode(errors="replace").strip().splitlines()
-        return translate(
-            "Sounds", "The sound device does not work: {why}. Choose one in the system's settings."
-        ).format(why=said[-1].rstrip(".") if said else self._player[0])
+        text = translate("Sounds", "The sound device does not work: {why}. Choose one in the system's settings.")
+        return text.format(why=said[-1].rstrip(".") if said else self._player[0])
 
     def _file(self, kind: str) -> Path:
         if kind not in self._files:

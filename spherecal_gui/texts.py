@@ -2,17 +2,14 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import OutputError, SpherecalError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.workflow import Reason, Status, Step, StepKind
 
 if TYPE_CHECKING:  # the window is shown before cameras are loaded
     from spherecal_cameras.protocol import CameraStatus
-
-translate = QCoreApplication.translate
 
 
 def step_title(step: Step) -> str:
@@ -49,10 +46,7 @@ def step_task(step: Step) -> str:
 
 
 def status_word(status: Status, kind: StepKind | None = None) -> str:
-    """The state in a word; of a placement that is not there yet that it is not.
-
-    `kind` None: of any step.
-    """
+    """The state in a word; of a placement that is not there yet that it is not. `kind` None: of any step."""
     if status is Status.READY and kind in ("placement", "scale"):
         return translate("Steps", "not captured")
     return {

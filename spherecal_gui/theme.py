@@ -43,38 +43,14 @@ class Colours:
 
 # Contrast (WCAG 2) of text and state colours on every ground where they appear: at least 4.5:1, `text` 7:1; large
 # letters and marks 3:1. tests/gui/test_design.py computes all pairs.
-LIGHT = Colours(
-    dark=False,
-    window="#f2f4f6",
-    surface="#ffffff",
-    raised="#f5f7f9",
-    border="#d0d7de",
-    text="#141c24",
-    soft="#4a5763",
-    accent="#1d5d97",
-    on_accent="#ffffff",
-    good="#17683c",
-    caution="#855000",
-    bad="#ad2a20",
-    idle="#66727e",
-    scene="#e9edf1",
-)
-DARK = Colours(
-    dark=True,
-    window="#0f1317",
-    surface="#171c22",
-    raised="#212830",
-    border="#37424d",
-    text="#e8edf2",
-    soft="#aab6c1",
-    accent="#74b4e6",
-    on_accent="#08131c",
-    good="#63cf98",
-    caution="#eeb457",
-    bad="#ff8c82",
-    idle="#8b98a4",
-    scene="#12171c",
-)
+_ROLES = {  # in the light look, in the dark one
+    "window": ("#f2f4f6", "#0f1317"), "surface": ("#ffffff", "#171c22"), "raised": ("#f5f7f9", "#212830"),
+    "border": ("#d0d7de", "#37424d"), "text": ("#141c24", "#e8edf2"), "soft": ("#4a5763", "#aab6c1"),
+    "accent": ("#1d5d97", "#74b4e6"), "on_accent": ("#ffffff", "#08131c"), "good": ("#17683c", "#63cf98"),
+    "caution": ("#855000", "#eeb457"), "bad": ("#ad2a20", "#ff8c82"), "idle": ("#66727e", "#8b98a4"),
+    "scene": ("#e9edf1", "#12171c"),
+}  # fmt: skip
+LIGHT, DARK = (Colours(dark, **{role: both[dark] for role, both in _ROLES.items()}) for dark in (False, True))
 _TINT = 0.13
 
 FAMILY = "Inter"
@@ -162,25 +138,14 @@ def apply(application: QApplication, dark: bool, far: bool = False) -> None:
 
 def _palette(c: Colours) -> QPalette:
     palette, role = QPalette(), QPalette.ColorRole
-    for name, value in {
-        role.Window: c.window,
-        role.WindowText: c.text,
-        role.Base: c.surface,
-        role.AlternateBase: c.raised,
-        role.Text: c.text,
-        role.Button: c.raised,
-        role.ButtonText: c.text,
-        role.ToolTipBase: c.raised,
-        role.ToolTipText: c.text,
-        role.Highlight: c.accent,
-        role.HighlightedText: c.on_accent,
-        role.Link: c.accent,
-        role.PlaceholderText: c.soft,
-        role.Mid: c.border,
-        role.Dark: c.border,
-        role.Light: c.surface,
-    }.items():
-        palette.setColor(name, QColor(value))
+    for value, names in (
+        (c.window, (role.Window,)), (c.surface, (role.Base, role.Light)), (c.border, (role.Mid, role.Dark)),
+        (c.raised, (role.AlternateBase, role.Button, role.ToolTipBase)), (c.accent, (role.Highlight, role.Link)),
+        (c.text, (role.WindowText, role.Text, role.ButtonText, role.ToolTipText)), (c.soft, (role.PlaceholderText,)),
+        (c.on_accent, (role.HighlightedText,)),
+    ):  # fmt: skip
+        for name in names:
+            palette.setColor(name, QColor(value))
     for name in (role.WindowText, role.Text, role.ButtonText):
         palette.setColor(QPalette.ColorGroup.Disabled, name, QColor(c.idle))
     return palette

@@ -112,24 +112,18 @@ class WorkflowState:
 
 def steps_of(project: Project) -> tuple[Step, ...]:
     """The steps of a project; a scale from a bar adds one, a check and a verification have few."""
+    placed = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
     if project.purpose == "check":
-        placed = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
-        return (Step("connect", "connect"), Step("look", "look"), *placed, Step("check", "check"))
+        return (*_steps("connect", "look"), *placed, *_steps("check"))
     if project.purpose == "verify":
-        return (Step("connect", "connect"), Step("look", "look"), Step("verify", "verify"), Step("save", "save"))
-    placements = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
-    scale = (Step("scale", "scale"),) if project.scale_poses else ()
-    return (
-        Step("connect", "connect"),
-        Step("look", "look"),
-        *placements,
-        *scale,
-        Step("calibrate", "calibrate"),
-        Step("results", "results"),
-        Step("verify", "verify"),
-        Step("save", "save"),
-        Step("measure", "measure"),
-    )
+        return _steps("connect", "look", "verify", "save")
+    scale = _steps("scale") if project.scale_poses else ()
+    last = _steps("calibrate", "results", "verify", "save", "measure")
+    return (*_steps("connect", "look"), *placed, *scale, *last)
+
+
+def _steps(*kinds: StepKind) -> tuple[Step, ...]:
+    return tuple(Step(kind, kind) for kind in kinds)
 
 
 def resolve(project: Project, running: Running) -> WorkflowState:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication, Signal
+from PySide6.QtCore import Signal
 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.camera_controller import CameraController
@@ -15,6 +15,7 @@ from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.controllers.recording_controller import RecordingController
 from spherecal_gui.coverage import SetDots
 from spherecal_gui.fingerprint import fingerprint
+from spherecal_gui.languages import translate
 from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.rig_scenes import without_balls
 from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next, survey
@@ -23,8 +24,6 @@ from spherecal_gui.tasks.task import Runner
 if TYPE_CHECKING:  # ghosts and live images need scipy, for which the window does not wait
     from spherecal_gui.tasks.ghost import Lying, ToGo
     from spherecal_gui.tasks.live_detection import Sight
-
-translate = QCoreApplication.translate
 
 _PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
 _CARRIED = 0.3  # of its radius: a ball as far from where it lay has been lifted
@@ -185,12 +184,10 @@ class AdviceController(ControllerPart):
                 self.lying = lying
                 self.ball_seen.emit()
 
-        return self.seer.start(
-            "ball",
-            lambda _: lying_ball(ghost.lenses, ghost.body, dots),
-            seen,
-            lambda error: self.main.note(f"ball: {error}"),
-        )
+        def failed(error: BaseException) -> None:
+            self.main.note(f"ball: {error}")
+
+        return self.seer.start("ball", lambda _: lying_ball(ghost.lenses, ghost.body, dots), seen, failed)
 
     @property
     def to_go(self) -> "ToGo | None":
@@ -200,11 +197,6 @@ class AdviceController(ControllerPart):
         if self.guidance is None or self.guidance.ghost is None or self.lying is None:
             return None
         return to_go(self.guidance.ghost, self.lying)
-
-    @property
-    def planning(self) -> bool:
-        """Whether the next placement is being worked out."""
-        return self.planner.running is not None
 
     def _planned(self, found: GuidanceView | None) -> None:
         if self._asked != self._planned_for:

@@ -118,17 +118,14 @@ class BarController(ControllerPart):
 
     def set_celsius(self, celsius: float | None) -> None:
         """Poses taken from now on have this temperature."""
-        if self.project is not None and celsius != self.project.bar_celsius:
-            self.main.update(changes.with_bar_temperature(self.project, celsius))
+        self.main.change(bar_celsius=celsius)
 
     def set_limit(self, limit: str) -> str:
         """Judge the errors by this limit (A+L/K, empty: none); what is wrong with it, empty where all is well."""
-        if self.project is None or limit == self.project.limit:
-            return ""
         try:
             if limit:
                 parse_limit(limit)
         except InputError as error:
             return error_line(error)
-        self.main.update(changes.with_limit(self.project, limit))
+        self.main.change(limit=limit)
         return ""

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
@@ -15,6 +13,7 @@ from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.files.target_set_file import read_target_set
 from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.bench_presenter import (
     BallDraft,
     BarDraft,
@@ -23,16 +22,14 @@ from spherecal_gui.presenters.bench_presenter import (
     ball_draft,
     bar_draft,
     bench_draft,
-    error_words,
     read_bench,
     targets_words,
 )
 from spherecal_gui.project_folder import rig_bench
+from spherecal_gui.texts import error_line
 from spherecal_rigs.ball_registry import BALL_REGISTRY, RegisteredBall
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_rigs.bench_file import Bench, write_bench
-
-translate = QCoreApplication.translate
 
 _MOST_STEPS = 500
 
@@ -79,7 +76,7 @@ class BenchDesk:
         try:
             return read()
         except SpherecalError as error:
-            self.trouble = f"{self.trouble} {error_words(error)}".strip()
+            self.trouble = f"{self.trouble} {error_line(error)}".strip()
             return otherwise
 
     # --- changes -----------------------------------------------------------------------------------------------------
@@ -106,17 +103,17 @@ class BenchDesk:
 
     def undo(self) -> None:
         """One step back."""
-        if self._past:
-            what, before = self._past.pop()
-            self._future.append((what, self.draft))
-            self.draft = before
+        self._step(self._past, self._future)
 
     def redo(self) -> None:
         """One step forward again."""
-        if self._future:
-            what, after = self._future.pop()
-            self._past.append((what, self.draft))
-            self.draft = after
+        self._step(self._future, self._past)
+
+    def _step(self, steps: list[tuple[str, BenchDraft]], others: list[tuple[str, BenchDraft]]) -> None:
+        if steps:
+            what, draft = steps.pop()
+            others.append((what, self.draft))
+            self.draft = draft
 
     @property
     def changed(self) -> bool:
@@ -138,7 +135,7 @@ class BenchDesk:
         try:
             targets = read_target_set(path)
         except SpherecalError as error:
-            return error_words(error)
+            return error_line(error)
         ball = replace(self.draft.ball, own=targets, own_file=f"{path.name}: {targets_words(targets)}")
         self.change("", replace(self.draft, ball=ball))
         return ""
@@ -162,7 +159,7 @@ class BenchDesk:
         try:
             table = read_bars_table(path)
         except SpherecalError as error:
-            return error_words(error)
+            return error_line(error)
         found = arrivals(table, self._known)
         bars = list(self.draft.bars)
         places = {one.serial.strip(): place for place, one in enumerate(bars)}
@@ -184,7 +181,7 @@ class BenchDesk:
         try:
             write_bars_table([bar for bar in bars if bar is not None], path)
         except SpherecalError as error:
-            return error_words(error)
+            return error_line(error)
         return ""
 
     # --- saving ------------------------------------------------------------------------------------------------------
@@ -214,7 +211,7 @@ class BenchDesk:
                     BALL_REGISTRY.write(balls)
                 path = write_bench(bench, rig_bench(self.projects).parent) if bench is not None else None
         except SpherecalError as error:
-            return None, error_words(error)
+            return None, error_line(error)
         self._known, self._balls = registry, balls
         kept = tuple(  # one that only another program has changed is shown as it is now
             replace(one, kept=bar.serial)

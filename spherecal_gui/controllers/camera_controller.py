@@ -5,12 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from PySide6.QtCore import QCoreApplication, Signal
+from PySide6.QtCore import Signal
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -22,10 +23,8 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from spherecal_cameras.driver_help import DriverTrouble
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
-    from spherecal_cameras.protocol import Counters
+    from spherecal_cameras.protocol import CameraStatus
     from spherecal_gui.tasks.live_detection import Connection, LiveView
-
-translate = QCoreApplication.translate
 
 # Sight of the cameras while somebody aims them; detection takes 45 ms an image of 1.3 MP here and sets its own pace.
 LIVE_HZ = 5.0
@@ -173,12 +172,11 @@ class CameraController(ControllerPart):
         connection, project = self.connection, self.project
         if connection is None or project is None or self.runner.running or not (back := connection.answering_again):
             return
-        self.runner.start(
-            "connect",
-            lambda _: jobs.taken_in_again(project, connection, back),
-            self._go_on_with,
-            self.main.failed("connect"),
-        )
+        self._work(lambda _: jobs.taken_in_again(project, connection, back), self._go_on_with)
+
+    def _work(self, work: Callable[[Context], _Found], done: Callable[[_Found], None] | None = None) -> None:
+        """Begin work that belongs to this step; `done` None: search again after it."""
+        self.runner.start("connect", work, done or (lambda _: self.connect_all()), self.main.failed("connect"))
 
     def _go_on_with(self, connection: "Connection") -> None:
         if self.live is not None:
@@ -201,7 +199,7 @@ class CameraController(ControllerPart):
                 raise CameraError(text, hint)
             give_address(camera.mac, free.ip, free.mask)
 
-        self.runner.start("connect", work, lambda _: self.connect_all(), self.main.failed("connect"))
+        self._work(work)
 
     @property
     def builtin_helps(self) -> bool:
@@ -216,7 +214,7 @@ class CameraController(ControllerPart):
         """Build the built-in driver where it is not there yet, allow it, and search again."""
         from spherecal_cameras.builtin_driver import prepare  # as above
 
-        self.runner.start("connect", prepare, lambda _: self.connect_all(), self.main.failed("connect"))
+        self._work(prepare)
 
     def cure_network(self, cure: str) -> None:
         """Run the command that cures this computer's network, as its system allows, and search again."""
@@ -229,14 +227,13 @@ class CameraController(ControllerPart):
 
     def choose_bench(self, path: str) -> None:
         """Take targets, ball and bars from another file, and connect again."""
-        if self.project is not None:
-            self.main.update(replace(self.project, bench=path, artefacts=None))
-            self.connect_all()
+        self.main.change(bench=path, artefacts=None)
+        self.connect_all()
 
     def accept_look(self) -> None:
         """The images are good."""
         if self.project is not None:
-            self.main.update(changes.with_looked(self.project))
+            self.main.change(looked=self.project.cameras)
 
     # --- lost, moved -------------------------------------------------------------------------------------------------
 
@@ -244,12 +241,8 @@ class CameraController(ControllerPart):
         """The names of cameras that send no images now, or none that is whole."""
         if self.connection is None:
             return ()
-        statuses = self.connection.source.statuses()
-        return tuple(
-            name
-            for serial, name in self.connection.names.items()
-            if serial in statuses and not (statuses[serial].state.usable and _some_whole(statuses[serial].counters))
-        )
+        statuses, names = self.connection.source.statuses(), self.connection.names
+        return tuple(names[s] for s in names if s in statuses and not _delivers(statuses[s]))
 
     def moved(self) -> tuple[str, ...]:
         """The names of cameras that were moved, and that nobody has seen to yet."""
@@ -342,5 +335,7 @@ def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
     return tuple(rectangle for name, rectangle in project.masks if name == camera)
 
 
-def _some_whole(counted: "Counters") -> bool:
-    return counted.delivered > 0 or counted.incomplete + counted.underrun < _ALL_DAMAGED
+def _delivers(status: "CameraStatus") -> bool:
+    """Whether a camera sends images, and some of them whole."""
+    counted = status.counters
+    return status.state.usable and (counted.delivered > 0 or counted.incomplete + counted.underrun < _ALL_DAMAGED)

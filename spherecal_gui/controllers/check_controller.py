@@ -2,14 +2,13 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.tasks import jobs
 from spherecal_gui.texts import verdict_word
@@ -17,8 +16,6 @@ from spherecal_gui.texts import verdict_word
 if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
-
-translate = QCoreApplication.translate
 
 
 class CheckController(ControllerPart):
@@ -94,16 +91,10 @@ class CheckController(ControllerPart):
             text = translate("Check", "The repaired calibration is in use, as number {number}.")
             self.main.tell("good", text.format(number=number))
 
-        note = translate("Check", "repaired after a check: {cameras}").format(
-            cameras=languages.listed(self.repaired_names)
-        )
+        repaired = languages.listed(self.found.to_repair if self.found is not None else ())
+        note = translate("Check", "repaired after a check: {cameras}").format(cameras=repaired)
 
         def work(context: Context) -> str:
             return jobs.save_profile(project.repair_folder, project.folder, profile, True, note, context)
 
         return self.runner.start("check", work, done, self.main.failed("check"))
-
-    @property
-    def repaired_names(self) -> tuple[str, ...]:
-        """The cameras that the check found moved."""
-        return tuple(self.found.to_repair) if self.found is not None else ()

@@ -4,14 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.bar_controller import BarController
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
@@ -21,8 +20,6 @@ from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
-
-translate = QCoreApplication.translate
 
 
 class ComputationController(ControllerPart):
@@ -71,10 +68,8 @@ class ComputationController(ControllerPart):
         reference = self.kept_reference()
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            repairs = project.repairs_now
-            folders, method = (project.folder, project.result_folder), project.method
-            verdict = jobs.calibrate(*folders, repairs, context, reference, method)
-            return verdict, read(context)
+            folders = project.folder, project.result_folder
+            return jobs.calibrate(*folders, project.repairs_now, context, reference, project.method), read(context)
 
         from spherecal_gui.presenters.calibrate_presenter import CourseOfWork  # needs numpy
 
@@ -104,8 +99,8 @@ class ComputationController(ControllerPart):
 
     def choose_method(self, method: str) -> None:
         """Make the next calibration by this method; empty: the program's own."""
-        if self.project is not None and self.runner.running is None:
-            self.main.update(changes.with_method(self.project, method))
+        if self.runner.running is None:
+            self.main.change(method=method)
 
     def kept_reference(self) -> str | None:
         """The camera whose frame was the world so far; it stays so, that coordinates of two days can be compared."""
@@ -133,20 +128,21 @@ class ComputationController(ControllerPart):
 
     def repair(self, option: str, value: str) -> None:
         """Ask for a repair at the next calibration; no image on disk is touched by it."""
-        if self.project is not None and self.runner.running is None:
-            self.main.update(changes.with_repair(self.project, option, value))
-            self.main.result_changed.emit()
+        self._with_repairs(changes.with_repair, option, value)
 
     def take_back(self, option: str, value: str) -> None:
         """No longer ask for a repair."""
+        self._with_repairs(changes.without_repair, option, value)
+
+    def _with_repairs(self, change: Callable[[Project, str, str], Project], option: str, value: str) -> None:
         if self.project is not None and self.runner.running is None:
-            self.main.update(changes.without_repair(self.project, option, value))
+            self.main.update(change(self.project, option, value))
             self.main.result_changed.emit()
 
     def accept_results(self) -> None:
         """The results were looked at."""
         if self.project is not None:
-            self.main.update(changes.with_accepted(self.project))
+            self.main.change(accepted=self.project.calibrated)
 
     def verify(self) -> bool:
         """Measure the check bars in the poses taken."""

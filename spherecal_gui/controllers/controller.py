@@ -7,7 +7,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication, QObject
+from PySide6.QtCore import QObject
 
 from spherecal.base.errors import OutputError
 from spherecal.files.lock import InUse, locked
@@ -24,6 +24,7 @@ from spherecal_gui.controllers.saving_controller import SavingController
 from spherecal_gui.controllers.set_controller import SetController
 from spherecal_gui.controllers.staging_controller import StagingController
 from spherecal_gui.controllers.tuning_controller import TuningController
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.presenters.step_states import left_text
 from spherecal_gui.project import Computation, Project
@@ -38,8 +39,6 @@ from spherecal_gui.project_folder import (
     save_project,
 )
 from spherecal_gui.workflow import Running, WorkflowState, resolve
-
-translate = QCoreApplication.translate
 
 
 class Controller(ProjectController):
@@ -109,16 +108,15 @@ class Controller(ProjectController):
         """Begin a calibration in a new folder."""
         self.close_project()
         limit = limits.now().verification_limit
-        project = Project(new_folder(parent, datetime.now()), source, bench, limit=limit)
-        save_project(project)
-        self._begin(project)
-        self._is_new = True
+        self._begin_new(Project(new_folder(parent, datetime.now()), source, bench, limit=limit))
 
     def new_check(self, like: Project) -> None:
         """Begin a check with the cameras and the bench of an earlier calibration."""
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "check")
-        project = Project(folder, like.source, like.bench, placements=("P1",), purpose="check")
+        self._begin_new(Project(folder, like.source, like.bench, placements=("P1",), purpose="check"))
+
+    def _begin_new(self, project: Project) -> None:
         save_project(project)
         self._begin(project)
         self._is_new = True
@@ -129,8 +127,8 @@ class Controller(ProjectController):
 
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "verification")
-        project = Project(folder, like.source, like.bench, placements=(), purpose="verify")
-        project = replace(project, limit=limits.now().verification_limit)
+        limit = limits.now().verification_limit
+        project = Project(folder, like.source, like.bench, placements=(), purpose="verify", limit=limit)
         try:
             number, verdict = result_of(profile_of(project), project.result_folder)
         except BaseException:

@@ -7,20 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import remove_below
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # rotations need scipy, for which the window does not wait
     from spherecal.geometry.user_frame import FrameDefinition, UserFrame
-
-translate = QCoreApplication.translate
 
 FRAME = "frame.json"
 

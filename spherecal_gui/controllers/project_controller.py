@@ -5,14 +5,16 @@ import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QCoreApplication, QObject, Signal
+from PySide6.QtCore import QObject, Signal
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import project as changes
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, profile_of, save_project
 from spherecal_gui.tasks.outcome import Outcome
@@ -23,7 +25,6 @@ if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_rigs.result_folder import Result
 
 log = logging.getLogger("spherecal.gui")
-translate = QCoreApplication.translate
 
 
 class ProjectController(QObject):
@@ -73,6 +74,11 @@ class ProjectController(QObject):
                 self.attempt(lambda: save_project(project))
         self.project = project
         self.changed.emit()
+
+    def change(self, **fields: Any) -> None:
+        """Take over the open project with other values of these fields; nothing where they have them already."""
+        if self.project is not None and (changed := replace(self.project, **fields)) != self.project:
+            self.update(changed)
 
     def move(self, project: Project) -> None:
         """Take over a project that is only at another step: it is written beside the window, which waits for no disk.

@@ -5,14 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController, masks_of
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.coverage import Dots, unmasked
+from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.project_folder import Document, taken_in
 from spherecal_gui.tasks import jobs
@@ -25,8 +24,6 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from spherecal_cameras.capture import SessionCamera
     from spherecal_gui.recorded_sets import RecordedSession
     from spherecal_gui.tasks.live_detection import Connection
-
-translate = QCoreApplication.translate
 
 
 class RecordingController(ControllerPart):
@@ -68,7 +65,7 @@ class RecordingController(ControllerPart):
             text = translate("Connect", "It is not known which targets are on the ball.")
             self.main.tell("bad", text, translate("Connect", "Choose the file that describes the bench."))
             return
-        self.main.update(changes.with_artefacts(self.project, artefacts))
+        self.main.change(artefacts=artefacts)
         self._open_folders()
 
     def _take_up(self) -> None:
@@ -104,11 +101,8 @@ class RecordingController(ControllerPart):
 
         project, connection = self.project, self._cameras.connection
         assert project is not None and connection is not None
-        plan = jobs.calibration_plan(connection.plan, project.sets)
-        session = self.session or RecordedSession(
-            project.folder, plan, _masked_cameras(project, connection), connection.source
-        )
-        return session.document()
+        plan, cameras = jobs.calibration_plan(connection.plan, project.sets), _masked_cameras(project, connection)
+        return (self.session or RecordedSession(project.folder, plan, cameras, connection.source)).document()
 
     def _open_checks(self, project: Project, connection: "Connection") -> None:
         """Make or take up the session folder of the check bars."""
@@ -243,12 +237,12 @@ class RecordingController(ControllerPart):
     def undo_mask(self) -> None:
         """Take the mask back that was drawn last."""
         if self.project is not None:
-            self._with_masks(changes.without_last_mask(self.project))
+            self._with_masks(replace(self.project, masks=self.project.masks[:-1]))
 
     def clear_masks(self) -> None:
         """Take all masks back."""
         if self.project is not None:
-            self._with_masks(changes.without_masks(self.project))
+            self._with_masks(replace(self.project, masks=()))
 
     def _with_masks(self, project: Project) -> None:
         """On disk first: wizard.json, then the two session folders that calibration and verification read."""

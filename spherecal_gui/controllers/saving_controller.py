@@ -5,8 +5,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal.base.errors import OutputError
 from spherecal.base.filesystem import write_below
@@ -16,10 +14,10 @@ from spherecal_gui.controllers.computation_controller import ComputationControll
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.frame_controller import FrameController
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.start_presenter import picture_name
+from spherecal_gui.project import Project
 from spherecal_gui.tasks import jobs
-
-translate = QCoreApplication.translate
 
 
 class SavingController(ControllerPart):
@@ -32,41 +30,38 @@ class SavingController(ControllerPart):
         self._computation, self._user_frame = computation, user_frame
         self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
-    def _save(self, work: Callable[[Context], Path | str], message: str) -> bool:
+    def _save(self, work: Callable[[Project, Context], Path | str], message: str) -> bool:
+        project = self.project
+
         def done(what: Path | str) -> None:
             if self.project is not None:
                 self.main.update(changes.with_saved(self.project))
             self.main.tell("good", message.format(what=what))
 
-        if self.project is None:
+        if project is None:
             return False
-        self.main.update(changes.without_failure(self.project, "save"))
-        return self.runner.start("save", work, done, self.main.failed("save"))
+        self.main.update(changes.without_failure(project, "save"))
+        return self.runner.start("save", lambda context: work(project, context), done, self.main.failed("save"))
 
     def write_report(self, output: Path) -> bool:
         """Write the report as a PDF; whether that was begun."""
-        project = self.project
-        if project is None:
-            return False
-        message = translate("Save", "The report is in {what}.")
-        language = languages.now()
-        notice = translate("Save", "SIMULATED: no calibration of a real rig") if project.simulated else ""
-        return self._save(lambda context: jobs.report(project, output, language, notice, context), message)
+        language, simulated = languages.now(), translate("Save", "SIMULATED: no calibration of a real rig")
+
+        def work(project: Project, context: Context) -> Path:
+            return jobs.report(project, output, language, simulated if project.simulated else "", context)
+
+        return self._save(work, translate("Save", "The report is in {what}."))
 
     def set_note(self, note: str) -> None:
         """What the operator has written on the calibration; it goes into the profile and the report."""
-        if self.project is not None and note != self.project.note:
-            self.main.update(changes.with_note(self.project, note))
+        self.main.change(note=note)
 
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
         """Add the calibration to a rig profile's history; whether that was begun."""
-        project = self.project
-        if project is None:
-            return False
         message = translate("Save", "Saved in the rig's profile as calibration {what}.")
         picture = self.draw_rig() if self.draw_rig is not None else b""
 
-        def work(context: Context) -> str:
+        def work(project: Project, context: Context) -> str:
             number = jobs.save_profile(project.result_folder, project.folder, profile, put_to_use, note, context)
             if picture:
                 with suppress(OutputError):  # it only adorns the start page; the calibration is saved
@@ -77,12 +72,12 @@ class SavingController(ControllerPart):
 
     def export(self, form: str, output: Path) -> bool:
         """Write the rig in another program's format, in the project's frame; whether that was begun."""
-        project = self.project
-        if project is None:
-            return False
-        message = translate("Save", "Written to {what}.")
         frame = self._user_frame.frame
-        return self._save(lambda context: jobs.export(project.result_folder, form, output, context, frame), message)
+
+        def work(project: Project, context: Context) -> Path:
+            return jobs.export(project.result_folder, form, output, context, frame)
+
+        return self._save(work, translate("Save", "Written to {what}."))
 
     def commands(self) -> tuple[str, ...]:
         """The command lines that give the same bytes."""

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui import project as changes
@@ -11,11 +9,10 @@ from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.controllers.recording_controller import RecordingController
+from spherecal_gui.languages import translate
 from spherecal_gui.project_folder import require_project, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.task import BackgroundTask
-
-translate = QCoreApplication.translate
 
 
 class SetController(ControllerPart):
@@ -71,14 +68,12 @@ class SetController(ControllerPart):
         self.main.update(changes.with_set(self.project, taken.set_id, at, flaws))
         missing, moved = languages.listed(lacking), languages.listed(moving)
         if missing:
-            text = translate("Placement", "{name} is captured, but without {cameras}.").format(
-                name=taken.set_id, cameras=missing
-            )
+            text = translate("Placement", "{name} is captured, but without {cameras}.")
+            text = text.format(name=taken.set_id, cameras=missing)
             self.main.tell("bad", text, translate("Placement", "Check these cameras, then retake it."))
         elif moved:
-            text = translate("Placement", "{name} is captured, but {cameras} saw it move.").format(
-                name=taken.set_id, cameras=moved
-            )
+            text = translate("Placement", "{name} is captured, but {cameras} saw it move.")
+            text = text.format(name=taken.set_id, cameras=moved)
             self.main.tell("bad", text, translate("Placement", "Let it come to rest, then retake it."))
         else:
             self.main.tell("good", translate("Placement", "{name} is captured.").format(name=taken.set_id))

@@ -5,8 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.context import Context
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.catalogue import phrase
@@ -14,14 +12,13 @@ from spherecal_gui import languages
 from spherecal_gui.controllers.camera_controller import CameraController, keep_in_profile
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.controllers.project_controller import ProjectController
+from spherecal_gui.languages import translate
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # the window starts without the cameras' modules
-    from spherecal_cameras.protocol import CameraSettings, CameraSource, TriggerMode
+    from spherecal_cameras.protocol import CameraSettings, CameraSource
 
     OfAll = Mapping[str, CameraSettings]  # by serial
-
-translate = QCoreApplication.translate
 
 _BLINKS, _BLINK_S = 8, 0.35
 _PATIENCE_MS = 10_000
@@ -100,27 +97,19 @@ class TuningController(ControllerPart):
         self._tuned[serial] = settings
         return self.runner.start("connect", work, self._set_up, self.main.failed("connect"))
 
-    def set_trigger(self, trigger: "TriggerMode") -> bool:
-        """Have all cameras exposed by this trigger; kept in the camera profile."""
-        return self._set_all(lambda source, of_all, _: _apply(source, _each(of_all, trigger=trigger)))
+    def set_all(self, **settings: Any) -> bool:
+        """Set up all cameras like this (protocol.CameraSettings); kept in the camera profile."""
 
-    def set_pixel_format(self, name: str) -> bool:
-        """Have all cameras send this pixel format; kept in the camera profile."""
-        return self._set_all(lambda source, of_all, _: _apply(source, _each(of_all, pixel_format=name)))
+        def change(source: "CameraSource", of_all: "OfAll", _: Context) -> "tuple[OfAll, list[str]]":
+            wanted = {serial: replace(one, **settings) for serial, one in of_all.items()}
+            return wanted, [report.serial for report in source.apply(wanted) if report.problems]
 
-    def set_gain(self, gain_db: float) -> bool:
-        """Have all cameras amplify by this, dB; kept in the camera profile."""
-        return self._set_all(lambda source, of_all, _: _apply(source, _each(of_all, gain_db=gain_db)))
+        return self._set_all(change)
 
-    def gains_db(self) -> set[float]:
-        """The gains that the cameras were set to, dB."""
+    def of_all(self) -> "list[CameraSettings]":
+        """What the cameras were set to."""
         names = self._cameras.connection.names if self._cameras.connection is not None else {}
-        return {self.settings_of(serial).gain_db for serial in names}
-
-    def pixel_formats(self) -> set[str]:
-        """The pixel formats that the cameras were set to."""
-        names = self._cameras.connection.names if self._cameras.connection is not None else {}
-        return {self.settings_of(serial).pixel_format for serial in names}
+        return [self.settings_of(serial) for serial in names]
 
     def expose_all(self) -> bool:
         """Find for each camera the longest exposure by which its dots are not saturated; kept in the camera profile."""
@@ -209,12 +198,3 @@ class TuningController(ControllerPart):
             return True
 
         self.blinker.start("blink", work, answered, lambda _: answered(False), lambda: None)
-
-
-def _each(of_all: "OfAll", **changes: Any) -> "OfAll":
-    return {serial: replace(settings, **changes) for serial, settings in of_all.items()}
-
-
-def _apply(source: "CameraSource", of_all: "OfAll") -> "tuple[OfAll, list[str]]":
-    """Set up cameras; their settings, and those that did not take all."""
-    return of_all, [report.serial for report in source.apply(of_all) if report.problems]

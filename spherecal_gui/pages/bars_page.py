@@ -1,9 +1,8 @@
 """Bars: the poses of the bar that gives the scale."""
 
 import time
-from collections.abc import Callable, Mapping
 
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.coverage import same_place
@@ -12,8 +11,8 @@ from spherecal_gui.pages.rig_space import RigSpace
 from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing
-from spherecal_gui.standing import Deed, Said
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, named, option, set_level
+from spherecal_gui.standing import Said
+from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, named, option, spaced
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
 
@@ -25,35 +24,27 @@ class ScalePage(LivePage):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
-        self.column = QVBoxLayout(self)
+        self.deeds = {"capture": self._take}
         self.headline = self.message = label("", "huge")
-        self.column.addWidget(self.message)
-        self.poses = QHBoxLayout()
-        self.poses.setSpacing(18)
-        self.column.addLayout(self.poses)
+        self.poses = spaced(QHBoxLayout(), 18)
+        self.column = add(QVBoxLayout(self), self.message, self.poses)
         self.wall = Wall()
         self.space: RigSpace | None = None
         self.by_itself: QCheckBox | None = None
         self._still_s: float | None = None
         self._put_wall()
-        self.row = QHBoxLayout()
         self.again = button(self.tr("Retake the last pose"), "retake-pose", act=self._retake)
-        if self.by_itself is not None:
-            self.row.addWidget(self.by_itself)
-        self.row.addStretch(1)
-        self.row.addWidget(self.again)
+        first = (self.by_itself,) if self.by_itself is not None else ()
+        self.row = add(QHBoxLayout(), *first, None, self.again)
         self.column.addLayout(self.row)
         self._last: str | None = None
 
     def _put_wall(self) -> None:
         """The images, and the scene beside them."""
         self.space = RigSpace(self.controller)
-        row = QHBoxLayout()
-        row.addWidget(self.wall, 5)
-        row.addWidget(self.space.view, 3)
-        self.column.addLayout(row, 1)
-        self.by_itself = named(option(self.tr("Capture by itself when still")), "automatic-scale")
-        self.by_itself.setToolTip(self.tr("Once the bar was moved and lies still where three cameras see it."))
+        self.column.addLayout(add(QHBoxLayout(), (self.wall, 5), (self.space.view, 3)), 1)
+        tip = self.tr("Once the bar was moved and lies still where three cameras see it.")
+        self.by_itself = named(option(self.tr("Capture by itself when still")), "automatic-scale", tip=tip)
 
     def pose_ids(self) -> tuple[str, ...]:
         """The poses of this page."""
@@ -74,11 +65,6 @@ class ScalePage(LivePage):
         marks = [one.marks.values() for one in connection.plan.bars if one.id == bar]
         return frozenset(mark.target for own in marks for mark in own)
 
-    @property
-    def is_taking(self) -> bool:
-        """Whether a pose is being taken, or the lengths measured."""
-        return self.step is not None and self.controller.runner.running == self.step.id
-
     def enter(self, step: Step) -> None:
         """Show the first pose that is missing."""
         self.step = step
@@ -90,12 +76,10 @@ class ScalePage(LivePage):
         if pose is not None and self.controller.staging.can_show(pose):
             self.controller.staging.show_pose(pose)
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """A pose was taken."""
-        if self.project is None:
-            return
         self.show_cameras()
-        taken = [pose for pose in self.pose_ids() if pose in self.project.taken]
+        taken = [pose for pose in self.pose_ids() if pose in self.open_project.taken]
         if taken and taken[-1] != self._last and not self.is_taking and self.isVisible():
             self._stage()
         self._last = taken[-1] if taken else None
@@ -110,14 +94,9 @@ class ScalePage(LivePage):
         clear(self.poses)
         for pose in self.pose_ids():
             there = pose in self.open_project.taken
-            self.poses.addWidget(self._mark(pose, there, pose == self.current))
+            mark = MARKS["good"] if there else "▸" if pose == self.current else MARKS["none"]
+            self.poses.addWidget(label(f"{mark} {pose}", "big", wrap=False, level="good" if there else "none"))
         self.poses.addStretch(1)
-
-    @staticmethod
-    def _mark(pose: str, there: bool, current: bool) -> QLabel:
-        mark = label(f"{MARKS['good'] if there else '▸' if current else MARKS['none']} {pose}", "big", wrap=False)
-        set_level(mark, "good" if there else "none")
-        return mark
 
     def tick(self) -> None:
         """Follow the cameras."""
@@ -167,7 +146,7 @@ class ScalePage(LivePage):
         name = pose_name(pose, self.pose_ids()) if pose is not None else None
         return BarFacts(name, seeing(targets), self.work, connected, recorded=self.recorded)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """What to do with the bar."""
         return bar_says(self.bar_facts())
 
@@ -176,11 +155,6 @@ class ScalePage(LivePage):
             if self.controller.staging.can_show(self._last):
                 self.controller.staging.show_pose(self._last)
             self.controller.sets.take(self._last, self.step.id)
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Take the pose."""
-        return {"capture": self._take}
 
     def _take(self) -> None:
         """Whatever lies there."""

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import Problems, print_text
-from spherecal_gui.widgets.basic import Downwards, add, button, label, named, set_level
+from spherecal_gui.widgets.basic import Downwards, add, button, label, named, say, spaced
 from spherecal_gui.widgets.fields import TextField
 
 _BALL = ("name", "diameter", "first", "last", "width", "measured")
@@ -25,12 +25,7 @@ class BallTab(QWidget):
         super().__init__(parent)
         self.desk = desk
         inner = QWidget()
-        column = QVBoxLayout(inner)
-        column.setSpacing(12)
-        column.addLayout(self._library())
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(18)
-        grid.setVerticalSpacing(12)
+        grid = spaced(QGridLayout(), 18, 12)
         self.fields = {
             "name": TextField("ball-name", self.tr("Name of the ball"), self.tr("such as Ball hall 3")),
             "diameter": TextField(
@@ -51,44 +46,30 @@ class BallTab(QWidget):
             grid.addWidget(self.fields[key], row, at, 1, span)
         for at in range(3):
             grid.setColumnStretch(at, 1)
-        column.addLayout(grid)
-        column.addLayout(self._own())
-        column.addWidget(label(self.tr("Printed scale"), "big", wrap=False))
         self.print_said = label("")
-        column.addWidget(self.print_said)
         line = QHBoxLayout()
         line.addWidget(self.fields["measured"], 1)
         line.addStretch(2)
-        column.addLayout(line)
+        title = label(self.tr("Printed scale"), "big", wrap=False)
         message = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
-        column.addWidget(label(message, "soft"))
-        column.addStretch(1)
+        column = add(spaced(QVBoxLayout(inner), 12), self._library(), grid, self._own(), title, self.print_said, line)
+        add(column, label(message, "soft"), None)
         for key, one in self.fields.items():
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))
-        area = Downwards()
-        area.setWidget(inner)
-        outer = QVBoxLayout(self)
-        outer.addWidget(area)
+        QVBoxLayout(self).addWidget(Downwards(inner))
 
     def _library(self) -> QHBoxLayout:
-        row = QHBoxLayout()
         self.library = named(QComboBox(), "ball-library", self.tr("Ball of the library"))
         self.library.activated.connect(self._chosen)
-        row.addWidget(label(self.tr("Which ball?"), "big", wrap=False))
-        row.addWidget(self.library, 1)
-        row.addStretch(1)
-        return row
+        return add(QHBoxLayout(), label(self.tr("Which ball?"), "big", wrap=False), (self.library, 1), None)
 
     def _own(self) -> QHBoxLayout:
         """Targets that are not simply numbered."""
-        row = QHBoxLayout()
         self.own = label("", "soft")
         self.from_file = button(self.tr("Targets from a file"), "targets-file", act=self._choose_targets)
         self.by_number = button(self.tr("By number and width"), "targets-number")
         self.by_number.clicked.connect(lambda: self._act(self.desk.own_targets))
-        add(row, self.from_file, self.by_number)
-        row.addWidget(self.own, 1)
-        return row
+        return add(QHBoxLayout(), self.from_file, self.by_number, (self.own, 1))
 
     def _act(self, act: Callable[[], None]) -> None:
         act()
@@ -110,8 +91,7 @@ class BallTab(QWidget):
         problem = self.desk.take_targets(path)
         self.touched.emit()
         if problem:
-            self.own.setText(problem)
-            set_level(self.own, "bad")
+            say(self.own, problem, "bad", hides=False)
 
     def _edited(self, key: str, text: str) -> None:
         draft = self.desk.draft
@@ -126,12 +106,9 @@ class BallTab(QWidget):
             self.fields[key].show_problem(problems.get(f"ball.{key}", ""))
         for key in ("first", "last", "width"):
             self.fields[key].line.setEnabled(ball.own is None)
-        self.own.setText(ball.own_file)
-        set_level(self.own, "none")
+        say(self.own, ball.own_file, hides=False)
         self.by_number.setVisible(ball.own is not None)
-        text, level = print_text(ball)
-        self.print_said.setText(text)
-        set_level(self.print_said, level)
+        say(self.print_said, *print_text(ball), hides=False)
         self._list()
 
     def _list(self) -> None:
@@ -153,8 +130,6 @@ class RigTab(QWidget):
     def __init__(self, desk: BenchDesk, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.desk = desk
-        column = QVBoxLayout(self)
-        column.setSpacing(12)
         row = QHBoxLayout()
         self.fields = {
             "placements": TextField("placements", self.tr("Placements of the ball"), "4"),
@@ -165,16 +140,11 @@ class RigTab(QWidget):
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))
             row.addWidget(one, 1)
         row.addStretch(1)
-        column.addLayout(row)
-        column.addWidget(label(self.tr("Limits"), "big", wrap=False))
         self.limit = label("")
-        column.addWidget(self.limit)
         self.open_limits = button(self.tr("Open the limits"), "open-limits", act=self.limits_wanted)
-        line = QHBoxLayout()
-        line.addWidget(self.open_limits)
-        line.addStretch(1)
-        column.addLayout(line)
-        column.addStretch(1)
+        line = add(QHBoxLayout(), self.open_limits, None)
+        title = label(self.tr("Limits"), "big", wrap=False)
+        add(spaced(QVBoxLayout(self), 12), row, title, self.limit, line, None)
 
     def _edited(self, key: str, text: str) -> None:
         self.desk.change(key, replace(self.desk.draft, **{key: text}))

@@ -1,8 +1,8 @@
 """The bars of the library: marks, certified lengths, certificate, and what each is for on this bench."""
 
-from collections.abc import Callable
 from dataclasses import fields, replace
 from datetime import date
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QGridLayout,
     QHBoxLayout,
+    QLabel,
     QLineEdit,
     QListWidget,
     QListWidgetItem,
@@ -20,7 +21,19 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import BarDraft, LengthDraft, Problems, certificate_state
-from spherecal_gui.widgets.basic import MARKS, Downwards, WheelGuard, add, bare, button, clear, label, named, set_level
+from spherecal_gui.widgets.basic import (
+    MARKS,
+    Downwards,
+    WheelGuard,
+    add,
+    bare,
+    button,
+    clear,
+    label,
+    named,
+    say,
+    spaced,
+)
 from spherecal_gui.widgets.fields import TextField
 
 _COLUMNS = tuple(one.name for one in fields(LengthDraft))
@@ -38,58 +51,35 @@ class BarsTab(QWidget):
         super().__init__(parent)
         self.desk, self.chosen = desk, 0
         self._rows: list[dict[str, QLineEdit]] = []
-        self._row_problems: list[QWidget] = []
-        row = QHBoxLayout(self)
-        row.setSpacing(18)
-        row.addLayout(self._left())
+        self._row_problems: list[QLabel] = []
         self.form = self._form()
-        row.addWidget(self.form, 1)
+        add(spaced(QHBoxLayout(self), 18), self._left(), (self.form, 1))
 
     # --- parts -------------------------------------------------------------------------------------------------------
 
     def _left(self) -> QVBoxLayout:
-        column = QVBoxLayout()
-        column.addWidget(label(self.tr("Bars of this computer"), "big", wrap=False))
         self.list = named(QListWidget(), "bars", self.tr("Bars of this computer"))
         self.list.setMinimumWidth(_LIST_PX)
         self.list.setWordWrap(True)
         self.list.currentRowChanged.connect(self._choose)
-        column.addWidget(self.list, 1)
         grid = QGridLayout()
-        self.add = button(self.tr("New bar"), "add-bar")
-        self.remove = button(self.tr("Remove"), "remove-bar")
-        self.take_table = button(self.tr("Import CSV"), "import-bars")
-        self.give_table = button(self.tr("Export CSV"), "export-bars")
-        for number, (one, act) in enumerate(
-            (
-                (self.add, self.add_bar),
-                (self.remove, self._remove),
-                (self.take_table, self._import),
-                (self.give_table, self._export),
-            )
-        ):
-            one.clicked.connect(act)
+        self.add = button(self.tr("New bar"), "add-bar", act=self.add_bar)
+        self.remove = button(self.tr("Remove"), "remove-bar", act=self._remove)
+        self.take_table = button(self.tr("Import CSV"), "import-bars", act=self._import)
+        self.give_table = button(self.tr("Export CSV"), "export-bars", act=self._export)
+        for number, one in enumerate((self.add, self.remove, self.take_table, self.give_table)):
             grid.addWidget(one, number // 2, number % 2)
-        column.addLayout(grid)
-        return column
+        title = label(self.tr("Bars of this computer"), "big", wrap=False)
+        return add(QVBoxLayout(), title, (self.list, 1), grid)
 
     def _form(self) -> QWidget:
         inner = QWidget()
-        column = QVBoxLayout(inner)
-        column.setSpacing(10)
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(14)
-        grid.setVerticalSpacing(8)
-        day = self.tr("2026-11-21")
+        grid = spaced(QGridLayout(), 14, 8)
+        day, materials = self.tr("2026-11-21"), self.tr("Steel 11.5, aluminium 23, carbon fibre about 0.")
         self.fields = {
             "serial": TextField("bar-serial", self.tr("Serial number")),
             "description": TextField("bar-description", self.tr("Description")),
-            "expansion": TextField(
-                "bar-expansion",
-                self.tr("Expansion (10⁻⁶/K)"),
-                "11.5",
-                self.tr("Steel 11.5, aluminium 23, carbon fibre about 0."),
-            ),
+            "expansion": TextField("bar-expansion", self.tr("Expansion (10⁻⁶/K)"), "11.5", materials),
             "reference": TextField("bar-reference", self.tr("Lengths are valid at (°C)"), "20"),
             "certificate": TextField("bar-certificate", self.tr("Certificate, no.")),
             "laboratory": TextField("bar-laboratory", self.tr("Laboratory")),
@@ -107,34 +97,20 @@ class BarsTab(QWidget):
         self.role.installEventFilter(WheelGuard(self.role))
         self.role_problem = label("", level="bad")
         role = QWidget()
-        own = bare(QVBoxLayout(role), 2)
-        add(own, label(self.tr("On this bench"), wrap=False), self.role, self.role_problem)
-        own.addStretch(1)
+        title = label(self.tr("On this bench"), wrap=False)
+        add(bare(QVBoxLayout(role), 2), title, self.role, self.role_problem, None)
         grid.addWidget(self.fields["serial"], 0, 0)
         grid.addWidget(self.fields["description"], 0, 1, 1, 2)
         grid.addWidget(role, 0, 3)
         for at in range(4):
             grid.setColumnStretch(at, 1)
-        column.addLayout(grid)
-        column.addWidget(label(self.tr("Certified lengths (mm)"), "big", wrap=False))
         self.lengths = QGridLayout()
         self.lengths.setHorizontalSpacing(6)
-        column.addLayout(self.lengths)
         self.lengths_problem = label("", level="bad")
-        column.addWidget(self.lengths_problem)
-        line = QHBoxLayout()
         self.more = button(self.tr("Add a length"), "add-length", act=self._more)
-        line.addWidget(self.more)
-        line.addStretch(1)
-        column.addLayout(line)
         self.state = label("", "big")
-        head = QHBoxLayout()
-        head.addWidget(label(self.tr("Certificate and material"), "big", wrap=False))
-        head.addWidget(self.state, 1)
-        column.addLayout(head)
-        below = QGridLayout()
-        below.setHorizontalSpacing(14)
-        below.setVerticalSpacing(8)
+        head = add(QHBoxLayout(), label(self.tr("Certificate and material"), "big", wrap=False), (self.state, 1))
+        below = spaced(QGridLayout(), 14, 8)
         for key, at in (
             ("certificate", (0, 0)),
             ("laboratory", (0, 1)),
@@ -144,13 +120,12 @@ class BarsTab(QWidget):
             ("reference", (1, 1)),
         ):
             below.addWidget(self.fields[key], *at)
-        column.addLayout(below)
-        column.addStretch(1)
+        title = label(self.tr("Certified lengths (mm)"), "big", wrap=False)
+        column = add(spaced(QVBoxLayout(inner), 10), grid, title, self.lengths, self.lengths_problem)
+        add(column, add(QHBoxLayout(), self.more, None), head, below, None)
         for key, one in self.fields.items():
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))
-        area = Downwards()
-        area.setWidget(inner)
-        return area
+        return Downwards(inner)
 
     # --- changes -----------------------------------------------------------------------------------------------------
 
@@ -252,14 +227,11 @@ class BarsTab(QWidget):
             one.show_text(getattr(bar, key))
             one.show_problem(problems.get(f"{place}{key}", ""))
         self.role.setCurrentIndex(self.role.findData(bar.role))
-        self.role_problem.setText(problems.get(f"{place}role", ""))
-        self.role_problem.setVisible(bool(self.role_problem.text()))
+        say(self.role_problem, problems.get(f"{place}role", ""), "bad")
         self._show_lengths(bar, problems, place)
-        self.lengths_problem.setText(problems.get(f"{place}lengths", ""))
-        self.lengths_problem.setVisible(bool(self.lengths_problem.text()))
+        say(self.lengths_problem, problems.get(f"{place}lengths", ""), "bad")
         text, level = certificate_state(bar, date.today())
-        self.state.setText(f"{MARKS[level]} {text}")
-        set_level(self.state, level)
+        say(self.state, f"{MARKS[level]} {text}", level)
 
     def _show_list(self, problems: Problems) -> None:
         self.list.blockSignals(True)
@@ -296,9 +268,7 @@ class BarsTab(QWidget):
                 line.setAccessibleDescription(problem)
                 if problem:
                     said.append(f"{line.accessibleName()}: {problem}")
-            below = self._row_problems[number]
-            below.setText("\n".join(f"✕ {one}" for one in said))  # type: ignore[attr-defined]
-            below.setVisible(bool(said))
+            say(self._row_problems[number], "\n".join(f"✕ {one}" for one in said), "bad")
 
     def _make_rows(self, count: int) -> None:
         clear(self.lengths)
@@ -315,30 +285,24 @@ class BarsTab(QWidget):
         }
         examples = {"from_sticker": "201", "to_sticker": "202", "nominal": "500", "certified": "500.012",
                     "uncertainty": "0.004", "factor": "2"}  # fmt: skip
-        for at, (_, title) in enumerate(titles.items()):
+        wide = {"nominal": 3, "certified": 3, "uncertainty": 2}
+        for at, (key, title) in enumerate(titles.items()):
             self.lengths.addWidget(label(title, "soft", wrap=False), 0, at)
-        for at, key in enumerate(_COLUMNS):
-            self.lengths.setColumnStretch(
-                at, 3 if key in ("nominal", "certified") else 2 if key == "uncertainty" else 1
-            )
+            self.lengths.setColumnStretch(at, wide.get(key, 1))
         for number in range(count):
             row: dict[str, QLineEdit] = {}
             for at, key in enumerate(_COLUMNS):
-                line = named(QLineEdit(), f"length-{number}-{key}", titles[key])
-                line.setPlaceholderText(examples.get(key, ""))
+                line = QLineEdit(placeholderText=examples.get(key, ""))
+                named(line, f"length-{number}-{key}", titles[key])
                 line.setMinimumWidth(_MARK_PX if key.endswith("mark") or key == "factor" else _STICKER_PX)
-                line.textEdited.connect(self._edit_slot(number, key))
+                line.textEdited.connect(partial(self._length_edited, number, key))
                 self.lengths.addWidget(line, 2 * number + 1, at)
                 row[key] = line
-            gone = button("✕", f"remove-length-{number}")
-            gone.setAccessibleName(self.tr("Remove this length"))
-            gone.setToolTip(self.tr("Remove this length"))
+            gone = button("✕", f"remove-length-{number}", tip=self.tr("Remove this length"))
+            gone.setAccessibleName(gone.toolTip())
             gone.clicked.connect(lambda _=False, number=number: self._less(number))
             self.lengths.addWidget(gone, 2 * number + 1, len(_COLUMNS), alignment=Qt.AlignmentFlag.AlignTop)
             below = label("", level="bad")
             self.lengths.addWidget(below, 2 * number + 2, 0, 1, len(_COLUMNS) + 1)
             self._rows.append(row)
             self._row_problems.append(below)
-
-    def _edit_slot(self, number: int, key: str) -> Callable[[str], None]:
-        return lambda text: self._length_edited(number, key, text)

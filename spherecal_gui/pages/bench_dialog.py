@@ -8,7 +8,7 @@ from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_ball_page import BallTab, RigTab
 from spherecal_gui.pages.bench_bars_page import BarsTab
 from spherecal_gui.presenters.bench_presenter import warnings
-from spherecal_gui.widgets.basic import add, button, enable, label, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, say
 
 _SIZE = (1180, 720)  # fits 1280 x 800 with the window's frame and a task bar
 _MOST_LINES = 6  # lines of an import that are shown; the dialog must not outgrow the screen
@@ -25,9 +25,7 @@ class BenchDialog(QDialog):
         super().__init__(parent)
         self.desk, self._holds = desk, holds
         self.setWindowTitle(self.tr("The bench: ball, bars, limits"))
-        column = QVBoxLayout(self)
-        self.message = label("", hidden=True)
-        column.addWidget(self.message)
+        self.message, self.summary = label("", hidden=True), label("")
         self.tabs = QTabWidget()
         self.ball, self.bars, self.rig = BallTab(desk), BarsTab(desk), RigTab(desk)
         for tab, name in (
@@ -39,10 +37,7 @@ class BenchDialog(QDialog):
             tab.touched.connect(self.show_draft)
         self.bars.said.connect(self._tell)
         self.rig.limits_wanted.connect(self.limits_wanted)
-        column.addWidget(self.tabs, 1)
-        self.summary = label("")
-        column.addWidget(self.summary)
-        column.addLayout(self._buttons())
+        add(QVBoxLayout(self), self.message, (self.tabs, 1), self.summary, self._buttons())
         self.resize(*_SIZE)
         self._watch()
         if desk.trouble:
@@ -50,17 +45,12 @@ class BenchDialog(QDialog):
         self.show_draft()
 
     def _buttons(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.undo, self.redo = button(self.tr("Undo"), "undo-bench"), button(self.tr("Redo"), "redo-bench")
+        self.undo = button(self.tr("Undo"), "undo-bench", act=self._undo)
+        self.redo = button(self.tr("Redo"), "redo-bench", act=self._redo)
         self.undo.setToolTip(QKeySequence(QKeySequence.StandardKey.Undo).toString())
-        self.undo.clicked.connect(self._undo)
-        self.redo.clicked.connect(self._redo)
         self.save = button(self.tr("Save"), "save-bench", "primary", act=self.save_bench)
         self.close_button = button(self.tr("Close"), "close-bench", act=self.reject)
-        add(row, self.undo, self.redo)
-        row.addStretch(1)
-        add(row, self.save, self.close_button)
-        return row
+        return add(QHBoxLayout(), self.undo, self.redo, None, self.save, self.close_button)
 
     def _watch(self) -> None:
         """Ctrl+Z goes one step back in the bench, not in the one field; Enter goes to the next field."""
@@ -70,27 +60,25 @@ class BenchDialog(QDialog):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Whether the key means the whole dialog, and goes no further."""
         if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
-            for standard, act in (
-                (QKeySequence.StandardKey.Undo, self._undo),
-                (QKeySequence.StandardKey.Redo, self._redo),
-                (QKeySequence.StandardKey.Save, self.save_bench),
-            ):
-                if event.matches(standard):
-                    if event.type() == QEvent.Type.KeyPress:
-                        act()
-                    event.accept()
-                    return True
+            return self._heard(event) or super().eventFilter(watched, event)
         return super().eventFilter(watched, event)
+
+    def _heard(self, event: QKeyEvent) -> bool:
+        """Whether the key means the whole dialog; it does what it means once it is pressed, not only announced."""
+        keys = QKeySequence.StandardKey
+        for standard, act in ((keys.Undo, self._undo), (keys.Redo, self._redo), (keys.Save, self.save_bench)):
+            if event.matches(standard):
+                if event.type() == QEvent.Type.KeyPress:
+                    act()
+                event.accept()
+                return True
+        return False
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """The same keys where no field has the focus; Enter never closes."""
-        if event.matches(QKeySequence.StandardKey.Undo):
-            self._undo()
-        elif event.matches(QKeySequence.StandardKey.Redo):
-            self._redo()
-        elif event.matches(QKeySequence.StandardKey.Save):
-            self.save_bench()
-        elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+        if self._heard(event):
+            return
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.focusNextChild()
         else:
             super().keyPressEvent(event)
@@ -120,27 +108,21 @@ class BenchDialog(QDialog):
         known = warnings(desk.draft)
         if problems:
             message = self.tr("To be corrected before saving: {count}").format(count=len(problems))
-            self._summary(message, "bad")
+            say(self.summary, message, "bad", hides=False)
         elif desk.draft.ball.empty:
-            self._summary(self.tr("No ball is described: only the library of bars is saved."), "none")
+            say(self.summary, self.tr("No ball is described: only the library of bars is saved."), hides=False)
         else:
-            self._summary(" ".join(known) or self._holds, "caution" if known else "none")
+            say(self.summary, " ".join(known) or self._holds, "caution" if known else "none", hides=False)
         why = next(iter(problems.values()), "") or self.tr("Nothing was changed.")
         enable(self.save, not problems and (desk.changed or not desk.draft.ball.empty), why)
         self.close_button.setText(self.tr("Close without saving") if desk.changed else self.tr("Close"))
         self.close_button.setAccessibleName(self.close_button.text())
 
-    def _summary(self, text: str, level: str) -> None:
-        self.summary.setText(text)
-        set_level(self.summary, level)
-
     def _tell(self, text: str, level: str) -> None:
         lines = text.splitlines()
         more = self.tr("and {count} more").format(count=len(lines) - _MOST_LINES)
-        self.message.setText("\n".join(lines if len(lines) <= _MOST_LINES else [*lines[:_MOST_LINES], more]))
+        say(self.message, "\n".join(lines if len(lines) <= _MOST_LINES else [*lines[:_MOST_LINES], more]), level)
         self.message.setToolTip("" if len(lines) <= _MOST_LINES else text)
-        set_level(self.message, level)
-        self.message.setVisible(bool(text))
 
     # --- the end -----------------------------------------------------------------------------------------------------
 

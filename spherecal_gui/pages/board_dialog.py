@@ -7,7 +7,6 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QDialog,
-    QDoubleSpinBox,
     QFileDialog,
     QGridLayout,
     QHBoxLayout,
@@ -18,8 +17,9 @@ from PySide6.QtWidgets import (
 
 from spherecal.base.errors import SpherecalError
 from spherecal_boards.pattern_entry import SQUARED, board_entry, partial_board
-from spherecal_gui.texts import error_text
+from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import WheelGuard, add, button, enable, label
+from spherecal_gui.widgets.fields import number_field
 
 _MARKED = ("charuco", "aprilgrid")
 
@@ -44,16 +44,9 @@ class BoardDialog(QDialog):
         self.kind = QComboBox()
         for kind, text in self._kinds().items():
             self.kind.addItem(text, kind)
-        self.rows, self.columns = QDoubleSpinBox(), QDoubleSpinBox()  # which the style sheet knows
-        for one, value in ((self.rows, 6), (self.columns, 9)):
-            one.setRange(2, 1000)
-            one.setDecimals(0)
-            one.setValue(value)
-        self.pitch, self.marker = QDoubleSpinBox(), QDoubleSpinBox()
-        for one, value in ((self.pitch, 30.0), (self.marker, 22.0)):
-            one.setRange(0.1, 10_000.0)
-            one.setDecimals(3)
-            one.setSuffix(" mm")
+        self.rows, self.columns = (number_field("", "", (2, 1000), "", digits=0) for _ in range(2))
+        self.pitch, self.marker = (number_field("", "", (0.1, 10_000.0), "mm", digits=3) for _ in range(2))
+        for one, value in ((self.rows, 6), (self.columns, 9), (self.pitch, 30.0), (self.marker, 22.0)):
             one.setValue(value)
         self.dictionary = QLineEdit("DICT_5X5_100")
         self._labels = {name: label("") for name in ("rows", "columns", "pitch", "marker", "dictionary")}
@@ -72,12 +65,10 @@ class BoardDialog(QDialog):
         column.addLayout(grid)
         self.problem = label("", level="bad")
         column.addWidget(self.problem)
-        last = QHBoxLayout()
         self.sheet = button(self.tr("Save a sheet to print"), "board-sheet", act=self._print)
         begin = self.tr("Images of this board") if images else self.tr("Calibrate with this board")
         self.begin = button(begin, "board-begin", "primary", act=self._begin)
-        add(last, self.sheet, self.begin)
-        column.addLayout(last)
+        column.addLayout(add(QHBoxLayout(), self.sheet, self.begin))
         self.kind.currentIndexChanged.connect(self._kind_changed)
         self.looked.toggled.connect(self._kind_changed)
         for spin in (self.rows, self.columns, self.pitch, self.marker):
@@ -143,7 +134,7 @@ class BoardDialog(QDialog):
             if partial_board(self.entry) is None:
                 board_entry(self.entry)
         except SpherecalError as error:
-            said = " ".join(error_text(error)).strip()
+            said = error_line(error)
         self.problem.setText(said)
         for one in (self.sheet, self.begin):
             enable(one, not said, said)
@@ -161,7 +152,7 @@ class BoardDialog(QDialog):
             try:
                 write_board_sheet(self.entry, path, page)
             except SpherecalError as error:
-                self.problem.setText(" ".join(error_text(error)).strip())
+                self.problem.setText(error_line(error))
             else:
                 self.problem.setText("")
                 return

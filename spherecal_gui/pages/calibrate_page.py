@@ -1,7 +1,7 @@
 """Calibrate: what goes into it, stages, time left, convergence, log; it can be cancelled at any moment."""
 
 import time
-from collections.abc import Callable, Mapping
+from functools import partial
 from html import escape
 from typing import Literal
 
@@ -17,9 +17,9 @@ from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, input_row
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.presenters.step_states import CalibrateFacts, calibrate_says
 from spherecal_gui.project import usable
-from spherecal_gui.standing import Deed, Said
+from spherecal_gui.standing import Said
 from spherecal_gui.texts import reason_text
-from spherecal_gui.widgets.basic import Card, add, bare, button, enable, label
+from spherecal_gui.widgets.basic import Card, add, bare, button, enable, label, named
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Status
@@ -34,68 +34,49 @@ class CalibratePage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {"calibrate": controller.computation.calibrate, "results": partial(controller.go, "results")}
         self.course: CourseOfWork = controller.computation.course or CourseOfWork()
         self._was_running = False
         self._drawn_s, self._told = 0.0, 0
-        column = QVBoxLayout(self)
         self.headline = self.word = label("", "huge")
-        column.addWidget(self.word)
-        self.bar = QProgressBar()
-        self.bar.setRange(0, 1000)
-        self.bar.setTextVisible(False)  # no text is legible on both halves of a bar
-        column.addWidget(self.bar)
+        self.bar = QProgressBar(maximum=1000, textVisible=False)  # no text is legible on both halves of a bar
         self.left = label("", "big")
         self.stop_here = button(self.tr("Stop here"), "stop-here", act=self._stop_here)
-        line = QHBoxLayout()
-        line.addWidget(self.left, 1)
         self.again = button(self.tr("Calibrate again"), "calibrate-again", act=self.controller.computation.calibrate)
-        add(line, self.stop_here, self.again)
-        column.addLayout(line)
-        self._inputs = self._input_card()
+        line = add(QHBoxLayout(), (self.left, 1), self.stop_here, self.again)
+        self._inputs, self._work, self._method_line = self._input_card(), self._make_work(), self._make_method_line()
         self._inputs.hide()
-        column.addWidget(self._inputs, 1)
-        column.addWidget(self._make_work(), 1)
-        self._method_line = self._make_method_line()
         self._method_line.hide()
         self.details.toggled.connect(self._show_method)
-        column.addWidget(self._method_line)
+        column = add(QVBoxLayout(self), self.word, self.bar, line)
+        add(column, (self._inputs, 1), (self._work, 1), self._method_line)
         if self.course.stages:  # a window made again, in another language say
             self._draw()
 
     def _make_work(self) -> QWidget:
         """Stages, convergence and log of the running computation."""
-        self._work = QWidget()
-        row = bare(QHBoxLayout(self._work))
+        work = QWidget()
         stages = Card(self.tr("Stages"))
         self._stages = label("", "", wrap=False)  # one text: a grid of labels is laid out for 50 ms beside the engine
         self._stages.setTextFormat(Qt.TextFormat.RichText)
-        stages.body.addWidget(self._stages)
-        stages.body.addStretch(1)
-        row.addWidget(stages, 2)
-        right = QVBoxLayout()
+        add(stages.body, self._stages, None)
         plot = Card(self.tr("Convergence"))
         self.plot = ConvergenceChart()
-        plot.body.addWidget(self.plot, 1)
-        foot = QHBoxLayout()
         text = self.tr("Done when the line falls no more. Each adjustment goes on where the one before ended.")
         self._plot_key = label(text, "soft")
-        foot.addWidget(self._plot_key, 1)
         self.details = button(self.tr("Details"), "details", icon="list-details")
         self.details.setCheckable(True)
+        foot = add(QHBoxLayout(), (self._plot_key, 1))
         foot.addWidget(self.details, 0, Qt.AlignmentFlag.AlignRight)
-        plot.body.addLayout(foot)
-        right.addWidget(plot, 3)
-        self._log = lines = Card(self.tr("Log"))  # for the person at the desk
-        self.lines = QPlainTextEdit()
-        self.lines.setReadOnly(True)
-        self.lines.setMaximumBlockCount(2000)
-        self.lines.setAccessibleName(self.tr("Log of the computation"))
-        lines.body.addWidget(self.lines, 1)
-        right.addWidget(lines, 2)
-        lines.hide()
-        self.details.toggled.connect(lines.setVisible)
-        row.addLayout(right, 3)
-        return self._work
+        add(plot.body, (self.plot, 1), foot)
+        self._log = Card(self.tr("Log"))  # for the person at the desk
+        lines = QPlainTextEdit(readOnly=True, maximumBlockCount=2000)
+        self.lines = named(lines, "", self.tr("Log of the computation"))
+        self._log.body.addWidget(self.lines, 1)
+        self._log.hide()
+        self.details.toggled.connect(self._log.setVisible)
+        add(bare(QHBoxLayout(work)), (stages, 2), (add(QVBoxLayout(), (plot, 3), (self._log, 2)), 3))
+        return work
 
     def _input_card(self) -> Card:
         """What there is to compute from: a table, and what the images cover."""
@@ -104,31 +85,21 @@ class CalibratePage(Page):
             [self.tr("Captured"), self.tr("cameras"), self.tr("dots"), self.tr("state")], sortable=False
         )
         self.inputs.setSelectionMode(Table.SelectionMode.NoSelection)
-        inputs = QHBoxLayout()
-        inputs.addWidget(self.inputs, 5)
-        covered = QVBoxLayout()
         self.coverage = CoverageChart()
-        covered.addWidget(self.coverage, 1)
         self.covered_key = label(self.tr("Green: where each camera has seen dots, over all placements."), "soft")
-        covered.addWidget(self.covered_key)
-        inputs.addLayout(covered, 4)
-        made.body.addLayout(inputs, 1)
+        covered = add(QVBoxLayout(), (self.coverage, 1), self.covered_key)
+        made.body.addLayout(add(QHBoxLayout(), (self.inputs, 5), (covered, 4)), 1)
         return made
 
     def _make_method_line(self) -> QWidget:
         """The choice of the method, for those who come from the paper."""
         line = QWidget()
-        row = bare(QHBoxLayout(line))
-        self.method = QComboBox()
+        tip = self.tr("With the paper's method lengths are less certain. The report names the method.")
+        self.method = named(QComboBox(), "", self.tr("Method of the calibration"), tip)
         self.method.addItem(self.tr("ours (recommended)"), "")
         self.method.addItem(self.tr("the paper's (Tao et al., 2021)"), "tao2021")
-        tip = self.tr("With the paper's method lengths are less certain. The report names the method.")
-        self.method.setToolTip(tip)
-        self.method.setAccessibleName(self.tr("Method of the calibration"))
         self.method.activated.connect(lambda _: self.controller.computation.choose_method(self.method.currentData()))
-        row.addWidget(label(self.tr("Method"), "soft"))
-        row.addWidget(self.method)
-        row.addStretch(1)
+        add(bare(QHBoxLayout(line)), label(self.tr("Method"), "soft"), self.method, None)
         return line
 
     def _show_method(self) -> None:
@@ -145,10 +116,8 @@ class CalibratePage(Page):
         """Whether the computation runs."""
         return self.controller.runner.running == "calibrate"
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """Started, ended, or something is out of date."""
-        if self.project is None:
-            return
         if self.controller.computation.course is not self.course:  # begun, another project, or a window made again
             self.course = self.controller.computation.course or CourseOfWork()
             self._told = 0
@@ -258,11 +227,6 @@ class CalibratePage(Page):
         self.plot.show_runs(self.course.runs)
         self._plot_key.setVisible(bool(self.course.runs))  # else there is no line
 
-    @property
-    def _was_cut_short(self) -> bool:
-        """Whether the last computation was cancelled or failed: its last stage did not come to its end."""
-        return _LAST not in self.course.stages
-
     def _draw(self) -> None:
         far = theme.is_far()
         self.details.setVisible(not far)
@@ -279,19 +243,19 @@ class CalibratePage(Page):
             mark, tint, words = "✓", good, escape(stage_name(stage))
             if stage == self.course.stage and self.is_running:
                 mark, tint, words = "▸", now, f"<b>{words}</b>"
-            elif stage == stages[-1] and self._was_cut_short and not self.is_running:
+            elif stage == stages[-1] and _LAST not in self.course.stages and not self.is_running:  # cut short
                 mark, tint = "✕", bad
             lines.append(f'<span style="color: {tint}">{mark}</span>&nbsp; {words}')
         text = f'<p style="line-height: 150%">{"<br>".join(lines)}</p>' if lines else ""
         if text != self._stages.text():
             self._stages.setText(text)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Start, cancel, see what came of it."""
         state, task = self.state, self.controller.runner.task
-        if state is None or self.project is None:
+        if state is None:
             return Said("none", "")
-        project = self.project
+        project = self.open_project
         run: Literal["", "running", "stopping", "keeping"] = ""
         if self.is_running and task is not None:
             run = "stopping" if task.stopping else "keeping" if task.keeping else "running"
@@ -308,8 +272,3 @@ class CalibratePage(Page):
                 self.controller.progress_text(),
             )
         )
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Start, or look at what came of it."""
-        return {"calibrate": self.controller.computation.calibrate, "results": lambda: self.controller.go("results")}

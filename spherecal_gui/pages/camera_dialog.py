@@ -5,7 +5,6 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import (
     QComboBox,
     QDialog,
-    QDoubleSpinBox,
     QFormLayout,
     QHBoxLayout,
     QLineEdit,
@@ -16,7 +15,8 @@ from PySide6.QtWidgets import (
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.connect_presenter import model_text
 from spherecal_gui.presenters.look_presenter import tile_state
-from spherecal_gui.widgets.basic import add, button, enable, label, named, plain, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, plain
+from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.tile import CameraTile
 
 _TICK_MS = 100
@@ -34,25 +34,16 @@ class CameraDialog(QDialog):
         info = connection.info(serial)
         self.name = connection.names[serial]
         self.setWindowTitle(f"{self.name} · {serial}")
-        row = QHBoxLayout(self)
         self.tile = CameraTile(serial, self.name)
         self.tile.setMinimumSize(520, 420)
-        row.addWidget(self.tile, 1)
-        side = QVBoxLayout()
-        side.addWidget(label(self.name, "huge", wrap=False))
-        side.addWidget(label(f"{model_text(info.model) if info is not None else ''}  {serial}".strip(), "soft"))
-        side.addWidget(label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's.")))
         self.blink = button(self.tr("Let its light blink"), "blink", act=self._blink)
         enable(self.blink, controller.tuning.can_blink(), self.tr("These cameras have no light."))
-        side.addWidget(self.blink)
         self.message = label("" if controller.tuning.can_blink() else self.tr("These cameras have no light."), "soft")
-        side.addWidget(self.message)
-        side.addStretch(1)
-        side.addLayout(self._form())
-        side.addLayout(self._buttons())
-        row.addLayout(side)
-        self._timer = QTimer(self)
-        self._timer.setInterval(_TICK_MS)
+        about = label(f"{model_text(info.model) if info is not None else ''}  {serial}".strip(), "soft")
+        which = label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's."))
+        side = add(QVBoxLayout(), label(self.name, "huge", wrap=False), about, which, self.blink, self.message, None)
+        add(QHBoxLayout(self), (self.tile, 1), add(side, self._form(), self._buttons()))
+        self._timer = QTimer(self, interval=_TICK_MS)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
         self.finished.connect(self._timer.stop)
@@ -68,13 +59,9 @@ class CameraDialog(QDialog):
         self.name_field.setEnabled(not why)
         self.name_field.setToolTip(plain(why))
         self.why_not = label(why, "soft")
-        self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
-        self.exposure.setRange(0.01, _MOST_EXPOSURE_MS)
-        self.exposure.setDecimals(2)
-        self.exposure.setSuffix(" ms")
+        self.exposure = number_field("", "", (0.01, _MOST_EXPOSURE_MS), "ms")
         self.exposure.setValue(settings.exposure_us / 1e3)
-        self.gain.setRange(0.0, MOST_GAIN_DB)
-        self.gain.setSuffix(" dB")
+        self.gain = number_field("", "", (0.0, MOST_GAIN_DB), "dB")
         self.gain.setValue(settings.gain_db)
         for text, field in (
             (self.tr("Name"), self.name_field),
@@ -99,15 +86,12 @@ class CameraDialog(QDialog):
             self.trigger.addItem(text, mode)
         self.trigger.setCurrentIndex(self.trigger.findData(chosen))
         enable(self.trigger, not self.controller.tuning.why_no_trigger(), self.controller.tuning.why_no_trigger())
-        self.trigger.activated.connect(lambda _: self.controller.tuning.set_trigger(self.trigger.currentData()))
+        self.trigger.activated.connect(lambda _: self.controller.tuning.set_all(trigger=self.trigger.currentData()))
         return self.trigger
 
     def _buttons(self) -> QHBoxLayout:
-        row = QHBoxLayout()
         self.apply = button(self.tr("Apply"), "apply-camera", act=self._apply)
-        close = button(self.tr("Close"), "close-camera", act=self.accept)
-        add(row, self.apply, close)
-        return row
+        return add(QHBoxLayout(), self.apply, button(self.tr("Close"), "close-camera", act=self.accept))
 
     def _tick(self) -> None:
         """Follow the camera; the dialog goes when the camera is no longer there."""
@@ -134,7 +118,6 @@ class CameraDialog(QDialog):
 
     def _blink(self) -> None:
         self.message.setText(self.tr("Its light blinks for some seconds."))
-        set_level(self.message, "none")
         self.blink.setEnabled(False)
         self.controller.tuning.blink(self.serial, self._blinked)
 

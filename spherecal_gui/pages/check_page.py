@@ -1,6 +1,5 @@
 """Check: one placement against the calibration in use; OK, watch, or recalibrate."""
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
@@ -21,10 +20,10 @@ from spherecal_gui.presenters.check_presenter import (
 from spherecal_gui.presenters.step_states import CheckFacts, check_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import check_scene, rig_scene
-from spherecal_gui.standing import Deed, Level, Said
+from spherecal_gui.standing import Level, Said
 from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
-from spherecal_gui.widgets.basic import Card, add, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, add, button, enable, label, say
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_gui.workflow import Status
@@ -37,19 +36,10 @@ class CheckPage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
-        column = QVBoxLayout(self)
-        head = QHBoxLayout()
-        self.word, self.sentence = label("", "huge"), label("", "big")
-        self.headline = self.word
-        head.addWidget(self.word, 1)
-        head.addSpacing(14)
-        head.addWidget(self.sentence, 1)
-        column.addLayout(head)
-        column.addLayout(self._mending())
-        self.why_not = label("")  # a tooltip is not seen from three metres
-        set_level(self.why_not, "caution")
-        self.why_not.hide()
-        column.addWidget(self.why_not)
+        self.deeds = {"check": controller.checks.check, "use": controller.checks.use_repair}
+        self.headline = self.word = label("", "huge")
+        self.sentence = label("", "big")
+        self.why_not = label("", level="caution", hidden=True)  # a tooltip is not seen from three metres
         headings = [
             self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
             self.tr("shift\nmm"), self.tr("turn\ndeg"), self.tr("rms now\npx"), self.tr("rms then\npx"),
@@ -59,24 +49,22 @@ class CheckPage(Page):
         self.panel.said.connect(self.controller.tell)
         # The profile's folder, and what was found.
         self._drawn: tuple[Path | None, Check | CheckSummary | None] = (None, None)
-        column.addWidget(SceneSplit(self.panel, self.table, (540, 560)), 1)
         self.notes = Card()
         self.message = label("", "soft")
         self.notes.body.addWidget(self.message)
-        column.addWidget(self.notes)
+        head = add(QHBoxLayout(), (self.word, 1), 14, (self.sentence, 1))
+        split = SceneSplit(self.panel, self.table, (540, 560))
+        add(QVBoxLayout(self), head, self._mending(), self.why_not, (split, 1), self.notes)
 
     def _mending(self) -> QHBoxLayout:
         """What can be done where the rig is no longer as it was."""
-        row = QHBoxLayout()
         self.mended = label("", "big")
         self.repair = button(self.tr("Repair"), "repair-cameras", act=self.controller.checks.repair_cameras)
         self.repair.setToolTip(self.tr("Calibrates only the cameras that moved, from this placement; seconds."))
         self.use = button(self.tr("Put the repair to use"), "use-repair", act=self.controller.checks.use_repair)
         self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig", act=self.controller.calibrate_like_this)
-        row.addWidget(self.mended, 1)
         self.again = button(self.tr("Check again"), "check-again", act=self.controller.checks.check)
-        add(row, self.repair, self.use, self.calibrate, self.again)
-        return row
+        return add(QHBoxLayout(), (self.mended, 1), self.repair, self.use, self.calibrate, self.again)
 
     @property
     def _after(self) -> Check | None:
@@ -103,18 +91,12 @@ class CheckPage(Page):
         forbidden = self.tr("No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.")
         why = "" if good and allowed else bad if not good else forbidden
         enable(self.use, idle and not why, why)
-        self.why_not.setText(why)
-        self.why_not.setVisible(repaired and not in_use and bool(why))
-        self.mended.setText("")
-        if there and found is not None and after is not None:
-            text, level = repaired_text(found, after, in_use)
-            self.mended.setText(text)
-            set_level(self.mended, level)
+        say(self.why_not, why if repaired and not in_use else "", "caution")
+        done = repaired_text(found, after, in_use) if there and found is not None and after is not None else ("",)
+        say(self.mended, *done, hides=False)
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """Show what was found."""
-        if self.project is None:
-            return
         found, state = self.controller.checks.found, self.state
         there = found is not None and state is not None and state.status is not Status.STALE
         self.table.setVisible(there)
@@ -122,7 +104,7 @@ class CheckPage(Page):
         if not there:
             self._draw(None)
         self.sentence.setText("")
-        checked = self.project.checked
+        checked = self.open_project.checked
         self.calibrate.setVisible(
             checked is not None and checked.verdict != "ok" and not self.controller.runner.running
         )
@@ -162,10 +144,10 @@ class CheckPage(Page):
             return
         self.panel.show_scene(check_scene(rig, found) if found is not None else rig_scene(rig))
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Check; once the rig is known to be well, finish."""
-        project, state, running = self.project, self.state, self.controller.runner.running or ""
-        if project is None or state is None:
+        project, state, running = self.open_project, self.state, self.controller.runner.running or ""
+        if state is None:
             return Said("none", "")
         found, checked = self.controller.checks.found, project.checked
         shown: tuple[str, Level] | None = None
@@ -180,11 +162,6 @@ class CheckPage(Page):
         waits = project.repaired if self._after is not None and not self._in_use else None
         usable_now = waits is not None and usable(waits.verdict) and limits.now().unverified_use
         return check_says(CheckFacts(state.status, shown, reason_text(state.reason), well, running, usable_now))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Check, or put the repair to use."""
-        return {"check": self.controller.checks.check, "use": self.controller.checks.use_repair}
 
 
 def _cells(one: CheckRow) -> list[tuple[str, Cell, str]]:

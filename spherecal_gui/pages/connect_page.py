@@ -1,11 +1,10 @@
 """Connect: the cameras that were found, and what is on the bench."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
@@ -27,7 +26,7 @@ from spherecal_gui.presenters.connect_presenter import (
 )
 from spherecal_gui.presenters.drivers_presenter import DriverNote, driver_notes, network_notes
 from spherecal_gui.presenters.step_states import ConnectFacts, connect_says
-from spherecal_gui.standing import Deed, Said
+from spherecal_gui.standing import Said
 from spherecal_gui.tasks.jobs import artefacts_of
 from spherecal_gui.widgets.basic import (
     MARKS,
@@ -43,9 +42,12 @@ from spherecal_gui.widgets.basic import (
     named,
     option,
     plain,
+    say,
     set_level,
+    spaced,
 )
 from spherecal_gui.widgets.bench_view import BenchView
+from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.thumbnail import Thumbnail
 
 _ROOMY_PX = 1200
@@ -60,9 +62,7 @@ class CameraRow(QWidget):
     def __init__(self, page: "ConnectPage", line: CameraLine, narrow: bool) -> None:
         super().__init__(page)
         self.line, self._page = line, page
-        row = bare(QGridLayout(self))
-        row.setHorizontalSpacing(theme.SMALL)
-        row.setVerticalSpacing(0)
+        row = bare(spaced(QGridLayout(self), theme.SMALL, 0))
         row.setColumnStretch(2, 1)
         self.in_rig = named(option(""), f"in-rig-{line.name}", self.tr("{name} in this rig").format(name=line.name))
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
@@ -72,14 +72,14 @@ class CameraRow(QWidget):
         self.name = Elided("", "big")
         self.about = Elided("", "soft")
         self.word = label("")  # what to do about it, in full
-        self.which = button(self.tr("Which is it?"), f"camera-{line.name}", "link" if narrow else "")
+        tip = self.tr("Its picture, its name, exposure and gain; its light, where it has one.")
+        self.which = button(self.tr("Which is it?"), f"camera-{line.name}", "link" if narrow else "", tip=tip)
         if narrow:
             self.which.setText("?")
-        self.which.setToolTip(self.tr("Its picture, its name, exposure and gain; its light, where it has one."))
         self.which.clicked.connect(lambda: page.open_camera(self.line.serial))
-        self.cure = button(self.tr("Address") if narrow else self.tr("Give it an address"), f"cure-{line.name}")
-        self.cure.setToolTip(self.tr("A free one of this computer's network, kept in the camera."))
-        self.cure.clicked.connect(self._cure)
+        tip = self.tr("A free one of this computer's network, kept in the camera.")
+        text = self.tr("Address") if narrow else self.tr("Give it an address")
+        self.cure = button(text, f"cure-{line.name}", act=self._cure, tip=tip)
         row.addWidget(self.in_rig, 0, 0, 3, 1)
         row.addWidget(self.picture, 0, 1, 3, 1)
         for number, words in enumerate((self.name, self.about)):
@@ -152,35 +152,29 @@ class LensBar(QWidget):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._controller = controller
-        row = bare(QHBoxLayout(self))
         self.focal = named(QComboBox(), "lens-focal", self.tr("Focal length of all lenses"))
         self.focal.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.focal.setMinimumContentsLength(8)
         self.focal.addItem(self.tr("not known: found from the ball"), None)
         for length in LENSES_MM:
             self.focal.addItem(languages.by_locale(f"{length:g} mm"), length)
-        self.pitch = named(QDoubleSpinBox(), "lens-pitch", self.tr("Pixel pitch"))
-        self.pitch.setRange(0.0, 50.0)
-        self.pitch.setSingleStep(0.05)
-        self.pitch.setSuffix(" µm")
+        self.pitch = number_field("lens-pitch", self.tr("Pixel pitch"), (0.0, 50.0), "µm", step=0.05)
         self.pitch.setKeyboardTracking(False)
         self._words = label(self.tr("All lenses"), "soft", wrap=False)
         self._of_pitch = label(self.tr("pixels"), "soft", wrap=False)
-        for part in (self._words, self.focal, self._of_pitch, self.pitch):
-            row.addWidget(part, 1 if part is self.focal else 0)
+        add(bare(QHBoxLayout(self)), self._words, (self.focal, 1), self._of_pitch, self.pitch)
         self.focal.activated.connect(self._set)
         self.pitch.valueChanged.connect(self._set)
 
     def show_lenses(self, line: LensLine | None, why_not: str) -> None:
-        """Show what is stated.
-
-        `line` None: nothing is to be stated here.
-        """
+        """Show what is stated. `line` None: nothing is to be stated here."""
         self.setVisible(line is not None)
         if line is None:
             return
-        self.focal.blockSignals(True)
-        self.pitch.blockSignals(True)
+        with QSignalBlocker(self.focal), QSignalBlocker(self.pitch):
+            self._show(line, why_not)
+
+    def _show(self, line: LensLine, why_not: str) -> None:
         at = self.focal.findData(line.focal_mm)
         if at < 0 and line.focal_mm is not None:
             self.focal.addItem(languages.by_locale(f"{line.focal_mm:g} mm"), line.focal_mm)
@@ -198,8 +192,6 @@ class LensBar(QWidget):
         if not why_not:
             self.focal.setToolTip(self.tr("On the lens. Not known: the calibration finds it from the ball."))
             self.pitch.setToolTip(self.tr("From the camera or its data sheet; only needed with a focal length in mm."))
-        self.focal.blockSignals(False)
-        self.pitch.blockSignals(False)
 
     def _set(self) -> None:
         self._controller.cameras.set_lenses(self.focal.currentData(), self.pitch.value() or None)
@@ -210,84 +202,60 @@ class ConnectPage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {"confirm": controller.recording.confirm_bench, "describe": self.bench_wanted.emit}
         self.dialog: CameraDialog | None = None
         self._shown: list[CameraLine] = []
         self._columns = 1
-        row = QHBoxLayout(self)
         self.cameras = Card(self.tr("Cameras"))
         self.headline = self.summary = label("", "big")
         self.again = button(self.tr("Search again"), "search-again", act=self.controller.cameras.connect_all)
-        top = QHBoxLayout()
-        top.addWidget(self.summary, 1)
+        top = add(QHBoxLayout(), (self.summary, 1))
         top.addWidget(self.again, 0, Qt.AlignmentFlag.AlignTop)
-        self.cameras.body.addLayout(top)
         self.why = label("", "soft")
-        self.cameras.body.addWidget(self.why)
+        add(self.cameras.body, top, self.why)
         self.other = button(self.tr("Choose another"), "choose-recording", act=self.recording_wanted)
         self.cameras.body.addWidget(self.other, 0, Qt.AlignmentFlag.AlignLeft)
         self.lenses = LensBar(controller)
-        self.cameras.body.addWidget(self.lenses)
         self._rows: dict[str, CameraRow] = {}
-        inner = QWidget()
-        self._grid = QGridLayout(inner)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setHorizontalSpacing(theme.PAD)
-        self._grid.setVerticalSpacing(theme.SMALL)
-        scroll = Downwards()
-        inside = QWidget()
-        column = bare(QVBoxLayout(inside))
+        inner, inside = QWidget(), QWidget()
+        self._grid = bare(spaced(QGridLayout(inner), theme.PAD, theme.SMALL))
         self.drivers = DriversPanel()
         self.drivers.allowed.connect(self.controller.cameras.allow_driver)
         self.drivers.builtin.connect(self.controller.cameras.use_builtin_driver)
-        column.addWidget(self.drivers)
         self.network = DriversPanel(of_drivers=False)
         self.network.cured.connect(self.controller.cameras.cure_network)
-        add(column, self.network, inner)
-        column.addStretch(1)
-        scroll.setWidget(inside)
-        self.cameras.body.addWidget(scroll, 2)
+        add(bare(QVBoxLayout(inside)), self.drivers, self.network, inner, None)
         self.space = RigSpace(controller)
-        self.cameras.body.addWidget(self.space.view, 3)
-        row.addWidget(self.cameras, 5)
-        row.addWidget(self._bench(), 2)
+        add(self.cameras.body, self.lenses, (Downwards(inside), 2), (self.space.view, 3))
+        add(QHBoxLayout(self), (self.cameras, 5), (self._bench(), 2))
 
     def _bench(self) -> Card:
         """What should lie on the bench, and how that is chosen."""
         self.bench = Card(self.tr("On the bench"))
         hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
         rows = QWidget()
-        column = bare(QVBoxLayout(rows))
-        column.addWidget(label(hint, "soft"))
-        self._bench_rows = QVBoxLayout()
-        self._bench_rows.setSpacing(12)
-        column.addLayout(self._bench_rows)
-        self.drawn = BenchView()
-        column.addWidget(self.drawn, 1)
-        scroll = Downwards()
-        scroll.setWidget(rows)
-        self.bench.body.addWidget(scroll, 1)
+        self._bench_rows, self.drawn = spaced(QVBoxLayout(), 12), BenchView()
+        add(bare(QVBoxLayout(rows)), label(hint, "soft"), self._bench_rows, (self.drawn, 1))
         self.choose = button(self.tr("Choose another description"), "choose-bench", act=self._choose)
         self.describe = button(self.tr("Describe the bench"), "describe-bench", act=self.bench_wanted)
         self.describe.setToolTip(self.tr("Ball, targets, bars with their certificates, limits."))
-        add(self.bench.body, self.describe, self.choose)
+        add(self.bench.body, (Downwards(rows), 1), self.describe, self.choose)
         return self.bench
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """Show what is there."""
-        if self.project is None:
-            return
-        connection, running = self.controller.cameras.connection, self.controller.runner.running
+        project, connection = self.open_project, self.controller.cameras.connection
+        running = self.controller.runner.running
         lines = self._lines()
-        failure = self.project.failures.get("connect", "")
-        wrong = recording_text(self.project.source) if failure else ""
+        failure = project.failures.get("connect", "")
+        wrong = recording_text(project.source) if failure else ""
         self.show_standing()
-        self.why.setText(failure if wrong else "")
-        self.why.setVisible(bool(wrong))
+        say(self.why, failure if wrong else "")
         self.other.setVisible(bool(wrong))
         self.again.setVisible(not wrong)
         self.bench.setMinimumWidth(int(theme.pt(_BENCH_PT)) + 2 * theme.PAD)
         self._show_lines(lines)
-        taken = self.tr("Placements are captured already: begin a new calibration.") if self.project.taken else ""
+        taken = self.tr("Placements are captured already: begin a new calibration.") if project.taken else ""
         self.lenses.show_lenses(lens_line(connection), taken or (self.tr("Work is running.") if running else ""))
         notes = [] if running == "connect" else self._notes()
         if notes and self.summary.text().startswith(notes[0].title):  # the headline says it, with the first step
@@ -295,17 +263,15 @@ class ConnectPage(Page):
         self.drivers.show_notes(notes)
         all_well = not any(line.level == "bad" for line in lines)
         self.network.show_notes([] if running == "connect" else network_notes(self.controller.cameras.facts, all_well))
-        self._show_bench(bench_rows(connection, self.project.artefacts))
+        self._show_bench(bench_rows(connection, project.artefacts))
         self.drawn.show_bench(drawn_bench(connection))
         self.again.setEnabled(running is None)
         self.describe.setEnabled(running is None)
-        self.describe.setVisible(self.project.source.startswith("genicam"))  # else it would describe the real bench
-        self.choose.setEnabled(running is None and not self.project.taken)
-        self.choose.setToolTip(
-            self.tr("Placements are captured already: begin a new calibration for another bench.")
-            if self.project.taken
-            else self.tr("A session.json, or the folder of an earlier session.")
-        )
+        self.describe.setVisible(project.source.startswith("genicam"))  # else it would describe the real bench
+        self.choose.setEnabled(running is None and not project.taken)
+        wanted = self.tr("A session.json, or the folder of an earlier session.")
+        too_late = self.tr("Placements are captured already: begin a new calibration for another bench.")
+        self.choose.setToolTip(too_late if project.taken else wanted)
         self.action_changed.emit()
 
     def _lines(self) -> list[CameraLine]:
@@ -391,11 +357,7 @@ class ConnectPage(Page):
         clear(self._bench_rows)
         for row in rows:
             box = QWidget()
-            column = bare(QVBoxLayout(box), 0)
-            column.addWidget(label(row.title, "soft"))
-            value = label(row.value, "big")
-            set_level(value, row.level)
-            column.addWidget(value)
+            add(bare(QVBoxLayout(box), 0), label(row.title, "soft"), label(row.value, "big", level=row.level))
             self._bench_rows.addWidget(box)
 
     def _choose(self) -> None:
@@ -405,20 +367,13 @@ class ConnectPage(Page):
         if path:
             self.controller.cameras.choose_bench(path)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Whether the cameras are there and the bench is confirmed."""
-        if self.project is None:
-            return Said("none", "")
         connection, running = self.controller.cameras.connection, self.controller.runner.running
-        failure = self.project.failures.get("connect", "")
+        failure = self.open_project.failures.get("connect", "")
         notes = self._notes() if running != "connect" else []
-        wrong = recording_text(self.project.source) if failure else ""
+        wrong = recording_text(self.open_project.source) if failure else ""
         summary = connect_summary(self._lines(), running == "connect", wrong or failure, notes)
-        there, confirmed = connection is not None and bool(connection.names), self.project.artefacts is not None
+        there, confirmed = connection is not None and bool(connection.names), self.open_project.artefacts is not None
         described = connection is None or artefacts_of(connection.plan) is not None
         return connect_says(ConnectFacts(summary, there, confirmed, running is not None, described))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Confirm; before that, describe."""
-        return {"confirm": self.controller.recording.confirm_bench, "describe": self.bench_wanted.emit}

@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.drivers_presenter import DriverNote, makers_rows
-from spherecal_gui.widgets.basic import bare, button, clear, details_button, label, plain, set_level
+from spherecal_gui.widgets.basic import add, bare, button, clear, details_button, label, plain, spaced
 from spherecal_gui.widgets.table import Table
 
 
@@ -21,17 +21,11 @@ class DriversPanel(QWidget):
     def __init__(self, parent: QWidget | None = None, of_drivers: bool = True) -> None:
         super().__init__(parent)
         self._notes: list[DriverNote] | None = None
-        column = bare(QVBoxLayout(self))
-        self._blocks = QVBoxLayout()
-        self._blocks.setSpacing(10)
-        column.addLayout(self._blocks)
+        self._blocks = spaced(QVBoxLayout(), 10)
         self.makers = button(self.tr("Makers and their drivers"), "makers", act=self.show_makers)
-        line = QHBoxLayout()
-        line.addWidget(self.makers)
         if not of_drivers:
             self.makers.hide()
-        line.addStretch(1)
-        column.addLayout(line)
+        add(bare(QVBoxLayout(self)), self._blocks, add(QHBoxLayout(), self.makers, None))
         self.hide()
 
     def show_notes(self, notes: list[DriverNote]) -> None:
@@ -48,36 +42,28 @@ class DriversPanel(QWidget):
         box = QWidget()
         column = bare(QVBoxLayout(box), 2)
         if note.title:
-            title = label(note.title, "big")
-            set_level(title, note.level)
-            column.addWidget(title)
+            column.addWidget(label(note.title, "big", level=note.level))
         for step in note.steps:
             line = label(f"• {step}")
             line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)  # commands are copied
             line.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             column.addWidget(line)
         if note.allow:
-            yes = button(self.tr("Allow this driver"), "allow-driver")
-            yes.setProperty("file", note.allow)
-            yes.clicked.connect(self._allow)
+            yes = button(self.tr("Allow this driver"), "allow-driver", act=lambda: self.allowed.emit(note.allow))
             column.addWidget(yes, 0, Qt.AlignmentFlag.AlignLeft)
         if note.builtin:
             use = button(self.tr("Use the built-in driver"), "builtin-driver", act=self.builtin)
             column.addWidget(use, 0, Qt.AlignmentFlag.AlignLeft)
         if note.cure:
-            cure = button(self.tr("Do it now"), "apply-cure", act=lambda _, command=note.cure: self.cured.emit(command))
-            cure.setToolTip(plain(note.cure))
+            cure = button(
+                self.tr("Do it now"), "apply-cure", act=lambda: self.cured.emit(note.cure), tip=plain(note.cure)
+            )
             column.addWidget(cure, 0, Qt.AlignmentFlag.AlignLeft)
         if note.details:
             said = label(note.details, "soft")
             column.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignLeft)
             column.addWidget(said)
         return box
-
-    def _allow(self) -> None:
-        sender = self.sender()
-        if sender is not None:
-            self.allowed.emit(str(sender.property("file")))
 
     def show_makers(self) -> QDialog:
         """The list of makers."""
@@ -93,9 +79,7 @@ class MakersDialog(QDialog):
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("Makers and their drivers"))
-        column = QVBoxLayout(self)
         message = self.tr("Install the maker's package; its driver is then found by itself. Never copy the .cti file.")
-        column.addWidget(label(message))
         self.table = Table(
             [self.tr("Maker"), self.tr("Package"), self.tr("Driver's file"), self.tr("Usual folder")], sortable=False
         )
@@ -103,10 +87,6 @@ class MakersDialog(QDialog):
         self.table.setWordWrap(False)  # else rows are made for columns that are not yet as wide as their texts
         self.table.resizeRowsToContents()
         self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
-        column.addWidget(self.table, 1)
         close = button(self.tr("Close"), "close-makers", act=self.accept)
-        row = QHBoxLayout()
-        row.addStretch(1)
-        row.addWidget(close)
-        column.addLayout(row)
+        add(QVBoxLayout(self), label(message), (self.table, 1), add(QHBoxLayout(), None, close))
         self.resize(1100, 640)

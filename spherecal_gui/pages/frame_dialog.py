@@ -6,14 +6,15 @@ from typing import get_args
 
 from PySide6.QtCore import QLineF, QPointF, QSignalBlocker, Qt
 from PySide6.QtGui import QColor, QPainter, QPen
-from PySide6.QtWidgets import QComboBox, QDialog, QDoubleSpinBox, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.geometry.user_frame import TURNS
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData
 from spherecal_gui import theme
 from spherecal_gui.presenters.frame_presenter import FrameChoice, Role, turn_word
-from spherecal_gui.widgets.basic import add, button, enable, label, named, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, say
+from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 
 _MOST_MM = 100_000.0
@@ -52,25 +53,14 @@ class FrameDialog(QDialog):
         super().__init__(parent)
         self.choice = choice
         self.setWindowTitle(self.tr("Origin and axes"))
-        outer = QVBoxLayout(self)
-        row = QHBoxLayout()
         self.scene = FrameScene(choice)
         self.scene.setMinimumWidth(480)
-        row.addWidget(self.scene, 1)
-        side = QVBoxLayout()
-        side.addLayout(self._places())
-        side.addWidget(label(self.tr("Turn the axes by 90 degrees:")))
-        side.addLayout(self._turns())
-        side.addWidget(label(self.tr("The origin's place lies at:")))
-        side.addLayout(self._offset())
-        side.addLayout(self._changes())
-        side.addStretch(1)
-        row.addLayout(side)
-        outer.addLayout(row, 1)
+        side = add(QVBoxLayout(), self._places(), label(self.tr("Turn the axes by 90 degrees:")), self._turns())
+        add(side, label(self.tr("The origin's place lies at:")), self._offset(), self._changes(), None)
         self.sentence = label("")
         self.sentence.setMinimumHeight(3 * self.sentence.fontMetrics().lineSpacing())
-        outer.addWidget(self.sentence)
-        outer.addLayout(self._buttons())
+        row = add(QHBoxLayout(), (self.scene, 1), side)
+        add(QVBoxLayout(self), (row, 1), self.sentence, self._buttons())
         self.resize(1080, 700)
         self._show()
 
@@ -99,14 +89,9 @@ class FrameDialog(QDialog):
     def _offset(self) -> QVBoxLayout:
         column, self.shift = QVBoxLayout(), []
         for axis in "XYZ":
-            box = QDoubleSpinBox()
-            box.setObjectName(f"frame-offset-{axis.lower()}")
-            box.setAccessibleName(self.tr("Offset along {axis}, mm").format(axis=axis))
-            box.setRange(-_MOST_MM, _MOST_MM)
-            box.setDecimals(2)
-            box.setSingleStep(10.0)
+            says = self.tr("Offset along {axis}, mm").format(axis=axis)
+            box = number_field(f"frame-offset-{axis.lower()}", says, (-_MOST_MM, _MOST_MM), "mm", step=10.0)
             box.setPrefix(f" {axis}  ")
-            box.setSuffix(" mm")
             box.valueChanged.connect(self._shifted)
             self.shift.append(box)
             column.addWidget(box)
@@ -124,23 +109,16 @@ class FrameDialog(QDialog):
         return grid
 
     def _changes(self) -> QHBoxLayout:
-        row = QHBoxLayout()
         self.undo = button(self.tr("Undo"), "frame-undo", act=partial(self._do, self.choice.undo))
         self.reset = button(self.tr("No offset, no turns"), "frame-reset", act=partial(self._do, self.choice.reset))
-        row.addWidget(self.undo, 1)
-        row.addWidget(self.reset, 2)
-        return row
+        return add(QHBoxLayout(), (self.undo, 1), (self.reset, 2))
 
     def _buttons(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.camera = button(self.tr("Back to the reference camera"), "frame-camera")
-        self.camera.clicked.connect(partial(self._do, self.choice.back_to_camera))
+        back = partial(self._do, self.choice.back_to_camera)
+        self.camera = button(self.tr("Back to the reference camera"), "frame-camera", act=back)
         cancel = button(self.tr("Cancel"), "frame-cancel", act=self.reject)
         self.ok = button(self.tr("OK"), "frame-ok", "primary", act=self.accept)
-        row.addWidget(self.camera)
-        row.addStretch(1)
-        add(row, cancel, self.ok)
-        return row
+        return add(QHBoxLayout(), self.camera, None, cancel, self.ok)
 
     def _chosen(self, role: Role, _: int) -> None:
         self.choice.choose(role, self.place[role].currentData())
@@ -167,8 +145,7 @@ class FrameDialog(QDialog):
                 with QSignalBlocker(box):
                     box.setValue(value)
         text, level = self.choice.sentence
-        self.sentence.setText(text)
-        set_level(self.sentence, level)
+        say(self.sentence, text, level)
         enable(self.ok, self.choice.frame is not None, text)
         enable(self.undo, self.choice.can_undo, self.tr("Nothing was changed yet."))
         enable(self.camera, not self.choice.is_plain, self.tr("It is chosen already."))

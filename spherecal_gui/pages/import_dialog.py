@@ -5,7 +5,7 @@ from pathlib import Path
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QCheckBox, QDialog, QDoubleSpinBox, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.base.context import Context
 from spherecal.targets.family import CODE_COUNT, make_target_set
@@ -14,8 +14,9 @@ from spherecal_gui import languages
 from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.project_folder import new_folder
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import add, button, label, set_level
+from spherecal_gui.texts import error_line
+from spherecal_gui.widgets.basic import add, button, label, say
+from spherecal_gui.widgets.fields import number_field
 
 _NAMED = 8
 _PATIENCE_MS = 3_000
@@ -34,31 +35,21 @@ class ImportDialog(QDialog):
         self.layout_found = recognise(images)
         self._board: dict[str, object] | None = None
         self._runner = Runner(self)
-        column, grid = QVBoxLayout(self), QGridLayout()
+        grid = QGridLayout()
         for row, (title, text) in enumerate(self._rows(self.layout_found)):
             grid.addWidget(label(title, "soft", wrap=False), row, 0)
             grid.addWidget(label(text), row, 1)
         grid.setColumnStretch(1, 1)
-        column.addLayout(grid)
-        self.diameter = QDoubleSpinBox()
-        self.diameter.setRange(0.0, 10_000.0)
-        self.diameter.setSuffix(" mm")
+        self.diameter = number_field("", self.tr("Diameter of the ball"), (0.0, 10_000.0), "mm")
         self.diameter.setSpecialValueText(self.tr("not known"))
-        self.diameter.setAccessibleName(self.tr("Diameter of the ball"))
         self.shows_board = QCheckBox(self.tr("They show a board, not the ball"))
         self.shows_board.clicked.connect(self._choose_board)
-        row = QHBoxLayout()
-        add(row, label(self.tr("Diameter of the ball"), "soft", wrap=False), self.diameter, self.shows_board)
-        row.addStretch(1)
-        column.addLayout(row)
         self.message = label(self.tr("The images are copied. Lenses that the images do not name are assumed."), "soft")
-        column.addWidget(self.message)
-        row = QHBoxLayout()
         self.cancel = button(self.tr("Cancel"), "import-cancel", act=self.close)
         self.begin = button(self.tr("Import"), "import-begin", "primary", act=self.start)
-        row.addStretch(1)
-        add(row, self.cancel, self.begin)
-        column.addLayout(row)
+        ball = label(self.tr("Diameter of the ball"), "soft", wrap=False)
+        shown = add(QHBoxLayout(), ball, self.diameter, self.shows_board, None)
+        add(QVBoxLayout(self), grid, shown, self.message, add(QHBoxLayout(), None, self.cancel, self.begin))
         self.setMinimumWidth(640)
 
     def _rows(self, found: ImageLayout) -> list[tuple[str, str]]:
@@ -114,8 +105,7 @@ class ImportDialog(QDialog):
 
     def _failed(self, error: BaseException) -> None:
         self.begin.setEnabled(True)
-        self.message.setText(" ".join(error_text(error)).strip())
-        set_level(self.message, "bad")
+        say(self.message, error_line(error), "bad")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop what runs."""

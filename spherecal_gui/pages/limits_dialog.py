@@ -19,7 +19,8 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.limits_presenter import LimitField, LimitsDesk, limit_fields, limit_problems, value_text
-from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, say, spaced
+from spherecal_gui.widgets.fields import number_field
 from spherecal_rigs.limits_file import Limits
 
 _SIZE = (940, 540)  # fits 1280 x 800 from afar as well
@@ -40,14 +41,8 @@ class LimitsDialog(QDialog):
         self._given: dict[str, tuple[float, float]] = {}
         self._filling = True  # the fields are being made or filled
         self._guard = WheelGuard(self)
-        column = QVBoxLayout(self)
-        column.setSpacing(10)
-        self.state = label("")
-        column.addWidget(self.state)
-        self.message = label("", hidden=True)
-        column.addWidget(self.message)
-        column.addWidget(self._scrolled(), 1)
-        column.addLayout(self._buttons())
+        self.state, self.message = label(""), label("", hidden=True)
+        add(spaced(QVBoxLayout(self), 10), self.state, self.message, (self._scrolled(), 1), self._buttons())
         self.resize(*_SIZE)
         self.show_limits(self.desk.kept)
         self._refresh()
@@ -63,13 +58,9 @@ class LimitsDialog(QDialog):
         grid.setHorizontalSpacing(18)
         for row, field in enumerate(limit_fields()):
             self._add_field(grid, 2 * row, field)
-        column.addLayout(grid)
         self.profile = label("", level="caution")
-        column.addWidget(self.profile)
-        column.addStretch(1)
-        area = Downwards()
-        area.setWidget(inner)
-        return area
+        add(column, grid, self.profile, None)
+        return Downwards(inner)
 
     def _add_field(self, grid: QGridLayout, row: int, field: LimitField) -> None:
         title = label(field.title)
@@ -86,10 +77,7 @@ class LimitsDialog(QDialog):
 
     def _control(self, field: LimitField) -> QDoubleSpinBox | QLineEdit | QCheckBox:
         if field.span is not None:
-            number = QDoubleSpinBox()
-            number.setDecimals(field.digits)
-            number.setRange(*field.span)
-            number.setSuffix(f" {field.unit}")
+            number = number_field("", "", field.span, field.unit, field.digits)
             number.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             number.installEventFilter(self._guard)
             number.valueChanged.connect(self._edited)
@@ -99,22 +87,16 @@ class LimitsDialog(QDialog):
             box.toggled.connect(lambda on: box.setText(value_text(field.name, on)))
             box.toggled.connect(self._edited)
             return box
-        line = QLineEdit()
-        line.setPlaceholderText("0.03+L/20000")
-        line.setMaxLength(60)
+        line = QLineEdit(placeholderText="0.03+L/20000", maxLength=60)
         line.textChanged.connect(self._edited)
         return line
 
     def _buttons(self) -> QHBoxLayout:
-        row = QHBoxLayout()
         self.delivered = button(self.tr("Back to the delivered values"), "delivered-limits")
         self.delivered.clicked.connect(lambda: self.show_limits(Limits()))
         self.save = button(self.tr("Save"), "save-limits", act=self._save)
         self.close_button = button(self.tr("Close"), "close-limits", act=self.accept)
-        row.addWidget(self.delivered)
-        row.addStretch(1)
-        add(row, self.save, self.close_button)
-        return row
+        return add(QHBoxLayout(), self.delivered, None, self.save, self.close_button)
 
     # --- values ------------------------------------------------------------------------------------------------------
 
@@ -150,8 +132,7 @@ class LimitsDialog(QDialog):
             return
         problems = limit_problems(self.limits)
         for name, shown in self.problems.items():
-            shown.setText(problems.get(name, ""))
-            shown.setVisible(name in problems)
+            say(shown, problems.get(name, ""), "bad")
             self.fields[name].setAccessibleDescription(problems.get(name) or self._whys[name])
         unsaved = self.limits != self.desk.kept
         news = unsaved or bool(self.desk.profile_text())
@@ -167,24 +148,18 @@ class LimitsDialog(QDialog):
     def _refresh(self) -> None:
         """As the file is: saved, or damaged."""
         desk = self.desk
-        self.state.setText(desk.state_text())
-        set_level(self.state, "bad" if desk.damage else "none")
+        say(self.state, desk.state_text(), "bad" if desk.damage else "none")
         whys = self._whys
         for name, field in self.fields.items():
             field.setEnabled(not desk.damage)
             field.setToolTip(f"<qt>{escape(whys[name])}</qt>")  # so that it is folded into lines
         enable(self.delivered, not desk.damage, desk.damage)
-        self.profile.setText(desk.profile_text())
-        self.profile.setVisible(bool(self.profile.text()))
+        say(self.profile, desk.profile_text(), "caution")
         self._edited()
 
     def _save(self) -> None:
         said, problem = self.desk.save(self.limits)
-        self._tell(problem or self.tr("Saved; the new limits apply from now on."), "bad" if problem else "good")
+        saved = self.tr("Saved; the new limits apply from now on.")
+        say(self.message, problem or saved, "bad" if problem else "good")
         self._refresh()
         self.changed.emit(said)
-
-    def _tell(self, text: str, level: str) -> None:
-        self.message.setText(text)
-        self.message.setVisible(bool(text))
-        set_level(self.message, level)

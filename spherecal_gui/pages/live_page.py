@@ -4,9 +4,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 from PySide6.QtGui import QImage
 
+from spherecal_gui.languages import translate
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import Expected, TileState, figures_text, tile_state, usual_light
 from spherecal_gui.presenters.step_states import Work
@@ -17,13 +17,7 @@ from spherecal_gui.widgets.tile import Wall
 if TYPE_CHECKING:  # detection is loaded by the thread that connects the cameras
     from spherecal_gui.tasks.live_detection import Sight
 
-translate = QCoreApplication.translate
-
-_AFTER_IMAGES = (
-    "testing stillness",
-    "finding targets",
-    "writing the images",
-)  # stages in which ball and bars may be moved
+_AFTER_IMAGES = ("testing stillness", "finding targets", "writing the images")  # ball and bars may be moved
 
 
 class LivePage(Page):
@@ -45,6 +39,11 @@ class LivePage(Page):
         return "computing" if task.stage in _AFTER_IMAGES else "exposing"
 
     @property
+    def is_taking(self) -> bool:
+        """Whether the step's own work runs: images are taken, or lengths measured."""
+        return self.step is not None and self.controller.runner.running == self.step.id
+
+    @property
     def recorded(self) -> bool:
         """Whether the images come from a recording, in which nothing can be moved."""
         return self.project is not None and self.project.source.startswith("replay")
@@ -53,12 +52,12 @@ class LivePage(Page):
         """One tile for every camera that is open."""
         connection = self.controller.cameras.connection
         self.wall.set_cameras(dict(connection.names) if connection is not None else {})
+        text = translate(
+            "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
+        )
         for serial, tile in self.wall.tiles.items():
             exposure = self.controller.tuning.settings_of(serial).exposure_us / 1e3
-            message = translate(
-                "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
-            ).format(name=tile.name, serial=serial, ms=exposure)
-            tile.setToolTip(plain(message))
+            tile.setToolTip(plain(text.format(name=tile.name, serial=serial, ms=exposure)))
             tile.why_not_renamed = self.controller.tuning.why_not_renamed(serial)
         self.wall.follow_worst()
 
@@ -92,9 +91,8 @@ class LivePage(Page):
     def tiles_now(self) -> tuple[dict[str, Level], dict[str, QImage]]:
         """The cameras' states and images by name, for the scene."""
         tiles = self.wall.tiles.values()
-        return {one.name: one.state.level for one in tiles}, {
-            one.name: one.image for one in tiles if one.image is not None
-        }
+        images = {one.name: one.image for one in tiles if one.image is not None}
+        return {one.name: one.state.level for one in tiles}, images
 
     def sights(self) -> "dict[str, Sight]":
         """The newest examined images by camera name."""

@@ -1,9 +1,7 @@
 """Look: the wall of all cameras."""
 
-from collections.abc import Callable, Mapping
-
 from PySide6.QtCore import QSignalBlocker
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
@@ -12,9 +10,10 @@ from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.pages.rig_space import RigSpace
 from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_text
 from spherecal_gui.presenters.step_states import LookFacts, look_says
-from spherecal_gui.standing import Deed, Level, Said
+from spherecal_gui.standing import Level, Said
 from spherecal_gui.texts import moved_text
-from spherecal_gui.widgets.basic import add, button, enable, label
+from spherecal_gui.widgets.basic import add, button, enable, label, named, say
+from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
@@ -30,53 +29,37 @@ class LookPage(LivePage):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
-        column = QVBoxLayout(self)
+        self.deeds = {"accept": controller.cameras.accept_look}
         self.headline = self.summary = label("", "huge")
-        self.summary.setObjectName("huge")
-        column.addWidget(self.summary)
         self.warm_up = label("", "", level="caution", hidden=True)
-        column.addWidget(self.warm_up)
         self.wall = Wall(renames=True)
         self.wall.masked.connect(self.controller.recording.mask)
         self.wall.renamed.connect(self.controller.tuning.name_camera)
         self.message = label("", "soft")
-        column.addWidget(self.message)
-        tools = QHBoxLayout()
-        tools.addStretch(1)
-        add(tools, *self._for_all(), *self._of_masks())
-        column.addLayout(tools)
+        tools = add(QHBoxLayout(), None, *self._for_all(), *self._of_masks())
         self.space = RigSpace(controller)
-        row = QHBoxLayout()
-        row.addWidget(self.wall, 5)
-        row.addWidget(self.space.view, 3)
-        column.addLayout(row, 1)
+        row = add(QHBoxLayout(), (self.wall, 5), (self.space.view, 3))
+        add(QVBoxLayout(self), self.summary, self.warm_up, self.message, tools, (row, 1))
         self._states: list[TileState] = []
 
     def _for_all(self) -> tuple[QWidget, ...]:
         """What is set for all cameras."""
         self.expose = button(self.tr("Set exposures"), "expose-all", act=self.controller.tuning.expose_all)
         self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
-        self.format = QComboBox()
-        self.format.setObjectName("pixel-format")
+        says = self.tr("Pixel format of all cameras")
+        self.format = named(QComboBox(), "pixel-format", says, says)
         self.format.addItems(_FORMATS)
-        self.format.setAccessibleName(self.tr("Pixel format of all cameras"))
-        self.format.textActivated.connect(self.controller.tuning.set_pixel_format)
-        self.format.setToolTip(self.format.accessibleName())
-        self.gain = QDoubleSpinBox()
-        self.gain.setObjectName("gain-all")
-        self.gain.setRange(-_STEP_DB, MOST_GAIN_DB)
-        self.gain.setSingleStep(_STEP_DB)
-        self.gain.setSuffix(" dB")
+        self.format.textActivated.connect(lambda name: self.controller.tuning.set_all(pixel_format=name))
+        says = self.tr("Gain of all cameras")
+        self.gain = number_field("gain-all", says, (-_STEP_DB, MOST_GAIN_DB), "dB", step=_STEP_DB, tip=says)
         self.gain.setSpecialValueText(self.tr("different gains"))
         self.gain.setKeyboardTracking(False)
-        self.gain.setAccessibleName(self.tr("Gain of all cameras"))
-        self.gain.setToolTip(self.gain.accessibleName())
         self.gain.valueChanged.connect(self._set_gain)
         return self.format, self.gain, self.expose
 
     def _set_gain(self, gain_db: float) -> None:
         if gain_db >= 0:
-            self.controller.tuning.set_gain(gain_db)
+            self.controller.tuning.set_all(gain_db=gain_db)
 
     def _of_masks(self) -> tuple[QWidget, ...]:
         """Reflections and strange targets are covered with the mouse; in the order of the tiles."""
@@ -110,26 +93,23 @@ class LookPage(LivePage):
         text = text.format(button=self.draw.text())
         if not self.draw.isChecked():
             text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
-        self.message.setText(text)
+        say(self.message, text)
         for one in (self.format, self.gain, self.expose):  # one row has no room for all
             one.setVisible(not self.draw.isChecked() and (one is self.expose or not theme.is_far()))
         for one in (self.undo, self.clear):
             one.setVisible(self.draw.isChecked())
         self.worst.setVisible(not self.draw.isChecked())
-        self.message.setVisible(bool(text))
         idle = self.controller.runner.running is None
         busy, none = self.tr("Work is running."), self.tr("There are no masks.")
         connected = self.controller.cameras.connection is not None
-        enable(self.expose, idle and connected, busy)
-        enable(self.format, idle and connected, busy)
-        formats = self.controller.tuning.pixel_formats()
+        for one in (self.expose, self.format, self.gain, self.draw):
+            enable(one, idle and connected, busy)
+        settings = self.controller.tuning.of_all()
+        formats, gains = {one.pixel_format for one in settings}, {one.gain_db for one in settings}
         self.format.setCurrentIndex(self.format.findText(formats.pop()) if len(formats) == 1 else -1)
-        gains = self.controller.tuning.gains_db()
-        enable(self.gain, idle and connected, busy)
         if not self.gain.hasFocus():
             with QSignalBlocker(self.gain):
                 self.gain.setValue(gains.pop() if len(gains) == 1 else self.gain.minimum())
-        enable(self.draw, idle and self.controller.cameras.connection is not None, busy)
         for one in (self.undo, self.clear):
             enable(one, idle and bool(masks), none if idle else busy)
 
@@ -164,10 +144,9 @@ class LookPage(LivePage):
         rates = live.warm_up.unsteady() if live is not None else {}
         names = connection.names if connection is not None else {}
         text = warm_up_text({names[serial]: rate for serial, rate in rates.items() if serial in names})
-        self.warm_up.setText(text)
-        self.warm_up.setVisible(bool(text))
+        say(self.warm_up, text, "caution")
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Whether the images are good."""
         state, moved = self.state, self.controller.cameras.moved()
         images = bool(self._states) and all(tile.has_image for tile in self.wall.tiles.values())
@@ -177,8 +156,3 @@ class LookPage(LivePage):
         if moved:
             text = moved_text(moved), "bad"
         return look_says(LookFacts(text, images, searched, accepted, bool(moved)))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Accept."""
-        return {"accept": self.controller.cameras.accept_look}

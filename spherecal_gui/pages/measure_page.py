@@ -1,7 +1,7 @@
 """Measure: the rig as a live ruler between chosen points; a bar's deviation while it is carried; a series recorded."""
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -28,10 +28,10 @@ from spherecal_gui.presenters.measure_presenter import (
 )
 from spherecal_gui.presenters.step_states import MeasureFacts, measure_says
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
-from spherecal_gui.standing import Deed, Level, Said
+from spherecal_gui.standing import Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, add, label, named, set_level
+from spherecal_gui.widgets.basic import Card, add, label, named, say
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.table import Table
@@ -44,10 +44,7 @@ class DeviationChart(Chart):
     """A value over the newest sets with its expanded uncertainty: the deviation from nominal, or from its mean."""
 
     def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
-        """Show deviations with their expanded uncertainties.
-
-        `times`: of the sets, (n,) s; `off`, `expanded` (n,).
-        """
+        """Show deviations with their expanded uncertainties. `times`: of the sets, (n,) s; `off`, `expanded` (n,)."""
         c = theme.now()
         self.clear()
         self.dress()
@@ -69,27 +66,20 @@ class MeasurePage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {"record": self._record, "stop recording": self._end_recording}
         self._run: LiveMeasurement | None = None
         self._shown: MeasuredSet | None = None
         self._names: tuple[str, ...] = ()
         self._chosen: list[str] = []
         self._said = ""
         self._trust: tuple[str, Level] = ("", "none")
-        column = QVBoxLayout(self)
-        self.trust, self.pace = label("", "big"), label("", "soft")
-        self.headline = self.trust
-        add(column, self.trust, self.pace)
-        row = QHBoxLayout()
-        column.addLayout(row, 1)
-        left = QVBoxLayout()
+        self.headline = self.trust = label("", "big")
+        self.pace, self.recording = label("", "soft"), label("", "soft")
         self.space = make_scene_view()
         self._rig: object = None  # the result whose rig the scene shows
-        left.addWidget(self.space, 3)
-        left.addWidget(self._points(), 2)
-        row.addLayout(left, 4)
-        row.addLayout(self._values(), 5)
-        self.recording = label("", "soft")
-        column.addWidget(self.recording)
+        left = add(QVBoxLayout(), (self.space, 3), (self._points(), 2))
+        row = add(QHBoxLayout(), (left, 4), (self._values(), 5))
+        add(QVBoxLayout(self), self.trust, self.pace, (row, 1), self.recording)
 
     def _points(self) -> Card:
         card = Card(self.tr("Points"))
@@ -97,20 +87,15 @@ class MeasurePage(Page):
         self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
         self.points.itemSelectionChanged.connect(self._choose)
         self.hint = label(ruler_hint(()), "soft")
-        card.body.addWidget(self.points, 1)
-        card.body.addWidget(self.hint)
+        add(card.body, (self.points, 1), self.hint)
         return card
 
     def _values(self) -> QVBoxLayout:
-        column = QVBoxLayout()
         self.large = label("", "huge")
-        column.addWidget(self.large)
         headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
         self.table = Table(headings, sortable=False, spare=(2,))
-        column.addWidget(self.table, 1)
         self.chart = DeviationChart()
-        column.addWidget(self.chart, 1)
-        return column
+        return add(QVBoxLayout(), self.large, (self.table, 1), (self.chart, 1))
 
     # --- the measurement ---------------------------------------------------------------------------------------------
 
@@ -183,8 +168,7 @@ class MeasurePage(Page):
 
     def _show(self, run: LiveMeasurement, measured: MeasuredSet) -> None:
         history = list(run.history)
-        trust = trust_of(measured, run.moved)
-        self._trust = trust.text, trust.level
+        self._trust = trust_of(measured, run.moved)
         self.show_standing()
         self.pace.setText(pace_text(measured, rate_of([at for at, _ in history])))
         self._show_points(point_names(measured))
@@ -194,8 +178,8 @@ class MeasurePage(Page):
         self.table.fill([[one.name, one.value, one.uncertainty, last] for one, last in zip(rows, off, strict=True)])
         for part in (self.table, self.chart, self.hint):  # else columns and axes without anything in them
             part.setVisible(bool(rows))
-        self.large.setText(large_text(rows[0]) if rows else ruler_hint(self._chosen))
-        set_level(self.large, rows[0].level if rows else "none")
+        first = (large_text(rows[0]), rows[0].level) if rows else (ruler_hint(self._chosen),)
+        say(self.large, *first, hides=False)
         self._show_course(history, measured.values[0].name if measured.values else "")
         self.recording.setText(self.said().left)
 
@@ -247,16 +231,11 @@ class MeasurePage(Page):
 
     # --- the series --------------------------------------------------------------------------------------------------
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Record a series, or end it."""
         run = self._run
         measuring = run is not None and run.problem is None
         return measure_says(MeasureFacts(self._trust, measuring, run.recorded if run is not None else None))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Begin or end a series; it lies in the project's folder."""
-        return {"record": self._record, "stop recording": self._end_recording}
 
     def _record(self) -> None:
         if self._run is not None:

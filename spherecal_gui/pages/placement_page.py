@@ -1,7 +1,6 @@
 """A placement: counters against need, image coverage, pairs; taken by space bar or by itself when still."""
 
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +20,9 @@ from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, isl
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
-from spherecal_gui.standing import Deed, Part, Said, worst
+from spherecal_gui.standing import Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
-from spherecal_gui.widgets.basic import add, button, label, named, option, set_level
+from spherecal_gui.widgets.basic import add, button, label, named, option, say, set_level, spaced
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.scene_view import make_scene_view
@@ -42,6 +41,7 @@ class PlacementPage(LivePage):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {"capture": self._take, "next": self._next}
         self._trigger = AutoTrigger()
         self._turned = False
         self._facts = PlacementFacts()
@@ -50,39 +50,27 @@ class PlacementPage(LivePage):
         self._lacking = True  # a camera needs more dots, over all placements and what it sees now
         self._carried_s = 0.0
         controller.advice.guidance_changed.connect(self._show_guidance)
-        column = QVBoxLayout(self)
-        head = QHBoxLayout()
-        head.setSpacing(theme.PAD)
         self.ready = label("", "huge", wrap=False)
         self.headline = self.advice = label("", "huge")
         self.advice.setAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop)
-        head.addWidget(self.advice, 1)
-        head.addWidget(self.ready)
-        column.addLayout(head)
-        self.hold = named(QProgressBar(), "hold-still", self.tr("How long it has lain still"))
-        self.hold.setTextVisible(False)
+        self.hold = named(QProgressBar(textVisible=False), "hold-still", self.tr("How long it has lain still"))
         policy = self.hold.sizePolicy()
         policy.setRetainSizeWhenHidden(True)  # the page must not jump when it comes
         self.hold.setSizePolicy(policy)
         self.hold.setFixedHeight(_HOLD_PX)
         self.hold.hide()
-        column.addWidget(self.hold)
         self._looked_s = 0.0
-        row = QHBoxLayout()
         self.wall = Wall()
-        row.addWidget(self.wall, 5)
-        row.addWidget(self._tabs(), 3)
-        column.addLayout(row, 1)
-        column.addLayout(self._buttons())
+        head = add(spaced(QHBoxLayout(), theme.PAD), (self.advice, 1), self.ready)
+        row = add(QHBoxLayout(), (self.wall, 5), (self._tabs(), 3))
+        add(QVBoxLayout(self), head, self.hold, (row, 1), self._buttons())
         controller.advice.ball_seen.connect(self._ball_seen)
         self.tabs.currentChanged.connect(self._tab_changed)
 
     def _buttons(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.automatic = named(option(self.tr("Capture by itself when still")), "automatic")
-        self.automatic.setToolTip(self.tr("Once the ball lies still where it should."))
-        row.addWidget(self.automatic)
-        row.addStretch(1)
+        tip = self.tr("Once the ball lies still where it should.")
+        self.automatic = named(option(self.tr("Capture by itself when still")), "automatic", tip=tip)
+        row = add(QHBoxLayout(), self.automatic, None)
         sets, cameras = self.controller.sets, self.controller.cameras
         self.small: dict[str, QPushButton] = {}
         for key, text, act, tip in (
@@ -102,8 +90,7 @@ class PlacementPage(LivePage):
             ("undo", self.tr("Undo"), sets.undo, ""),
             ("more", self.tr("One more placement"), sets.add_placement, ""),
         ):  # fmt: skip
-            one = self.small[key] = button(text, key)
-            one.setToolTip(tip)
+            one = self.small[key] = button(text, key, tip=tip)
             one.clicked.connect(lambda _=False, act=act: act())
             one.hide()
             row.addWidget(one)
@@ -115,36 +102,24 @@ class PlacementPage(LivePage):
         self.tabs.setUsesScrollButtons(False)  # three names have room, if need be cut short
         self.tabs.setElideMode(Qt.TextElideMode.ElideRight)
         self.coverage = CoverageChart()
-        covered = QWidget()
-        column = QVBoxLayout(covered)
-        column.addWidget(self.coverage, 1)
         self.more_dots, self.spread_dots = NeedLabel("bad"), NeedLabel("caution")
         for line in (self.more_dots, self.spread_dots):
             line.setToolTip(self.tr("A click on a camera shows its picture."))
             line.asked.connect(self._show_camera)
-            column.addWidget(line)
         self.coverage_key = label(self.tr("Green: covered so far. Blue: what this placement adds."), "soft")
-        column.addWidget(self.coverage_key)
-        self._covered, self._paired = covered, QWidget()
-        self.tabs.addTab(covered, self.tr("Coverage"))
-        column = QVBoxLayout(self._paired)
-        self.islands = label("", "big")
-        column.addWidget(self.islands)
-        self.pairs = PairMatrix()
-        column.addWidget(self.pairs, 1)
-        column.addWidget(
-            label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
-        )
+        self._covered, self._paired, self.guidance = QWidget(), QWidget(), QWidget()
+        add(QVBoxLayout(self._covered), (self.coverage, 1), self.more_dots, self.spread_dots, self.coverage_key)
+        self.tabs.addTab(self._covered, self.tr("Coverage"))
+        self.islands, self.pairs = label("", "big"), PairMatrix()
+        key = label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
+        add(QVBoxLayout(self._paired), self.islands, (self.pairs, 1), key)
         self.tabs.addTab(self._paired, self.tr("Pairs"))
-        self.guidance, self._next_title = QWidget(), self.tr("In space")
-        column = QVBoxLayout(self.guidance)
+        self._next_title = self.tr("In space")
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.space = make_scene_view()
         self.space.setMinimumSize(200, 90)  # the words below it need room under an instruction of three lines
         self.guide_key = label(self.tr("Expected error on 500 mm (95 %)."), "soft")
-        column.addWidget(self.guide_text)
-        column.addWidget(self.space, 1)
-        add(column, self.now, self.then, self.guide_key)
+        add(QVBoxLayout(self.guidance), self.guide_text, (self.space, 1), self.now, self.then, self.guide_key)
         return self.tabs
 
     # --- what is shown -----------------------------------------------------------------------------------------------
@@ -158,11 +133,6 @@ class PlacementPage(LivePage):
     def is_taken(self) -> bool:
         """Whether the placement is there."""
         return self.project is not None and self.set_id in self.project.taken
-
-    @property
-    def is_taking(self) -> bool:
-        """Whether it is being taken."""
-        return self.step is not None and self.controller.runner.running == self.step.id
 
     def enter(self, step: Step) -> None:
         """Another placement: draw everything again."""
@@ -187,10 +157,8 @@ class PlacementPage(LivePage):
         self.guide_key.setVisible(told and self.height() > _TALL_PX and not theme.is_far())
         self.coverage_key.setVisible(self.height() > _TALL_PX or not theme.is_far())
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """Something was taken, deleted or has ended."""
-        if self.project is None:
-            return
         self.show_cameras()
         undo = self.controller.sets.can_undo
         self.small["undo"].setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
@@ -210,17 +178,11 @@ class PlacementPage(LivePage):
         connection, sights = self.controller.cameras.connection, self.sights()
         if connection is None:
             return Scene({}, None)
-        statuses = connection.source.statuses()
-        lost = tuple(
-            name
-            for serial, name in connection.names.items()
-            if serial in statuses and not statuses[serial].state.usable
-        )
-        counts = {
-            name: 0 if name in lost else len(sights[name].dots) if name in sights else 0
-            for name in connection.names.values()
-        }
-        seen = [sight for name, sight in sights.items() if len(sight.dots) and name not in lost]
+        statuses, names = connection.source.statuses(), connection.names
+        lost = tuple(names[s] for s in names if s in statuses and not statuses[s].state.usable)
+        there = {name: sight for name, sight in sights.items() if name not in lost}
+        counts = {name: len(there[name].dots) if name in there else 0 for name in names.values()}
+        seen = [sight for sight in there.values() if len(sight.dots)]
         known = [sight for sight in seen if sight.motion_px is not None]
         still = all(sight.still for sight in known) if known and len(known) == len(seen) else None
         return Scene(counts, still, lost, self.open_project.by_board)
@@ -243,8 +205,7 @@ class PlacementPage(LivePage):
         level = self.standing().level
         whole = facts.scene.made_up or len(facts.scene.ready) == len(facts.scene.counts) > 0
         set_level(self.ready, level if level in ("bad", "caution") else "good" if whole else "caution")
-        self.guide_text.setText(self._reason())
-        self.guide_text.setVisible(bool(self.guide_text.text()))
+        say(self.guide_text, self._reason())
         self._show_space()
         waiting = self.automatic.isChecked() and not (facts.taken or facts.work or facts.as_before or facts.stuck)
         waiting = waiting and not facts.away and level != "bad"  # where it should go is known: there, and nowhere else
@@ -281,16 +242,9 @@ class PlacementPage(LivePage):
             bool(self.controller.recording.spots),
         )
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """What to do with this placement."""
-        if self.project is None or self.step is None:
-            return Said("none", "")
         return placement_says(replace(self._facts, taken=self.is_taken, work=self.work))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Take it, or go on."""
-        return {"capture": self._take, "next": self._next}
 
     def _next(self) -> None:
         state = self.controller.state
@@ -329,12 +283,8 @@ class PlacementPage(LivePage):
         """Whether the ball is where it was at the placement taken last, and nobody says that it was turned."""
         if self.is_taken or self._turned or scene.lost or self.recorded:
             return False
-        last = max(
-            (name for name in self.open_project.placements if name in self.open_project.taken),
-            key=lambda name: self.open_project.taken[name],
-            default=None,
-        )
-        before = self.controller.recording.dots.get(last) if last is not None else None
+        taken = {name: at for name, at in self.open_project.taken.items() if name in self.open_project.placements}
+        before = self.controller.recording.dots.get(max(taken, key=lambda name: taken[name], default=""))
         now = {name: sight.dots for name, sight in self.sights().items()}
         return before is not None and cov.same_place(before, now)
 
@@ -345,11 +295,8 @@ class PlacementPage(LivePage):
 
     def _sets(self) -> list[cov.SetDots]:
         """The dots of all placements taken but this one."""
-        return [
-            self.controller.recording.dots[name]
-            for name in self.open_project.placements
-            if name in self.controller.recording.dots and name != self.set_id
-        ]
+        dots = self.controller.recording.dots
+        return [dots[name] for name in self.open_project.placements if name in dots and name != self.set_id]
 
     def _tab_changed(self) -> None:
         """Another chart is in sight: it may be older than what the cameras see."""
@@ -365,14 +312,8 @@ class PlacementPage(LivePage):
         live = dict(mine) if mine is not None else seen
         counts = [len(live[name]) if name in live else 0 for name in cameras]
         tab = self.tabs.currentWidget()
-        key = (
-            self.set_id,
-            mine is not None,
-            tuple(counts),
-            tuple(self.controller.recording.dots),
-            tab,
-            tab.size().toTuple(),
-        )
+        of_dots = tuple(counts), tuple(self.controller.recording.dots)
+        key = (self.set_id, mine is not None, *of_dots, tab, tab.size().toTuple())
         if key == self._drawn:
             return
         self._drawn = key
@@ -397,9 +338,7 @@ class PlacementPage(LivePage):
         common = cov.common_dots(everything, cameras)
         if tab is self._paired:
             self.pairs.show_common(cameras, common)
-        text, level = island_text(cov.islands(common), cameras)
-        self.islands.setText(text)
-        set_level(self.islands, level)
+        say(self.islands, *island_text(cov.islands(common), cameras), hides=False)
 
     def _show_on_tiles(
         self, cameras: list[str], before: list[IntArray], now: list[IntArray], found: list[cov.CameraNeed]
@@ -458,15 +397,14 @@ class PlacementPage(LivePage):
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
-        shown, planning = self.controller.advice.guidance, self.controller.advice.planning
-        at = self.tabs.indexOf(self.guidance)
-        known = self.controller.advice.known
+        advice, at = self.controller.advice, self.tabs.indexOf(self.guidance)
+        shown, known = advice.guidance, advice.known
         if self.space.data is None and known is None:  # as the cameras stood when they were calibrated last
             rig = rig_in_use(self.controller.profile_folder, self.scene().counts)
             self.space.show_scene(rig_scene(rig) if rig is not None else None)
         elif shown is None and known is not None and known.scene is not None and self.space.data is None:
             self.space.show_scene(known.scene)
-        if shown is None and not planning and self.space.data is None:
+        if shown is None and advice.planning_s is None and self.space.data is None:
             if at >= 0:
                 self.tabs.removeTab(at)
             return
@@ -475,9 +413,7 @@ class PlacementPage(LivePage):
             self.tabs.setCurrentIndex(0)
         if shown is not None and shown.scene is not self.space.data:  # the last one stays until there is a newer one
             self.space.show_scene(shown.scene)
-        text, level = now_text(shown) if shown is not None else ("", "none")
-        self.now.setText(text)
-        set_level(self.now, level)
+        say(self.now, *(now_text(shown) if shown is not None else ("",)), hides=False)
         self.then.setText(next_text(shown, self._all_taken) if shown is not None else "")
         self._show_keys()
         self._show_ghosts()

@@ -10,11 +10,11 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, Q
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.presenters.results_presenter import compared_text
-from spherecal_gui.presenters.start_presenter import picture_of, profile_rows, validity_of
+from spherecal_gui.presenters.start_presenter import ProfileRow, picture_of, profile_rows, validity_of
 from spherecal_gui.tasks.outcome import Compared
-from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, set_level
-from spherecal_gui.widgets.table import Table, figure
+from spherecal_gui.texts import error_line
+from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, say
+from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_rigs.compare_rigs import compare, seen_volume
 from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import apply, open_profile
@@ -32,45 +32,22 @@ class ProfileDialog(QDialog):
         self._folder = folder
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(self.tr("The rig's profile"))
-        column = QVBoxLayout(self)
-        head = QHBoxLayout()
         self.picture = label("", wrap=False)
         self.chip, self.details = Chip(), label("", "soft")
-        words = QVBoxLayout()
-        line = QHBoxLayout()
-        line.addWidget(self.chip)
-        line.addStretch(1)
-        words.addLayout(line)
-        words.addWidget(self.details)
-        words.addStretch(1)
-        head.addWidget(self.picture)
-        head.addLayout(words, 1)
-        column.addLayout(head)
-        self.table = Table(
-            [
-                self.tr("Number"),
-                self.tr("calibrated"),
-                self.tr("state"),
-                self.tr("verified"),
-                self.tr("rms\npx"),
-                self.tr("in use"),
-            ],
-            sortable=False,
-        )
+        words = add(QVBoxLayout(), add(QHBoxLayout(), self.chip, None), self.details, None)
+        headings = [
+            self.tr("Number"), self.tr("calibrated"), self.tr("state"), self.tr("verified"), self.tr("rms\npx"),
+            self.tr("in use"),
+        ]  # fmt: skip
+        self.table = Table(headings, sortable=False)
         self.table.itemSelectionChanged.connect(self._selected)
-        column.addWidget(self.table, 1)
-        self.message, self.why_not = label(""), label("")
-        set_level(self.why_not, "caution")
-        add(column, self.message, self.why_not)
-        buttons = QHBoxLayout()
+        self.message, self.why_not = label(""), label("", level="caution")
         self.compare = button(self.tr("Compare with the one in use"), "compare-profile", act=self._compare)
         self.use = once(button(self.tr("Put this one to use"), "use-profile"))
         self.use.clicked.connect(self._use)
         close = button(self.tr("Close"), "close", act=self.accept)
-        add(buttons, self.compare, self.use)
-        buttons.addStretch(1)
-        buttons.addWidget(close)
-        column.addLayout(buttons)
+        column = add(QVBoxLayout(self), add(QHBoxLayout(), self.picture, (words, 1)), (self.table, 1))
+        add(column, self.message, self.why_not, add(QHBoxLayout(), self.compare, self.use, None, close))
         self.resize(860, 560)
         self._fill()
 
@@ -84,19 +61,7 @@ class ProfileDialog(QDialog):
         self._refused = {row.number for row in rows if row.refused}
         self._valid = {row.number for row in rows if row.valid}
         self._active = next((row.number for row in rows if row.in_use), None)
-        self.table.fill(
-            [
-                [
-                    row.number,
-                    row.made,
-                    (row.state, row.state, row.level),
-                    (row.verdict, row.verdict, row.verdict_level),
-                    figure(row.rms_px, 3),
-                    ("✓" if row.in_use else "", "", "good"),
-                ]
-                for row in rows
-            ]
-        )
+        self.table.fill([_cells(row) for row in rows])
         picture = QPixmap(str(picture_of(self._folder, self._active)))
         self.picture.setVisible(not picture.isNull())
         if not picture.isNull():
@@ -122,15 +87,13 @@ class ProfileDialog(QDialog):
         if self.chosen not in self._valid:
             allowed, forbidden = False, self.tr("It is not valid: it cannot be put to use.")
         enable(self.use, other and allowed, forbidden if other else self.tr("It is in use already."))
-        self.why_not.setText(forbidden if other and not allowed else "")
-        self.why_not.setVisible(bool(self.why_not.text()))
+        say(self.why_not, forbidden if other and not allowed else "", "caution")
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
             act()
         except SpherecalError as error:
-            self.message.setText(" ".join(error_text(error)).strip())
-            set_level(self.message, "bad")
+            say(self.message, error_line(error), "bad", hides=False)
 
     def _compare(self) -> None:
         self._try(lambda: self._show_change(str(self.chosen)))
@@ -141,17 +104,14 @@ class ProfileDialog(QDialog):
         volume = entry_volume(kept.entry(number)) or seen_volume(before)
         _, metric = compare(before, kept.rig(), volume)
         made = f"{kept.entry(number).calibrated_at.astimezone():%Y-%m-%d %H:%M}"
-        text, level = compared_text(Compared(number, made, metric))
-        self.message.setText(text)
-        set_level(self.message, level)
+        say(self.message, *compared_text(Compared(number, made, metric)), hides=False)
 
     def _use(self) -> None:
         self._try(lambda: self._apply(str(self.chosen)))
 
     def _apply(self, number: str) -> None:
         kept = open_profile(self._folder)
-        care, note = kept.entry(number).care, ""
-        asked = ""
+        care, note, asked = kept.entry(number).care, "", ""
         if care:
             asked = "\n".join([care, self.tr("It is to be used with care. Why may it be put to use?")])
         elif kept.entry(number).contradicted:
@@ -161,11 +121,15 @@ class ProfileDialog(QDialog):
         if asked:
             note, given = QInputDialog.getText(self, self.tr("Put this one to use"), asked)
             if not given or not note.strip():
-                self.message.setText(self.tr("It was not put to use: a reason is needed."))
-                set_level(self.message, "caution")
+                say(self.message, self.tr("It was not put to use: a reason is needed."), "caution", hides=False)
                 return
         apply(kept, number, note)
-        self.message.setText(self.tr("Calibration {number} is in use now.").format(number=number))
-        set_level(self.message, "good")
+        text = self.tr("Calibration {number} is in use now.").format(number=number)
+        say(self.message, text, "good", hides=False)
         self._fill()
         self.applied.emit()
+
+
+def _cells(row: ProfileRow) -> list[Cell | tuple[str, Cell, str]]:
+    state, verdict = (row.state, row.state, row.level), (row.verdict, row.verdict, row.verdict_level)
+    return [row.number, row.made, state, verdict, figure(row.rms_px, 3), ("✓" if row.in_use else "", "", "good")]

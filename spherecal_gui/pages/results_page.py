@@ -1,8 +1,6 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
-from collections.abc import Callable, Mapping
-
-from PySide6.QtCore import QBuffer, QByteArray, QIODevice, QSignalBlocker
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
@@ -23,14 +21,15 @@ from spherecal_gui.presenters.results_presenter import (
 from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
-from spherecal_gui.standing import Deed, Said
+from spherecal_gui.standing import Said
 from spherecal_gui.tasks.camera_effects import CameraEffect
-from spherecal_gui.widgets.basic import add, button, enable, label, named, set_level
+from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.effects_view import EffectsView
 from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
+from spherecal_gui.widgets.scene_view import png_of
 from spherecal_gui.widgets.table import Cell, Table, figure
 from spherecal_gui.workflow import Status
 
@@ -44,20 +43,15 @@ class ResultsPage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {"accept": controller.computation.accept_results, "calibrate": self._calibrate_again}
         self._shown: object = None
         self._camera: str | None = None
         controller.saving.draw_rig = self._rig_png
-        column = QVBoxLayout(self)
-        head = QHBoxLayout()
         self.headline = self.word = label("", "huge", wrap=False)
-        self.sentence = label("", "big")
-        head.addWidget(self.word)
-        head.addSpacing(theme.PAD)
-        head.addWidget(self.sentence, 1)
-        column.addLayout(head)
-        self.since = label("", "soft")
-        column.addWidget(self.since)
-        column.addWidget(SceneSplit(self._left(), self._right(), (620, 600)), 1)
+        self.sentence, self.since = label("", "big"), label("", "soft")
+        head = add(QHBoxLayout(), self.word, theme.PAD, (self.sentence, 1))
+        split = SceneSplit(self._left(), self._right(), (620, 600))
+        add(QVBoxLayout(self), head, self.since, (split, 1))
 
     def _left(self) -> QWidget:
         self.panel = ScenePanel()
@@ -80,15 +74,11 @@ class ResultsPage(Page):
         self.table.itemSelectionChanged.connect(self._selected)
         self.table.itemDoubleClicked.connect(lambda _: self.tabs.setCurrentIndex(2))
         residuals = QWidget()
-        column = QVBoxLayout(residuals)
-        self.residuals = ResidualView()
-        self.residuals.image_chosen.connect(self._dot_chosen)
-        self.histogram = HistogramChart()
-        column.addLayout(self._image_row())
+        self.residuals, self.histogram = ResidualView(), HistogramChart()
+        self.residuals.image_chosen.connect(self._show_image)
         self.residual_size = label("")
-        column.addWidget(self.residual_size)
-        column.addWidget(self.residuals, 3)
-        column.addWidget(self.histogram, 2)
+        column = add(QVBoxLayout(residuals), self._image_row(), self.residual_size)
+        add(column, (self.residuals, 3), (self.histogram, 2))
         self.histogram.setVisible(not theme.is_far())  # large text needs its room
         self.tabs.addTab(self.findings, self.tr("What to do"))
         self.tabs.addTab(self.table, self.tr("Cameras"))
@@ -98,17 +88,14 @@ class ResultsPage(Page):
 
     def _image_row(self) -> QVBoxLayout:
         """One image of the camera that is shown, and what can be done about it."""
-        # below each other: beside each other they are too wide for large text in German
-        column, row = QVBoxLayout(), QHBoxLayout()
         self.image = named(QComboBox(), "which-image", self.tr("Which image"))
-        self.image.currentIndexChanged.connect(self._image_chosen)
-        self.leave_image = button(self.tr("Leave this image out"), "leave-image", act=self._leave_image)
-        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera", act=self._leave_camera)
-        column.addWidget(self.image)
-        add(row, self.leave_image, self.leave_camera)
-        row.addStretch(1)
-        column.addLayout(row)
-        return column
+        self.image.currentIndexChanged.connect(lambda: self._show_image(self.image.currentData()))
+        self.leave_image = button(self.tr("Leave this image out"), "leave-image")
+        self.leave_image.clicked.connect(lambda: self._leave_out(f"{self._camera}@{self.image.currentData()}"))
+        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
+        self.leave_camera.clicked.connect(lambda: self._leave_out(f"camera:{self._camera}"))
+        # below each other: beside each other they are too wide for large text in German
+        return add(QVBoxLayout(), self.image, add(QHBoxLayout(), self.leave_image, self.leave_camera, None))
 
     def refresh(self) -> None:
         """There may be another result."""
@@ -120,10 +107,7 @@ class ResultsPage(Page):
         self.sentence.setText(verdict(result).sentence)
         self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
         outcome = self.controller.outcome
-        since, level = compared_text(outcome.compared if outcome is not None else None)
-        self.since.setText(since)
-        self.since.setVisible(bool(since))
-        set_level(self.since, level)
+        say(self.since, *compared_text(outcome.compared if outcome is not None else None))
         if result is not self._shown:
             self._shown = result
             self._fill()
@@ -137,13 +121,17 @@ class ResultsPage(Page):
         usual = sorted(row.rms_px for row in rows if row.rms_px is not None)
         middle = usual[len(usual) // 2] if usual else 1.0
         accused = culprit(outcome.result)
-        guilty = accused[0] if accused is not None else None
-        self.table.fill([_cells(row, middle, self.tr("not placed"), row.camera == guilty) for row in rows], sort_by=1)
+        guilty, none = accused[0] if accused is not None else None, self.tr("not placed")
+        self.table.fill([_cells(row, middle, none, row.camera == guilty) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
         self.panel.show_scene(outcome_scene(outcome))
         self._show_effects(outcome.effects)
-        if rows:
-            self._show_worst(culprit(outcome.result), rows[0].camera)
+        if rows:  # the camera that the findings accuse, in the image they name; else that with the largest residuals
+            name, placement = accused or (rows[0].camera, None)
+            with QSignalBlocker(self.table):
+                if not self.table.select_name(name):
+                    self.table.selectRow(0)
+            self.show_camera(name, placement)
 
     def _show_effects(self, effects: tuple[CameraEffect, ...]) -> None:
         """A tab for fields of lenses and drifts of cameras, where there are any."""
@@ -152,14 +140,6 @@ class ResultsPage(Page):
             self.tabs.removeTab(at)
         elif at < 0 and effects:
             self.tabs.addTab(self.effects, self.tr("Lenses"))
-
-    def _show_worst(self, accused: tuple[str, str | None] | None, largest: str) -> None:
-        """The camera that the findings accuse, in the image they name; else the one with the largest residuals."""
-        name, placement = accused or (largest, None)
-        with QSignalBlocker(self.table):
-            if not self.table.select_name(name):
-                self.table.selectRow(0)
-        self.show_camera(name, placement)
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -174,10 +154,7 @@ class ResultsPage(Page):
         self.refresh()
 
     def show_camera(self, camera: str, placement: str | None = None) -> None:
-        """Show a camera's residuals and mark it in the scene.
-
-        `placement` None for those of all placements.
-        """
+        """Show a camera's residuals and mark it in the scene. `placement` None for those of all placements."""
         result = self.controller.result
         if result is None:
             return
@@ -227,24 +204,13 @@ class ResultsPage(Page):
         image = QImage(str(path))
         return None if image.isNull() else image.scaledToWidth(min(image.width(), 1600))
 
-    def _image_chosen(self) -> None:
-        if self._camera is not None:
-            self.show_camera(self._camera, self.image.currentData())
-
-    def _dot_chosen(self, placement: str) -> None:
+    def _show_image(self, placement: str | None) -> None:
         if self._camera is not None:
             self.show_camera(self._camera, placement)
 
-    def _leave_image(self) -> None:
-        placement = self.image.currentData()
-        if self._camera is not None and placement is not None:
-            self.controller.computation.repair("--leave-out", f"{self._camera}@{placement}")
-            self.show_camera(self._camera, placement)
-
-    def _leave_camera(self) -> None:
-        if self._camera is not None:
-            self.controller.computation.repair("--leave-out", f"camera:{self._camera}")
-            self.show_camera(self._camera, self.image.currentData())
+    def _leave_out(self, what: str) -> None:
+        self.controller.computation.repair("--leave-out", what)
+        self._show_image(self.image.currentData())
 
     def _selected(self) -> None:
         rows = self.table.selectionModel().selectedRows()
@@ -267,11 +233,11 @@ class ResultsPage(Page):
         elif kind.startswith("--"):
             self.controller.computation.repair(kind, target)
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Accept the result, valid or not; the technician decides."""
-        result, state, project = self.controller.result, self.state, self.project
+        result, state, project = self.controller.result, self.state, self.open_project
         running = self.controller.runner.running or ""
-        if result is None or project is None or state is None:
+        if result is None or state is None:
             return results_says(ResultFacts(running=running))
         message, calibrated = verdict(result), project.calibrated
         may_use = calibrated is None or usable(calibrated.verdict)
@@ -279,11 +245,6 @@ class ResultsPage(Page):
         stale = state.status is Status.STALE
         stopped = any(one.code == "stopped-early" for one in result.rig.quality.findings)
         return results_says(ResultFacts((message.word, message.level, may_use), stale, accepted, running, stopped))
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Accept, or calibrate again where something was changed."""
-        return {"accept": self.controller.computation.accept_results, "calibrate": self._calibrate_again}
 
     def _calibrate_again(self) -> None:
         self.controller.go("calibrate")
@@ -293,11 +254,7 @@ class ResultsPage(Page):
         """The scene as a PNG file; empty where nothing is shown."""
         if self.scene.data is None:
             return b""
-        data = QByteArray()
-        buffer = QBuffer(data)
-        buffer.open(QIODevice.OpenModeFlag.WriteOnly)
-        QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)).save(buffer, "PNG")
-        return bytes(data.data())
+        return png_of(QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)))
 
 
 def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:

@@ -1,6 +1,6 @@
 """Save and report: where the result is, the report, the rig's profile, exports, the command lines."""
 
-from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -28,7 +28,7 @@ from spherecal_gui.presenters.step_states import SaveFacts, save_says
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.rig_scenes import outcome_scene
-from spherecal_gui.standing import Deed, Said
+from spherecal_gui.standing import Said
 from spherecal_gui.widgets.basic import (
     Card,
     add,
@@ -40,7 +40,7 @@ from spherecal_gui.widgets.basic import (
     named,
     open_file,
     option,
-    set_level,
+    say,
 )
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.workflow import Status, Step
@@ -51,53 +51,39 @@ class SavePage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
-        column = QVBoxLayout(self)
+        to_calibrate = partial(controller.go, "calibrate")
+        self.deeds = {"save": self._save_profile, "report": self._write_report, "results": to_calibrate}
         self.headline = self.word = label("", "huge")
-        column.addWidget(self.word)
-        self.progress = QProgressBar()
-        self.progress.setRange(0, 0)
-        self.progress.setTextVisible(False)
+        self.progress = QProgressBar(minimum=0, maximum=0, textVisible=False)
         self.progress_words, self.end = label("", "big"), label("", "")
-        add(column, self.progress, self.progress_words, self.end)
         self._opens = False  # the report, once it is written
         self._opened: bool | None = None
-        column.addWidget(self._profile())
-        column.addWidget(self._files())
         self._for_the_desk = self._commands()
-        column.addWidget(self._for_the_desk)
         self.scene = make_scene_view()
         self.scene.setMinimumHeight(0)
         self._drawn: object = None
-        column.addWidget(self.scene, 1)
         self._room = QWidget()  # in its place, where there is nothing to show
-        column.addWidget(self._room, 1)
+        column = add(QVBoxLayout(self), self.word, self.progress, self.progress_words, self.end)
+        add(column, self._profile(), self._files(), self._for_the_desk, (self.scene, 1), (self._room, 1))
         self._compared: tuple[object, bool] = (None, False)
         self.dialog: FrameDialog | None = None
 
     def _profile(self) -> QWidget:
         card = Card(self.tr("The rig's profile"))
         self.keeps = label("", "soft")
-        card.body.addWidget(self.keeps)
-        row = QHBoxLayout()
         self.apply = option(self.tr("Put it to use now"))
         self.apply.setChecked(True)
         self.profile = button(self.tr("Save in the profile"), "save-profile", act=self._save_profile)
-        self.note = named(QLineEdit(), "note", self.tr("Note: by whom, and why"))
-        self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
+        says = self.tr("Note: by whom, and why")
+        self.note = named(QLineEdit(placeholderText=says), "note", says)
         self.note.textChanged.connect(self._enable)
         self.note.editingFinished.connect(lambda: self.controller.saving.set_note(self.note.text().strip()))
         self.apply.toggled.connect(self._enable)
-        self.discard = button(self.tr("Discard"), "discard")
-        self.discard.setToolTip(
-            self.tr("The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.")
-        )
-        self.discard.clicked.connect(self.controller.discard)
-        add(row, self.profile, self.apply)
-        row.addWidget(self.note, 1)
-        row.addWidget(self.discard)
-        card.body.addLayout(row)
+        tip = self.tr("The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.")
+        self.discard = button(self.tr("Discard"), "discard", act=self.controller.discard, tip=tip)
         self.why_not = label("", "", level="caution")
-        card.body.addWidget(self.why_not)
+        row = add(QHBoxLayout(), self.profile, self.apply, (self.note, 1), self.discard)
+        add(card.body, self.keeps, row, self.why_not)
         return card
 
     @property
@@ -179,7 +165,9 @@ class SavePage(Page):
         busy = self.tr("Work is running.")
         enable(self.profile, idle and not why, why or busy)
         action = self.action()
-        self.profile.setVisible(action is None or action.does != "save")  # else the large button does it
+        saves = self.state is not None and (self.state.status is Status.STALE or not self.is_kept)
+        self.apply.setVisible(saves)
+        self.profile.setVisible(saves and (action is None or action.does != "save"))  # else the large button does it
         stale = self.tr("The calibration is out of date.") if self._is_stale else ""
         problem = self.controller.user_frame.problem
         if self._refused:
@@ -190,41 +178,29 @@ class SavePage(Page):
         self._tell_frame(self.controller.user_frame.problem)
         self.discard.setEnabled(idle)
         self.discard.setVisible(not self.is_kept)
-        self.why_not.setText(why if idle and not self.is_kept else "")
-        self.why_not.setVisible(bool(self.why_not.text()))
+        say(self.why_not, why if idle and not self.is_kept else "", "caution")
         self.action_changed.emit()
 
     def _files(self) -> QWidget:
         card = Card(self.tr("Files"))
-        self.folder = label("", "soft")
-        card.body.addWidget(self.folder)
-        row = QHBoxLayout()
-        self.open = button(self.tr("Open the folder"), "open-folder", act=self._open)
+        self.folder, self.given_in = label("", "soft"), label("")
+        self.open = button(self.tr("Open the folder"), "open-folder")
+        self.open.clicked.connect(lambda: open_file(self.open_project.result_folder))
         self.report = button(self.tr("Open the report"), "open-report", act=self._open_report)
-        self.form = QComboBox()
-        self.form.setAccessibleName(self.tr("Format of the export"))
+        self.form = named(QComboBox(), "", self.tr("Format of the export"))
         self.form.addItems(sorted(FORMATS))
         self.export = button(self.tr("Export"), "export", act=self._export)
-        add(row, self.open, self.report)
-        row.addStretch(1)
-        row.addWidget(label(self.tr("For another program:"), wrap=False))
-        add(row, self.form, self.export)
-        card.body.addLayout(row)
-        row = QHBoxLayout()
-        self.given_in = label("")
         self.axes = button(self.tr("Origin and axes"), "origin-and-axes", act=self._choose_axes)
-        row.addWidget(self.given_in, 1)
-        row.addWidget(self.axes)
-        card.body.addLayout(row)
+        other = label(self.tr("For another program:"), wrap=False)
+        row = add(QHBoxLayout(), self.open, self.report, None, other, self.form, self.export)
+        add(card.body, self.folder, row, add(QHBoxLayout(), (self.given_in, 1), self.axes))
         return card
 
     def _commands(self) -> QWidget:
         inner = QWidget()
         column = bare(QVBoxLayout(inner))
         column.addWidget(label(self.tr("The same on the command line"), "soft"))
-        self.commands = QPlainTextEdit()
-        self.commands.setReadOnly(True)
-        self.commands.setAccessibleName(self.tr("The same on the command line"))
+        self.commands = named(QPlainTextEdit(readOnly=True), "", self.tr("The same on the command line"))
         self.commands.setMaximumHeight(66)
         column.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command", act=self._copy)
@@ -251,13 +227,11 @@ class SavePage(Page):
         self.note.setText(self.open_project.note)
         super().enter(step)
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """Show what there is."""
-        if self.project is None:
-            return
         self.keeps.setText(
             self.tr("A simulated rig has a profile of its own: it never counts as the calibration of a real one.")
-            if self.project.simulated
+            if self.open_project.simulated
             else self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
         )
         self._for_the_desk.setVisible(not theme.is_far())
@@ -266,10 +240,10 @@ class SavePage(Page):
         self.tick()
         if self._opens and self.controller.runner.running is None:
             self._opens = False
-            if self.report_path.is_file() and "save" not in self.project.failures:
+            if self.report_path.is_file() and "save" not in self.open_project.failures:
                 self._open_report()
         self._show_end()
-        self.folder.setText(str(self.project.result_folder))
+        self.folder.setText(str(self.open_project.result_folder))
         commands = "\n".join(self.controller.saving.commands())
         if commands != self.commands.toPlainText():
             self.commands.setPlainText(commands)
@@ -302,8 +276,8 @@ class SavePage(Page):
         """In which frame exports are given."""
         result, frame = self.controller.result, self.controller.user_frame.frame
         given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
-        self.given_in.setText(problem or self.tr("Exports are given in: {frame}.").format(frame=given))
-        set_level(self.given_in, "bad" if problem else "none")
+        words = problem or self.tr("Exports are given in: {frame}.").format(frame=given)
+        say(self.given_in, words, "bad" if problem else "none")
 
     def _choose_axes(self) -> None:
         """Origin and axes, by a dialog."""
@@ -316,9 +290,6 @@ class SavePage(Page):
         self.dialog = FrameDialog(choice, self)
         self.dialog.accepted.connect(lambda: self.controller.user_frame.choose(choice.definition))
         self.dialog.open()
-
-    def _open(self) -> None:
-        open_file(self.open_project.result_folder)
 
     def _open_report(self) -> None:
         self._opened = open_file(self.report_path)
@@ -337,18 +308,17 @@ class SavePage(Page):
             lines.append(self.tr("Report: {path}").format(path=self.report_path))
         if self._opened is False:
             lines.append(self.tr("No program was found here that opens it: copy the file, or open it elsewhere."))
-        self.end.setText("\n".join(line for line in lines if line))
-        self.end.setVisible(bool(lines))
+        say(self.end, "\n".join(line for line in lines if line))
         self.folder.setVisible(not lines)
 
     def _copy(self) -> None:
         QGuiApplication.clipboard().setText("\n".join(self.controller.saving.commands()))
         self.controller.tell("info", self.tr("Copied."))
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Save what is not in the profile yet; then the report."""
         state, task = self.state, self.controller.runner.task
-        if self.project is None or state is None:
+        if state is None:
             return Said("none", "")
         return save_says(
             SaveFacts(
@@ -374,15 +344,6 @@ class SavePage(Page):
         self.progress.setVisible(writing)
         self.progress_words.setVisible(writing)
         self.progress_words.setText(self.said().left if writing else "")
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Save, write the report, or see why what was saved is out of date."""
-        return {
-            "save": self._save_profile,
-            "report": self._write_report,
-            "results": lambda: self.controller.go("calibrate"),
-        }
 
     def _write_report(self) -> None:
         self._opens = True

@@ -5,7 +5,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt, Signal, SignalInstance
 from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
@@ -25,9 +25,8 @@ from spherecal_gui.presenters.start_presenter import (
 )
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, set_level
+from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, say, spaced
 from spherecal_gui.widgets.drawing import Drawing
-from spherecal_gui.widgets.icons import give_icon
 
 if TYPE_CHECKING:  # dialogs that need scipy or matplotlib; imported when they are first shown
     from spherecal_gui.pages.board_dialog import BoardDialog
@@ -57,21 +56,12 @@ class StartPage(QWidget):
         self._studies: StudiesDialog | None = None
         self.board_dialog: BoardDialog | None = None
         self._profile: ProfileDialog | None = None
-        outer = QHBoxLayout(self)  # a wide screen shows larger drawings, but no lines of a metre
-        outer.setContentsMargins(theme.WIDE, theme.GAP, theme.WIDE, theme.PAD)
         middle = QWidget()
         middle.setMaximumWidth(_WIDEST_PX)
-        outer.addStretch(1)
-        outer.addWidget(middle, 100)
-        outer.addStretch(1)
-        column = bare(QVBoxLayout(middle), theme.PAD)
-        column.addWidget(self._rig())
-        row = QHBoxLayout()
-        row.setSpacing(theme.PAD)
-        for card in (self._calibrate(), self._verify(), self._check()):
-            row.addWidget(card, 1)
-        column.addLayout(row, 6)
-        column.addWidget(self._recent(), 4)
+        outer = add(QHBoxLayout(self), None, (middle, 100), None)  # a wide screen has larger drawings, no wider lines
+        outer.setContentsMargins(theme.WIDE, theme.GAP, theme.WIDE, theme.PAD)
+        cards = add(spaced(QHBoxLayout(), theme.PAD), (self._calibrate(), 1), (self._verify(), 1), (self._check(), 1))
+        add(bare(QVBoxLayout(middle), theme.PAD), self._rig(), (cards, 6), (self._recent(), 4))
 
     # --- cards -------------------------------------------------------------------------------------------------------
 
@@ -86,33 +76,23 @@ class StartPage(QWidget):
         self.age, self.newest, self.due = label("", ""), label("", "soft"), label("", "soft")
         self.certificates = label("", hidden=True)
         self.profile = button(self.tr("The rig's profile"), "profile", act=self.show_profile, icon="camera")
-        words = QVBoxLayout()
-        words.setSpacing(theme.TIGHT)
-        line = QHBoxLayout()
-        line.setSpacing(theme.GAP)
-        line.addWidget(label(self.tr("Rig in use"), "title", wrap=False))
-        line.addWidget(self.validity)
-        line.addStretch(1)
-        words.addStretch(1)
-        words.addLayout(line)
-        add(words, self.age, self.newest, self.due, self.certificates)
-        words.addStretch(1)
+        title = label(self.tr("Rig in use"), "title", wrap=False)
+        line = add(spaced(QHBoxLayout(), theme.GAP), title, self.validity, None)
+        words = spaced(QVBoxLayout(), theme.TIGHT)
+        add(words, None, line, self.age, self.newest, self.due, self.certificates, None)
         card.body.setSpacing(theme.PAD)
-        card.body.addWidget(self.picture)
-        card.body.addLayout(words, 1)
+        add(card.body, self.picture, (words, 1))
         card.body.addWidget(self.profile, 0, Qt.AlignmentFlag.AlignVCenter)
         return card
 
     def _card(self, title: str, text: str, drawing: str, *buttons: QPushButton) -> Card:
         card = Card(title)
-        card.body.addWidget(label(text))
-        card.body.addWidget(Drawing(drawing), 1)
-        for one in buttons:
-            card.body.addWidget(one)
+        add(card.body, label(text), (Drawing(drawing), 1), *buttons)
         return card
 
     def _check(self) -> Card:
-        self.check = button(self.tr("Check the rig"), "check", "card", act=self._check_newest, icon="zoom-check")
+        self.check = button(self.tr("Check the rig"), "check", "card", icon="zoom-check")
+        self.check.clicked.connect(lambda: self._with_newest(self.check_wanted))
         text = self.tr("Has a camera moved since? One minute, one placement of the ball.")
         return self._card(self.tr("Check"), text, "check", self.check)
 
@@ -125,39 +105,32 @@ class StartPage(QWidget):
         self.board_dialog.show()
 
     def _calibrate(self) -> Card:
-        self.live = button(self.tr("Calibrate the rig"), "new-live", "card", act=lambda: self.wanted.emit("genicam"))
-        give_icon(self.live, "sphere")
+        self.live = button(self.tr("Calibrate the rig"), "new-live", "card", icon="sphere")
+        self.live.clicked.connect(lambda: self.wanted.emit("genicam"))
         self.board = button(self.tr("Calibrate with a board"), "new-board", act=self._choose_board)
         self.board.setToolTip(plain(self.tr("ChArUco, AprilGrid, chessboard or circles; no ball is needed.")))
         text = self.tr("A new calibration of the whole rig, from the cameras to the report.")
         return self._card(self.tr("Calibrate"), text, "calibrate", self.board, self.live)
 
     def _verify(self) -> Card:
-        self.verify = button(self.tr("Verify the rig"), "verify", "card", act=self._verify_newest, icon="ruler-2")
+        self.verify = button(self.tr("Verify the rig"), "verify", "card", icon="ruler-2")
+        self.verify.clicked.connect(lambda: self._with_newest(self.verification_wanted))
         text = self.tr("Does the rig measure right? The check bar is measured, and the result printed.")
         return self._card(self.tr("Verify"), text, "verify", self.verify)
 
     def _recent(self) -> Card:
         self.recent = Card()
-        self.training = button(self.tr("Train on a simulated rig"), "new-simulated", act=lambda: self.train(""))
-        give_icon(self.training, "school")
-        head = QHBoxLayout()
-        head.addWidget(label(self.tr("Recent"), "big", wrap=False))
-        head.addStretch(1)
-        head.addWidget(self.training)
-        self.recent.body.addLayout(head)
-        self._rows = QVBoxLayout()
-        self._rows.setSpacing(theme.TIGHT)
-        self.recent.body.addLayout(self._rows)
-        self.recent.body.addStretch(1)
-        other = button(self.tr("Open another folder"), "open-project", act=self._open_other, icon="folder-open")
-        self.replay = button(self.tr("Replay a recorded session"), "new-replay", act=self.choose_recording)
-        give_icon(self.replay, "player-record")
+        self.training = button(self.tr("Train on a simulated rig"), "new-simulated", icon="school")
+        self.training.clicked.connect(lambda: self.train(""))
+        head = add(QHBoxLayout(), label(self.tr("Recent"), "big", wrap=False), None, self.training)
+        self._rows = spaced(QVBoxLayout(), theme.TIGHT)
+        other = button(self.tr("Open another folder"), "open-project", icon="folder-open")
+        other.clicked.connect(lambda: self._open(self.tr("Open a project")))
+        self.replay = button(self.tr("Replay a recorded session"), "new-replay", icon="player-record")
+        self.replay.clicked.connect(self.choose_recording)
         self.bars = button(self.tr("Bench, bars and balls"), "bench", act=self.bench_wanted, icon="ruler-2")
-        line = QHBoxLayout()
-        add(line, other, self.replay, self.bars)
-        line.addStretch(1)
-        self.recent.body.addLayout(line)
+        line = add(QHBoxLayout(), other, self.replay, self.bars, None)
+        add(self.recent.body, head, self._rows, None, line)
         return self.recent
 
     # --- what is shown -----------------------------------------------------------------------------------------------
@@ -172,27 +145,25 @@ class StartPage(QWidget):
         self._lines = project_lines(self.projects)
         clear(self._rows)
         if not self._lines:
-            self._rows.addWidget(
-                label(self.tr("Nothing yet. Projects are kept in {folder}.").format(folder=self.projects), "soft")
-            )
+            text = self.tr("Nothing yet. Projects are kept in {folder}.").format(folder=self.projects)
+            self._rows.addWidget(label(text, "soft"))
         for line in self._lines[:_MOST_RECENT]:
             self._rows.addWidget(self._row(line))
-        done = self._newest()
-        self._show_profile_state(done)
-        self._show_certificates()
+        self._show_profile_state(self._newest() is not None)
+        say(
+            self.certificates, *bench_reminder(rig_bench(self.projects), date.today())
+        )  # some have expired, or soon will
 
-    def _show_profile_state(self, done: ProjectLine | None) -> None:
+    def _show_profile_state(self, done: bool) -> None:
         there = (self.profile_folder / "profile.json").is_file()
         age = age_text(self.profile_folder) if there else ""
         self.age.setText(age or self.tr("Save a calibration in the rig's profile; then it can be checked."))
         why = self.tr("No calibration is in use yet: calibrate, then save it in the rig's profile.")
-        enable(self.check, bool(age) and done is not None, why)
-        enable(self.verify, bool(age) and done is not None, why)
-        self.newest.setText(verified_text(self.profile_folder) if age else "")
+        enable(self.check, bool(age) and done, why)
+        enable(self.verify, bool(age) and done, why)
         enable(self.profile, there, why)
-        self.due.setText(next_check_text(self.profile_folder) if age else "")
-        for one in (self.newest, self.due):
-            one.setVisible(bool(one.text()))
+        say(self.newest, verified_text(self.profile_folder) if age else "")
+        say(self.due, next_check_text(self.profile_folder) if age else "")
         number = number_in_use(self.profile_folder) if there else None
         picture = QPixmap(str(picture_of(self.profile_folder, number))) if there else QPixmap()
         self.picture.setVisible(not picture.isNull())
@@ -202,13 +173,6 @@ class StartPage(QWidget):
             picture = picture.scaledToHeight(int(_PICTURE_PX[1] * ratio), Qt.TransformationMode.SmoothTransformation)
             picture.setDevicePixelRatio(ratio)
             self.picture.setPixmap(picture)
-
-    def _show_certificates(self) -> None:
-        """A reminder of certificates that have expired or soon will."""
-        found = bench_reminder(rig_bench(self.projects), date.today())
-        self.certificates.setText(found.text)
-        set_level(self.certificates, found.level)
-        self.certificates.setVisible(bool(found.text))
 
     def _newest(self) -> ProjectLine | None:
         """The newest calibration of what the profile is of."""
@@ -220,34 +184,20 @@ class StartPage(QWidget):
 
     def _row(self, line: ProjectLine) -> QWidget:
         box = QWidget()
-        row = bare(QHBoxLayout(box))
-        go = button(line.title, f"open-{line.folder.name}")
-        go.setProperty("folder", str(line.folder))
-        go.clicked.connect(self._open_row)
-        row.addWidget(go)
-        where = label(line.where, "")
-        set_level(where, line.level)
-        row.addWidget(where, 1)
-        row.addWidget(label(line.source, "soft", wrap=False))
+        go = button(line.title, f"open-{line.folder.name}", act=lambda: self.opened.emit(str(line.folder)))
+        where, source = label(line.where, level=line.level), label(line.source, "soft", wrap=False)
+        add(bare(QHBoxLayout(box)), go, (where, 1), source)
         return box
 
     # --- what is done ------------------------------------------------------------------------------------------------
 
-    def _open_row(self) -> None:
-        sender = self.sender()
-        if sender is not None:
-            self.opened.emit(str(sender.property("folder")))
-
-    def _open_other(self) -> None:
-        folder = QFileDialog.getExistingDirectory(self, self.tr("Open a project"), str(self.projects))
-        if folder:
+    def _open(self, title: str) -> None:
+        if folder := QFileDialog.getExistingDirectory(self, title, str(self.projects)):
             self.opened.emit(folder)
 
     def choose_recording(self) -> None:
         """Have somebody choose a recorded session, and show it as live cameras."""
-        folder = QFileDialog.getExistingDirectory(self, self.tr("A recorded session with images"), str(self.projects))
-        if folder:
-            self.opened.emit(folder)
+        self._open(self.tr("A recorded session with images"))
 
     def train(self, fault: str) -> None:
         """The walk on a simulated rig in which this goes wrong; SURPRISE for one of all faults."""
@@ -255,15 +205,9 @@ class StartPage(QWidget):
             fault = random.choice(FAULTS[1:])
         self.wanted.emit("simulated:demo" + (f"+{fault}" if fault else ""))
 
-    def _verify_newest(self) -> None:
-        done = self._newest()
-        if done is not None:
-            self.verification_wanted.emit(str(done.folder))
-
-    def _check_newest(self) -> None:
-        done = self._newest()
-        if done is not None:
-            self.check_wanted.emit(str(done.folder))
+    def _with_newest(self, wanted: SignalInstance) -> None:
+        if (done := self._newest()) is not None:
+            wanted.emit(str(done.folder))
 
     def show_profile(self) -> None:
         """All calibrations of the rig."""

@@ -1,16 +1,17 @@
 """Compare methods: the studies of the paper, run here on simulated rigs, each a page to read."""
 
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer, QUrl
 from PySide6.QtGui import QDesktopServices
-from PySide6.QtWidgets import QDialog, QHBoxLayout, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.texts import error_line
+from spherecal_gui.widgets.basic import add, button, enable, label, say
 from spherecal_study.executor import workers_for
 from spherecal_study.studies import STUDIES, run_study
 from spherecal_study.study_page import Options
@@ -32,30 +33,17 @@ class StudiesDialog(QDialog):
             "Each study repeats an experiment of the paper on simulated rigs; it takes minutes. Stopped ones go on."
         )
         column.addWidget(label(message, "soft"))
-        self._rows: dict[str, tuple[QWidget, QWidget]] = {}
+        self._rows: dict[str, tuple[QPushButton, QPushButton]] = {}
         for name, study in STUDIES.items():
-            row = QHBoxLayout()
-            row.addWidget(label(study.TITLE), 1)
-            run, read = button(self.tr("Run"), f"run-{name}"), button(self.tr("Read"), f"read-{name}")
-            for one, act in ((run, self._run), (read, self._read)):
-                one.setProperty("study", name)
-                one.clicked.connect(act)
-                row.addWidget(one)
+            run = button(self.tr("Run"), f"run-{name}", act=partial(self._run, name))
+            read = button(self.tr("Read"), f"read-{name}", act=partial(self._read, name))
             self._rows[name] = (run, read)
-            column.addLayout(row)
-        self.bar = QProgressBar()
-        self.bar.setRange(0, 1000)
-        self.bar.setTextVisible(False)
-        column.addWidget(self.bar)
+            column.addLayout(add(QHBoxLayout(), (label(study.TITLE), 1), run, read))
+        self.bar = QProgressBar(maximum=1000, textVisible=False)
         self.doing = label("", "soft")
-        column.addWidget(self.doing)
-        last = QHBoxLayout()
         self.cancel = button(self.tr("Cancel"), "cancel-study", act=self.runner.cancel)
-        last.addStretch(1)
-        last.addWidget(self.cancel)
-        column.addLayout(last)
-        self._timer = QTimer(self)
-        self._timer.setInterval(_TICK_MS)
+        add(column, self.bar, self.doing, add(QHBoxLayout(), None, self.cancel))
+        self._timer = QTimer(self, interval=_TICK_MS)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
         self.setWindowFlag(Qt.WindowType.WindowContextHelpButtonHint, False)
@@ -64,34 +52,28 @@ class StudiesDialog(QDialog):
     def _refresh(self) -> None:
         running = self.runner.running
         for name, (run, read) in self._rows.items():
-            enable(run, running is None, self.tr("Work is running."))  # type: ignore[arg-type]
-            enable(read, (self._folder / f"{name}.pdf").is_file(), self.tr("It was not run yet."))  # type: ignore[arg-type]
+            enable(run, running is None, self.tr("Work is running."))
+            enable(read, (self._folder / f"{name}.pdf").is_file(), self.tr("It was not run yet."))
         self.cancel.setEnabled(running is not None)
         self.bar.setVisible(running is not None)
 
-    def _run(self) -> None:
-        sender = self.sender()
-        if sender is None:
-            return
-        name = str(sender.property("study"))
+    def _run(self, name: str, _: bool = False) -> None:
         self.runner.start(
             name, lambda context: run_one(name, self._folder, context), self._done, self._failed, self._stopped
         )
         self._refresh()
 
     def _done(self, page: Path) -> None:
-        self.doing.setText(self.tr("The page is {path}.").format(path=page))
-        set_level(self.doing, "good")
-        self._refresh()
+        self._say(self.tr("The page is {path}.").format(path=page), "good")
 
     def _failed(self, error: BaseException) -> None:
-        self.doing.setText(" ".join(error_text(error)).strip())
-        set_level(self.doing, "bad")
-        self._refresh()
+        self._say(error_line(error), "bad")
 
     def _stopped(self) -> None:
-        self.doing.setText(self.tr("Stopped; what was computed is kept."))
-        set_level(self.doing, "none")
+        self._say(self.tr("Stopped; what was computed is kept."), "none")
+
+    def _say(self, text: str, level: str) -> None:
+        say(self.doing, text, level, hides=False)
         self._refresh()
 
     def _tick(self) -> None:
@@ -103,11 +85,8 @@ class StudiesDialog(QDialog):
             self.bar.setValue(int(1000 * news[-1].fraction))
             self.doing.setText(f"{news[-1].stage} {news[-1].words(languages.now())}".strip())
 
-    def _read(self) -> None:
-        sender = self.sender()
-        if sender is not None:
-            page = self._folder / f"{sender.property('study')}.pdf"
-            QDesktopServices.openUrl(QUrl.fromLocalFile(str(page)))
+    def _read(self, name: str, _: bool = False) -> None:
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self._folder / f"{name}.pdf")))
 
     def close_work(self) -> bool:
         """Stop what runs and wait for it; whether it has ended."""

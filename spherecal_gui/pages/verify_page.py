@@ -1,12 +1,12 @@
 """Verify: the check bars in poses that the engine plans, then the errors of their lengths, limits and budget."""
 
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import date
+from functools import partial
 
 import numpy as np
-from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
+from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
 
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui import theme
@@ -17,11 +17,11 @@ from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.presenters.connect_presenter import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement_presenter import HOLD_S
 from spherecal_gui.presenters.step_states import VerifyFacts, verify_says
-from spherecal_gui.project import Artefacts
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
-from spherecal_gui.standing import Deed, Part, Said
+from spherecal_gui.standing import Part, Said
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, named, option, plain, set_level
+from spherecal_gui.widgets.basic import MARKS, add, bare, button, clear, enable, label, named, option, plain, say
+from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step, StepState
@@ -36,6 +36,8 @@ class VerifyPage(ScalePage):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.deeds = {**self.deeds, "measure": self._measure, "retake": self._retake_all}
+        self.deeds["results"] = partial(controller.go, "calibrate")
         self._chosen: str | None = None
         self._looked_s = 0.0
         self._accepted_s: float | None = None
@@ -45,10 +47,8 @@ class VerifyPage(ScalePage):
         self._drawn: Outcome | None = None  # the outcome whose bars the scene shows
         controller.bars.seen.connect(self._bar_seen)
         self.pose_box = QWidget()
-        self.grid = QGridLayout(self.pose_box)
-        self.grid.setContentsMargins(0, 0, 0, 0)
-        self.poses.addWidget(self.pose_box)
-        self.poses.addStretch(1)
+        self.grid = bare(QGridLayout(self.pose_box))
+        add(self.poses, self.pose_box, None)
         self.tabs = QTabWidget()
         self.view = make_scene_view()
         self._rig: object = None  # the result whose rig the scene shows
@@ -69,33 +69,23 @@ class VerifyPage(ScalePage):
         self.as_it_lies = button(self.tr("Capture it as it lies"), "take-anyway", act=self._take)
         self.enough = button(self.tr("Enough: measure now"), "measure-now", act=self._measure)
         self.more = button(self.tr("More poses"), "more-poses", act=self._more_poses)
-        limit = QHBoxLayout()
         self.limit_label = label(self.tr("Permitted length error (mm)"))
         self.limit_label.setFixedWidth(_LIMIT_PX)
-        self.limit = QLineEdit()
-        self.limit.setObjectName("limit")
-        self.limit.setPlaceholderText(self.tr("e.g. 0.03+L/20000"))
+        limit = QLineEdit(placeholderText=self.tr("e.g. 0.03+L/20000"))
+        self.limit = named(limit, "limit", self.tr("Limit of the length errors: A + L/K in mm"))
         self.limit.setMinimumWidth(self.limit.fontMetrics().horizontalAdvance(self.limit.placeholderText()) + 24)
         self.limit.setMaximumWidth(220)
-        self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
         self._limit_tip = self.tr(
             "The largest error that is allowed, such as 0.03+L/20000; empty: judged by its own uncertainty."
         )
         self.limit.editingFinished.connect(self._limit_given)
-        self.celsius = QDoubleSpinBox()
-        self.celsius.setObjectName("bar-celsius")
-        self.celsius.setRange(_NOT_READ_C, 60.0)
-        self.celsius.setDecimals(1)
-        self.celsius.setSuffix(" °C")
+        says = self.tr("Temperature of the bar")
+        tip = self.tr("Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree.")
+        self.celsius = number_field("bar-celsius", says, (_NOT_READ_C, 60.0), "°C", digits=1, tip=tip)
         self.celsius.setSpecialValueText(self.tr("not read"))
-        self.celsius.setAccessibleName(self.tr("Temperature of the bar"))
-        self.celsius.setToolTip(self.tr("Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree."))
         self.celsius.editingFinished.connect(self._celsius_given)
         self.celsius_label = label(self.tr("Bar"), wrap=False)
-        add(limit, self.celsius_label, self.celsius)
-        limit.addSpacing(14)
-        add(limit, self.limit_label, self.limit)
-        self.poses.addLayout(limit)
+        add(self.poses, add(QHBoxLayout(), self.celsius_label, self.celsius, 14, self.limit_label, self.limit))
         self.row.insertWidget(0, self.automatic)
         add(self.row, self.as_it_lies, self.enough, self.more)
 
@@ -151,18 +141,16 @@ class VerifyPage(ScalePage):
                 there = pose in self.open_project.taken
                 mark = MARKS["good"] if there else "\u25b8" if pose == self.current else MARKS["none"]
                 one = button(f"{mark} {self.pose_ids().index(pose) + 1}", f"pose-{pose}", "pose")
-                one.setProperty("pose", pose)
                 one.setProperty("level", "good" if there else "none")
                 one.setCheckable(True)
                 one.setChecked(pose == self.current)
                 one.setToolTip(self.tr("Captured; a click retakes it.") if there else self.tr("Not captured yet."))
-                one.clicked.connect(self._choose)
+                one.clicked.connect(partial(self._choose, pose))
                 self.grid.addWidget(one, row, column)
 
-    def _choose(self) -> None:
-        sender = self.sender()
-        if sender is not None and self.controller.runner.running is None:
-            self._chosen, self._accepted_s = str(sender.property("pose")), None
+    def _choose(self, pose: str, _: bool = False) -> None:
+        if self.controller.runner.running is None:
+            self._chosen, self._accepted_s = pose, None
             self._stage()
             self.refresh()
 
@@ -195,14 +183,12 @@ class VerifyPage(ScalePage):
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """A pose was taken, or the lengths were measured."""
-        if self.project is None:
-            return
-        if self._chosen in self.project.taken and not self.is_taking and self._was_taking:
+        if self._chosen in self.open_project.taken and not self.is_taking and self._was_taking:
             self._chosen = None
         self._was_taking = self.is_taking
-        super().refresh()
+        super().show_project()
         shown = self.shows_outcome
         if self.isVisible() and not shown and not self.is_taking and self.current != self._staged:
             self._stage()  # the plan came after the page: the result was still being read
@@ -212,7 +198,7 @@ class VerifyPage(ScalePage):
         self.again.setVisible(not self.guided)  # else a click on the pose does it
         self.automatic.setVisible(not shown and self.guided)
         self.as_it_lies.setVisible(not shown and self.guided)
-        self.more.setVisible(shown and any(pose not in self.project.taken for pose in self.pose_ids()))
+        self.more.setVisible(shown and any(pose not in self.open_project.taken for pose in self.pose_ids()))
         idle, also = self.controller.runner.running is None, self.said().also
         enable(self.enough, "measure-now" in also, self.tr("No pose is captured yet."))
         self.as_it_lies.setEnabled("take-anyway" in also)
@@ -248,27 +234,15 @@ class VerifyPage(ScalePage):
     def _show_lengths(self) -> None:
         """What the check bars are called by, where the bench's description has it."""
         artefacts = self.open_project.artefacts
-        known = bars_with_nominal(
-            self.controller.cameras.connection, artefacts.check_bars if artefacts is not None else ()
-        )
-        self._show_certificates(artefacts)
-        self.lengths.setText("\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
-        self.lengths.setVisible(bool(known))
-
-    def _show_certificates(self, artefacts: Artefacts | None) -> None:
-        """A reminder of certificates that have expired or soon will, before anything is measured."""
-        connection = self.controller.cameras.connection
-        checks = artefacts.check_bars if artefacts is not None else ()
+        checks, connection = artefacts.check_bars if artefacts is not None else (), self.controller.cameras.connection
+        known = bars_with_nominal(connection, checks)
         bars = [bar for bar in connection.plan.bars if bar.id in checks] if connection is not None else []
-        found = reminder(bars, date.today())
-        self.certificates.setText(found.text)
-        set_level(self.certificates, found.level)
-        self.certificates.setVisible(bool(found.text))
+        say(self.certificates, *reminder(bars, date.today()))  # of what is measured with
+        say(self.lengths, "\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
 
     def _stage(self) -> None:
-        self._staged = (
-            self.current if self.current is not None and self.controller.staging.can_show(self.current) else None
-        )
+        pose = self.current
+        self._staged = pose if pose is not None and self.controller.staging.can_show(pose) else None
         super()._stage()
 
     def tick(self) -> None:
@@ -350,16 +324,12 @@ class VerifyPage(ScalePage):
 
     # --- its state ---------------------------------------------------------------------------------------------------
 
-    def said(self) -> Said:
+    def says(self) -> Said:
         """Where the bar goes, or what was measured."""
-        if self.project is None or self.step is None:
-            return Said("none", "")
         state, bars, pose = self.state, self.bar_facts(), self.current
         measuring = self.controller.runner.running == "verify" and self.controller.sets.taking is None
-        current = state is not None and (
-            state.status in (Status.DONE, Status.CARE)
-            or (self.project.verified is not None and state.status is Status.FAILED)
-        )
+        done = (Status.DONE, Status.CARE, *((Status.FAILED,) if self.open_project.verified is not None else ()))
+        current = state is not None and state.status in done
         planned = self.controller.bars.planned_pose(pose) if pose is not None else None
         if self.guide is not None:
             bars = replace(bars, guide=(self.guide.text, self.guide.level, self.guide.accepted))
@@ -367,7 +337,7 @@ class VerifyPage(ScalePage):
             bars = replace(bars, guide=(lay_text(planned), "none", False))
         outcome = self.outcome.words if self.shows_outcome else None
         outdated = state is not None and state.reason is not None and state.reason.code == "calibration stale"
-        empty = self.project.verified is not None and self.project.verified.verdict == "no data"
+        empty = self.open_project.verified is not None and self.open_project.verified.verdict == "no data"
         return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated, empty))
 
     def _step_part(self, state: StepState) -> Part:
@@ -380,13 +350,3 @@ class VerifyPage(ScalePage):
     @property
     def _any_taken(self) -> bool:
         return any(pose in self.open_project.taken for pose in self.pose_ids())
-
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """Take the next pose, or measure; first see why the calibration is out of date."""
-        return {
-            "capture": self._take,
-            "measure": self._measure,
-            "retake": self._retake_all,
-            "results": lambda: self.controller.go("calibrate"),
-        }

@@ -37,6 +37,7 @@ class Page(QWidget):
         self.alarmed = False  # a red message is on the screen
         self._standing: Standing | None = None
         self.headline: QLabel | None = None  # the label with the state of the page
+        self.deeds: Mapping[Deed, Callable[[], object]] = {}  # how it does what its large button can do
 
     def enter(self, step: Step) -> None:
         """The page is shown for this step."""
@@ -48,6 +49,11 @@ class Page(QWidget):
 
     def refresh(self) -> None:
         """Something may have changed."""
+        if self.project is not None:
+            self.show_project()
+
+    def show_project(self) -> None:
+        """Show the open project as it is."""
 
     def tick(self) -> None:
         """Called some ten times a second while the page is shown."""
@@ -67,11 +73,6 @@ class Page(QWidget):
         """The large button; None for none."""
         return self.standing().said.button
 
-    @property
-    def deeds(self) -> Mapping[Deed, Callable[[], object]]:
-        """How the page does what its large button can do."""
-        return {}
-
     def act(self) -> None:
         """The large button was pressed."""
         action = self.action()
@@ -82,7 +83,11 @@ class Page(QWidget):
     # --- its state ---------------------------------------------------------------------------------------------------
 
     def said(self) -> Said:
-        """What the page's step says of itself (presenters/step_states.py)."""
+        """What the page's step says of itself; nothing where no step is shown."""
+        return self.says() if self.project is not None and self.step is not None else Said("none", "")
+
+    def says(self) -> Said:
+        """What the step of the open project says (presenters/step_states.py)."""
         return Said("none", "")
 
     def show_standing(self) -> None:

@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.rig_scenes import RigPlanes
 
 if TYPE_CHECKING:
     from spherecal.verify.pose_plan import PlannedPose, PoseAnswer
-
-translate = QCoreApplication.translate
 
 # The part of a way that must be upright for "up" or "down" to say it better than a camera's name.
 _UPRIGHT = 0.7

@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.verify.verification_file import AcceptanceReport, BarReport
-
-translate = QCoreApplication.translate
 
 
 def pose_name(pose: str, poses: Sequence[str]) -> str:
@@ -76,18 +74,9 @@ def length_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     rows = []
     for row in bars.lengths:
         own = decided.get(row.key)
-        rows.append(
-            (
-                f"{row.bar} {row.start}-{row.end}",
-                str(row.n),
-                cell(row.mean_error_mm, sign=True),
-                cell(row.sd_mm),
-                cell(row.max_abs_error_mm),
-                cell(row.expanded_mm),
-                cell(None if own is None else own.limit_mm),
-                "-" if own is None else decision_word(own.verdict),
-            )
-        )
+        limit, word = (own.limit_mm, decision_word(own.verdict)) if own is not None else (None, "-")
+        name, figures = f"{row.bar} {row.start}-{row.end}", (row.sd_mm, row.max_abs_error_mm, row.expanded_mm, limit)
+        rows.append((name, str(row.n), cell(row.mean_error_mm, sign=True), *map(cell, figures), word))
     return rows
 
 

@@ -8,9 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
-from spherecal.base.errors import InputError, SpherecalError
+from spherecal.base.errors import InputError
 from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
@@ -20,6 +18,7 @@ from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.certificates import state_words
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
@@ -35,8 +34,6 @@ from spherecal_rigs.bench_file import Bench, BenchBar
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_cameras.plan import CapturePlan
-
-translate = QCoreApplication.translate
 
 # A marble and a room; what is meant in metres or inches is outside for most balls.
 _DIAMETERS_MM = (5.0, 5000.0)
@@ -167,33 +164,17 @@ _BAR_FIELDS = {
 def bar_draft(bar: RegisteredBar, role: str = "none", id: str = "") -> BarDraft:
     """A bar of the library, to be changed."""
     c, own = bar.certificate, bar.assumed
-    lengths = tuple(
-        LengthDraft(
-            one.from_mark,
-            _sticker(bar, one.from_mark),
-            one.to_mark,
-            _sticker(bar, one.to_mark),
-            shown(one.nominal_mm),
-            shown(one.length_mm),
-            "" if "expanded_uncertainty_mm" in one.assumed else shown(one.expanded_uncertainty_mm),
-            "" if "coverage_factor" in one.assumed else shown(one.coverage_factor),
-        )
-        for one in bar.lengths
-    )
-    return BarDraft(
-        bar.serial,
-        bar.description,
-        lengths,
-        "" if "expansion_per_kelvin" in own else shown(1e6 * bar.expansion_per_kelvin),
-        "" if "reference_temperature_c" in own else shown(bar.reference_temperature_c),
-        c.number if c else "",
-        c.laboratory if c else "",
-        str(c.date or "") if c else "",
-        str(c.valid_until or "") if c else "",
-        role,
-        id,
-        bar.serial,
-    )
+    lengths = []
+    for one in bar.lengths:
+        ends = one.from_mark, _sticker(bar, one.from_mark), one.to_mark, _sticker(bar, one.to_mark)
+        uncertainty = "" if "expanded_uncertainty_mm" in one.assumed else shown(one.expanded_uncertainty_mm)
+        factor = "" if "coverage_factor" in one.assumed else shown(one.coverage_factor)
+        lengths.append(LengthDraft(*ends, shown(one.nominal_mm), shown(one.length_mm), uncertainty, factor))
+    expansion = "" if "expansion_per_kelvin" in own else shown(1e6 * bar.expansion_per_kelvin)
+    reference = "" if "reference_temperature_c" in own else shown(bar.reference_temperature_c)
+    paper = (c.number, c.laboratory, str(c.date or ""), str(c.valid_until or "")) if c else ("", "", "", "")
+    about = bar.serial, bar.description, tuple(lengths), expansion, reference
+    return BarDraft(*about, *paper, role, id, bar.serial)
 
 
 def _sticker(bar: RegisteredBar, name: str) -> str:
@@ -203,16 +184,8 @@ def _sticker(bar: RegisteredBar, name: str) -> str:
 
 def registered(bar: Bar) -> RegisteredBar:
     """A bar of a session as the library would have it, by its serial, else by its id."""
-    return RegisteredBar(
-        bar.serial or bar.id,
-        bar.marks,
-        bar.lengths,
-        bar.expansion_per_kelvin,
-        bar.reference_temperature_c,
-        "",
-        bar.certificate,
-        bar.assumed,
-    )
+    material = bar.expansion_per_kelvin, bar.reference_temperature_c
+    return RegisteredBar(bar.serial or bar.id, bar.marks, bar.lengths, *material, "", bar.certificate, bar.assumed)
 
 
 def read_bar(draft: BarDraft) -> tuple[RegisteredBar | None, Problems]:
@@ -287,17 +260,14 @@ def _checked(entry: Mapping[str, object], problems: Problems) -> RegisteredBar |
             "lengths": [{"from": "a", "to": "b", "length_mm": 1.0}],
             **{key: value for key, value in entry.items() if key not in ("marks", "lengths")},
         }
-        try:
-            read_registered_bar(JsonValue(dict(entry), Path()))
-        except InputError as error:
-            for key, text in _by_field(error, _BAR_FIELDS).items():
-                problems.setdefault(key, text)
-        return None
+    whole = not problems
     try:
-        return read_registered_bar(JsonValue(dict(entry), Path()))
+        bar = read_registered_bar(JsonValue(dict(entry), Path()))
     except InputError as error:
-        problems.update(_by_field(error, _BAR_FIELDS))
+        for key, text in _by_field(error, _BAR_FIELDS).items():
+            problems.setdefault(key, text)
         return None
+    return bar if whole else None
 
 
 def _by_field(error: InputError, fields: Mapping[str, str], before: str = "") -> Problems:
@@ -415,11 +385,10 @@ def print_text(draft: BallDraft) -> tuple[str, Level]:
         )
         return words.format(first=pair[0], second=pair[1], mm=pair[2]), "none"
     error = print_error(targets, spacing) or 0.0
-    large, small = (
-        translate("Bench", "Printed {percent:.2f} % too large."),
-        translate("Bench", "Printed {percent:.2f} % too small."),
-    )
-    text = (large if error >= 0 else small).format(percent=100 * abs(error))
+    text = translate("Bench", "Printed {percent:.2f} % too large.")
+    if error < 0:
+        text = translate("Bench", "Printed {percent:.2f} % too small.")
+    text = text.format(percent=100 * abs(error))
     if abs(error) <= USUAL_PRINT:
         usual = translate("Bench", "Printers err by 0.5 % at most: this is as usual.")
         return f"{text} {usual}", "good"
@@ -448,21 +417,13 @@ def read_bench(draft: BenchDraft) -> tuple[Bench | None, tuple[RegisteredBar | N
     celsius = _number(draft.celsius, "celsius", problems, -20.0, 60.0) if draft.celsius.strip() else None
     if problems or ball is None:
         return None, tuple(bars), problems
-    chosen = tuple(
-        BenchBar(
-            _bench_id(one, number),
-            bar.serial,
-            "scale" if one.role == "scale" else "check",
-            _SCALE_POSES if one.role == "scale" else _CHECK_POSES,
-        )
-        for number, (one, bar) in enumerate(zip(draft.bars, bars, strict=True))
-        if bar is not None and one.role != "none"
-    )
-    return Bench(ball, chosen, int(placements), celsius), tuple(bars), problems
-
-
-def _bench_id(draft: BarDraft, number: int) -> str:
-    return draft.id or as_id(draft.serial.strip(), f"bar{number + 1}")
+    chosen = []
+    for number, (one, bar) in enumerate(zip(draft.bars, bars, strict=True), start=1):
+        if bar is not None and one.role != "none":
+            name = one.id or as_id(one.serial.strip(), f"bar{number}")
+            poses = _SCALE_POSES if one.role == "scale" else _CHECK_POSES
+            chosen.append(BenchBar(name, bar.serial, "scale" if one.role == "scale" else "check", poses))
+    return Bench(ball, tuple(chosen), int(placements), celsius), tuple(bars), problems
 
 
 def _together(draft: BenchDraft, bars: Iterable[RegisteredBar | None]) -> Problems:
@@ -549,8 +510,3 @@ def certificate_state(draft: BarDraft, today: date) -> tuple[str, Level]:
     """The state of a bar's certificate, in a few words."""
     bar, _ = read_bar(draft)
     return state_words(bar.certificate, today) if bar is not None else (translate("Bench", "incomplete"), "caution")
-
-
-def error_words(error: SpherecalError) -> str:
-    """An error in one line."""
-    return " ".join(error.words(languages.now())).strip()

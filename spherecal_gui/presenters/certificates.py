@@ -1,16 +1,14 @@
 """Certificates of reference bars: which have expired or soon will, in the words of the start page and of Verify."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import SpherecalError
 from spherecal.files.json_file import read_json
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.standing import Level, worst
 
 if TYPE_CHECKING:
@@ -19,22 +17,9 @@ if TYPE_CHECKING:
 
 # Imported inside functions: sessions and bars take 15 ms, for which the window does not wait.
 
-translate = QCoreApplication.translate
-
-
-@dataclass(frozen=True)
-class Reminder:
-    """What has to be known of the bars' certificates; no text where nothing has."""
-
-    text: str = ""
-    level: Level = "none"
-
 
 def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
-    """The state of a certificate in a few words, and the colour of that.
-
-    `certificate` None where it has none.
-    """
+    """The state of a certificate in a few words, and the colour of that. `certificate` None where it has none."""
     from spherecal.files.bar_registry import expiry
 
     said = expiry(certificate, today)
@@ -54,8 +39,8 @@ def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Le
     return translate("Certificates", "valid until {date}").format(date=until), "good"
 
 
-def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
-    """One sentence about the bars whose certificate has expired or soon will."""
+def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, Level]:
+    """One sentence about the bars whose certificate has expired or soon will, and its colour; empty where none has."""
     from spherecal.files.bar_registry import RegisteredBar, expiry
 
     names: dict[str, list[str]] = {"expired": [], "not-yet": [], "expires-soon": []}
@@ -76,10 +61,10 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> Reminder:
     notes: list[tuple[Level, str]] = [
         (levels[word], texts[word].format(bars=languages.listed(own))) for word, own in names.items() if own
     ]
-    return Reminder(" ".join(text for _, text in notes), worst(level for level, _ in notes)) if notes else Reminder()
+    return " ".join(text for _, text in notes), worst(level for level, _ in notes)
 
 
-def bench_reminder(bench: Path, today: date) -> Reminder:
+def bench_reminder(bench: Path, today: date) -> tuple[str, Level]:
     """Of the bars on the rig's bench; where none was described, of all bars of the library."""
     from spherecal.files.bar_registry import BAR_REGISTRY
     from spherecal.files.read_bars import read_bars
@@ -93,5 +78,5 @@ def bench_reminder(bench: Path, today: date) -> Reminder:
         else:
             bars = BAR_REGISTRY.read().values()
     except SpherecalError:  # it is named where the bench is used; the start page comes up all the same
-        return Reminder()
+        return "", "none"
     return reminder(bars, today)

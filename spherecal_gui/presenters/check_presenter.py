@@ -4,17 +4,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.results_presenter import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
-
-translate = QCoreApplication.translate
 
 _LEVELS: dict[str, Level] = {"ok": "good", "watch": "caution", "recalibrate": "bad"}
 
@@ -83,20 +81,14 @@ def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
         "watch": translate("Check", "watch it"),
         "recalibrate": translate("Check", "has moved"),
     }
-    return [
-        CheckRow(
-            one.test.id,
-            words[one.verdict],
-            _LEVELS[one.verdict],
-            float(one.test.move_px),
-            float(one.test.point_mm),
-            float(one.test.rms_px),
-            one.before_px,
-            float(np.linalg.norm(one.test.shift_mm)),
-            float(np.degrees(np.linalg.norm(one.test.turn_rad))),
-        )
-        for one in found.cameras
-    ]
+    rows = []
+    for one in found.cameras:
+        test = one.test
+        shift, turn = float(np.linalg.norm(test.shift_mm)), float(np.degrees(np.linalg.norm(test.turn_rad)))
+        figures = float(test.move_px), float(test.point_mm), float(test.rms_px)
+        word, level = words[one.verdict], _LEVELS[one.verdict]
+        rows.append(CheckRow(test.id, word, level, *figures, one.before_px, shift, turn))
+    return rows
 
 
 def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", in_use: bool) -> tuple[str, Level]:

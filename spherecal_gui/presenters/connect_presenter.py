@@ -6,14 +6,13 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.data.session import Bar
 from spherecal_cameras.protocol import CameraStatus
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.bench_presenter import targets_words
-from spherecal_gui.presenters.certificates import Reminder, reminder
+from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.project import Artefacts
 from spherecal_gui.tasks.jobs import artefacts_of, as_people_count
 from spherecal_gui.texts import camera_details, camera_trouble, error_text
@@ -23,8 +22,6 @@ if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
     from spherecal_cameras.protocol import CameraInfo
     from spherecal_gui.presenters.drivers_presenter import DriverNote
     from spherecal_gui.tasks.live_detection import Connection
-
-translate = QCoreApplication.translate
 
 # Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal_cameras).
 _ILL = 0.01
@@ -256,10 +253,7 @@ def lengths_texts(bar: Bar) -> list[str]:
 
 
 def bars_with_nominal(connection: "Connection | None", bars: Collection[str]) -> list[Bar]:
-    """Those of these bars that have nominal lengths.
-
-    `connection` None: there are no bars.
-    """
+    """Those of these bars that have nominal lengths. `connection` None: there are no bars."""
     known = connection.plan.bars if connection is not None else ()
     return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
 
@@ -339,8 +333,8 @@ def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> 
             BenchRow(translate("Connect", "Board"), artefacts.target_set, level),
             BenchRow(translate("Connect", "Scale from the board's pitch"), artefacts.scale, level),
         ]
-    message = reminder(connection.plan.bars, date.today()) if connection is not None else Reminder()
-    certificates = [BenchRow(translate("Connect", "Certificates"), message.text, message.level)] if message.text else []
+    text, worst = reminder(connection.plan.bars if connection is not None else (), date.today())
+    certificates = [BenchRow(translate("Connect", "Certificates"), text, worst)] if text else []
     return [
         BenchRow(translate("Connect", "Targets on the ball"), _targets_words(connection, artefacts), level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),

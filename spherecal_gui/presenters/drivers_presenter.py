@@ -6,18 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal_cameras.builtin_driver import BuiltinDriver, state
 from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.standing import Level
 
 if TYPE_CHECKING:
     from spherecal_cameras.camera_network import InterfaceFact
-
-translate = QCoreApplication.translate
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
 
@@ -87,9 +84,8 @@ def _builtin_lacks(builtin: BuiltinDriver) -> list[str]:
 def _wrong_driver(troubles: Sequence[DriverTrouble], builtin: BuiltinDriver) -> DriverNote:
     """Cameras answer, and no driver that is there lists one: it is another maker's."""
     names = [Path(one.file).name for one in troubles]
-    title = translate("Drivers", "The driver does not reach these cameras: {names}.").format(
-        names=languages.listed(names)
-    )
+    title = translate("Drivers", "The driver does not reach these cameras: {names}.")
+    title = title.format(names=languages.listed(names))
     own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
     in_use = ANY_MAKER.files[0] in names
     steps = (own, *_packages(troubles[0].makers), *([] if in_use else _builtin_lacks(builtin)))

@@ -2,12 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
+from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:
     from spherecal_gui.tasks.camera_effects import CameraEffect
-
-translate = QCoreApplication.translate
 
 
 def field_text(effects: "tuple[CameraEffect, ...]") -> str:

@@ -5,19 +5,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
 from spherecal_documents.scene.model import SceneData, scene_data
-from spherecal_gui.texts import error_text
+from spherecal_gui.languages import translate
+from spherecal_gui.texts import error_line
 
 if TYPE_CHECKING:  # imports scipy.optimize
     from spherecal_rigs.framed_rig import Place
     from spherecal_rigs.result_folder import Result
-
-translate = QCoreApplication.translate
 
 Role = Literal["origin", "x", "xy"]
 _MINUS = "\N{MINUS SIGN}"
@@ -160,7 +158,7 @@ class FrameChoice:
         try:
             self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""
         except InputError as error:
-            self.frame, self.problem = None, " ".join(error_text(error)).strip()
+            self.frame, self.problem = None, error_line(error)
 
     def _suggested(self, origin: str) -> tuple[str | None, str | None]:
         """The place farthest from the origin, and the one farthest from the line to it; of the origin's kind first."""
@@ -190,16 +188,10 @@ class FrameChoice:
         message = translate(
             "Frame", "{origin} lies at {x} / {y} / {z} mm; {to} is {distance} mm from it, {xy} {angle}° off."
         )
-        words += " " + message.format(
-            origin=d.origin,
-            x=f"{x:.1f}",
-            y=f"{y:.1f}",
-            z=f"{z:.1f}",
-            to=d.x,
-            xy=d.xy,
-            distance=f"{self.frame.distance_mm:.1f}",
-            angle=f"{self.frame.angle_deg:.0f}",
-        )
+        figures = {"x": x, "y": y, "z": z, "distance": self.frame.distance_mm}
+        shown = {name: f"{figure:.1f}" for name, figure in figures.items()}
+        angle = f"{self.frame.angle_deg:.0f}"
+        words += " " + message.format(origin=d.origin, to=d.x, xy=d.xy, angle=angle, **shown)
         if self.frame.axes_sigma_deg is not None and self.frame.origin_sigma_mm is not None:
             words += " " + translate("Frame", "Uncertainty (k = 1): origin {mm} mm, axes {deg}°.").format(
                 mm=f"{self.frame.origin_sigma_mm.max():.2g}", deg=f"{self.frame.axes_sigma_deg.max():.2g}"
@@ -219,13 +211,10 @@ class FrameChoice:
     @property
     def marked(self) -> list[tuple[str, FloatArray]]:
         """The chosen places in the picture."""
-        names = [
-            name for name in (self.definition.origin, self.definition.x, self.definition.xy) if name in self.places
-        ]
-        if not names:
-            return []
-        at = self.in_picture(np.array([self.places[str(name)].place_mm for name in names]))
-        return list(zip(map(str, names), at, strict=True))
+        d = self.definition
+        names = [str(name) for name in (d.origin, d.x, d.xy) if name in self.places]
+        places = np.array([self.places[name].place_mm for name in names]).reshape(-1, 3)
+        return list(zip(names, self.in_picture(places), strict=True))
 
     def in_picture(self, places_mm: FloatArray) -> FloatArray:
         """Places (n, 3) of the world in the picture's frame."""

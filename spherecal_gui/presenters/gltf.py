@@ -79,14 +79,8 @@ class _Maker:
         file = io.BytesIO()
         Image.fromarray(np.asarray(picture.image, dtype=np.uint8)).save(file, "PNG")
         self._images.append({"bufferView": self._view(file.getvalue(), None), "mimeType": "image/png"})
-        self._materials.append(
-            {
-                "name": "images",
-                "doubleSided": True,
-                "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
-                "extensions": {"KHR_materials_unlit": {}},
-            }
-        )
+        texture = {"baseColorTexture": {"index": 0}}
+        self._materials.append({**self._materials[1], "name": "images", "pbrMetallicRoughness": texture})
         first = 4 * np.arange(len(picture.corners))[:, None]
         faces = np.concatenate([first + np.array(corners) for corners in ((0, 1, 2), (0, 2, 3))])
         attributes = {

@@ -1,12 +1,10 @@
 """What stopping now and one more placement would give: the engine's advice in words."""
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.placement_view import NOT_YET_MM, WORTH, GuidanceView
-
-translate = QCoreApplication.translate
 
 
 def is_enough(shown: GuidanceView, planned_taken: bool) -> bool:

@@ -3,12 +3,11 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.verify.limit import parse_limit
 from spherecal_gui import limits_in_force as in_use
-from spherecal_gui.texts import error_text
+from spherecal_gui.languages import translate
+from spherecal_gui.texts import error_line
 from spherecal_rigs.limits_file import (
     DOTS,
     HOURS,
@@ -20,8 +19,6 @@ from spherecal_rigs.limits_file import (
     read_limits,
     write_limits,
 )
-
-translate = QCoreApplication.translate
 
 
 @dataclass(frozen=True)
@@ -38,16 +35,20 @@ class LimitField:
 
 def limit_fields() -> list[LimitField]:
     """All limits, in the order in which they are shown."""
-    hours, kelvin = translate("Limits", "h"), "K"
+    hours, needed = translate("Limits", "h"), translate("Limits", "Dots that each camera needs at a placement")
+    warmer = translate("Limits", "Ageing from a temperature change of")
+    much_warmer = translate("Limits", "Out of date from a temperature change of")
+    limit = translate("Limits", "Limit of the length errors in new projects, A+L/K")
+    may_widen = translate("Limits", "The technician may give a project another limit")
+    widened = translate("Limits", "Without this, nobody passes a rig by widening the limit at Verify.")
+    may_use = translate("Limits", "A calibration that was not verified may be put to use")
     aged = translate("Limits", "The chip turns amber. Comparable systems warn after 5 h as well.")
     stale = translate("Limits", "The chip turns red. Comparable systems refuse to measure after 12 h.")
     warm = translate(
-        "Limits",
-        "Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.",
+        "Limits", "Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin."
     )
     dots = translate(
-        "Limits",
-        "Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.",
+        "Limits", "Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations."
     )
     formula = translate(
         "Limits", "A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty."
@@ -57,39 +58,14 @@ def limit_fields() -> list[LimitField]:
         "Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.",
     )
     return [
-        LimitField(
-            "needed_dots",
-            translate("Limits", "Dots that each camera needs at a placement"),
-            translate("Limits", "dots"),
-            dots,
-            DOTS,
-        ),
+        LimitField("needed_dots", needed, translate("Limits", "dots"), dots, DOTS),
         LimitField("ageing_hours", translate("Limits", "Ageing after"), hours, aged, HOURS, 1),
         LimitField("stale_hours", translate("Limits", "Out of date after"), hours, stale, HOURS, 1),
-        LimitField(
-            "ageing_kelvin", translate("Limits", "Ageing from a temperature change of"), kelvin, warm, KELVIN, 1
-        ),
-        LimitField(
-            "stale_kelvin", translate("Limits", "Out of date from a temperature change of"), kelvin, warm, KELVIN, 1
-        ),
-        LimitField(
-            "verification_limit",
-            translate("Limits", "Limit of the length errors in new projects, A+L/K"),
-            "mm",
-            formula,
-        ),
-        LimitField(
-            "verification_limit_open",
-            translate("Limits", "The technician may give a project another limit"),
-            "",
-            translate("Limits", "Without this, nobody passes a rig by widening the limit at Verify."),
-        ),
-        LimitField(
-            "unverified_use",
-            translate("Limits", "A calibration that was not verified may be put to use"),
-            "",
-            unverified,
-        ),
+        LimitField("ageing_kelvin", warmer, "K", warm, KELVIN, 1),
+        LimitField("stale_kelvin", much_warmer, "K", warm, KELVIN, 1),
+        LimitField("verification_limit", limit, "mm", formula),
+        LimitField("verification_limit_open", may_widen, "", widened),
+        LimitField("unverified_use", may_use, "", unverified),
     ]
 
 
@@ -103,15 +79,12 @@ def limit_problems(limits: Limits) -> dict[str, str]:
         if limits.verification_limit:
             parse_limit(limits.verification_limit)
     except InputError as error:
-        found["verification_limit"] = " ".join(error_text(error)).strip()
+        found["verification_limit"] = error_line(error)
     return found
 
 
 def value_text(name: str, value: Value | None) -> str:
-    """A limit's value with its unit, for people.
-
-    `value` None or empty text: no limit.
-    """
+    """A limit's value with its unit, for people. `value` None or empty text: no limit."""
     if isinstance(value, bool):
         return translate("Limits", "yes") if value else translate("Limits", "no")
     unit = next((one.unit for one in limit_fields() if one.name == name), "")
@@ -132,7 +105,7 @@ def load_limits(path: Path | None = None) -> str:
         in_use.use(read_limits(path))
     except InputError as error:
         in_use.use(Limits())
-        return _damage_text(" ".join(error_text(error)).strip())
+        return _damage_text(error_line(error))
     return ""
 
 
@@ -153,7 +126,7 @@ class LimitsDesk:
         try:
             self.kept = read_limits(self.path)
         except InputError as error:
-            self.damage = " ".join(error_text(error)).strip()
+            self.damage = error_line(error)
 
     def state_text(self) -> str:
         """Whose the limits are and where they are kept, or why they cannot be changed."""
@@ -174,7 +147,7 @@ class LimitsDesk:
             in_use.use(limits)
             self._into_profile(limits)
         except SpherecalError as error:
-            return said, " ".join(error_text(error)).strip()
+            return said, error_line(error)
         return said, ""
 
     def _into_profile(self, limits: Limits) -> None:
@@ -197,5 +170,5 @@ class LimitsDesk:
             if not self.differs_in_profile(self.kept):
                 return ""
         except SpherecalError as error:
-            return " ".join(error_text(error)).strip()
+            return error_line(error)
         return translate("Limits", "The rig's profile still has others; saving here gives it these.")

@@ -5,18 +5,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.texts import camera_details, camera_trouble, reason_text
 from spherecal_gui.workflow import Reason
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
     from spherecal_cameras.protocol import CameraStatus, Frame
     from spherecal_gui.tasks.live_detection import Sight
-
-translate = QCoreApplication.translate
 
 # Measured on the simulated demo rig, ten times the same image (median edge of the dots; share of targets still found;
 # noise of a dot): 0.7 px all, 0.007 px; 1.4 px 90 %, 0.009 px; 2.4 px 60 %, 0.012 px; 3.1 px 40 %, 0.014 px.

@@ -4,17 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_measuring.measuring_task import Ruler, parse_point
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.session import Bar
     from spherecal_measuring.measured_sets import MeasuredSet
-
-translate = QCoreApplication.translate
 
 
 @dataclass(frozen=True)
@@ -25,14 +22,6 @@ class ValueRow:
     value: str
     uncertainty: str
     deviation: str
-    level: Level
-
-
-@dataclass(frozen=True)
-class Trust:
-    """What to say of the measurement as a whole, and how good that is."""
-
-    text: str
     level: Level
 
 
@@ -85,28 +74,25 @@ def ruler_hint(chosen: Sequence[str]) -> str:
     return ""
 
 
-def trust_of(measured: "MeasuredSet", moved: Sequence[str]) -> Trust:
+def trust_of(measured: "MeasuredSet", moved: Sequence[str]) -> tuple[str, Level]:
     """Whether cameras have moved, views contradict, or all is well."""
     if moved:
         text = translate("Measure", "Moved since the calibration: {cameras}. Check the rig before you measure on.")
-        return Trust(text.format(cameras=languages.listed(moved)), "bad")
+        return text.format(cameras=languages.listed(moved)), "bad"
     if not measured.names:
-        return Trust(translate("Measure", "No target is seen by two cameras."), "caution")
+        return translate("Measure", "No target is seen by two cameras."), "caution"
     wrong = [one for one in measured.contradictions if 2 * one.views >= one.of]
     if wrong and wrong[0].camera is not None:
         text = translate("Measure", "Target {target}: {camera} contradicts the other cameras.")
-        return Trust(text.format(target=wrong[0].target, camera=wrong[0].camera), "caution")
+        return text.format(target=wrong[0].target, camera=wrong[0].camera), "caution"
     if wrong:
         text = translate("Measure", "Target {target}: its views contradict one another.")
-        return Trust(text.format(target=wrong[0].target), "caution")
-    return Trust(translate("Measure", "The cameras agree."), "good")
+        return text.format(target=wrong[0].target), "caution"
+    return translate("Measure", "The cameras agree."), "good"
 
 
 def pace_text(measured: "MeasuredSet", rate_hz: float | None) -> str:
-    """Points, rate and latency in one line.
-
-    `rate_hz` None: not known.
-    """
+    """Points, rate and latency in one line. `rate_hz` None: not known."""
     text = translate("Measure", "{points} points").format(points=len(measured.names))
     if rate_hz is not None:
         text += " · " + translate("Measure", "{rate:.1f} sets a second").format(rate=rate_hz)

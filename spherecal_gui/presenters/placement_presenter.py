@@ -3,13 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.arrays import IntArray
 from spherecal_gui import languages
 from spherecal_gui.coverage import CameraNeed, Level, needed_dots
-
-translate = QCoreApplication.translate
+from spherecal_gui.languages import translate
 
 # Somebody who lets go of the ball needs this long to step out of the picture.
 HOLD_S = 1.5
@@ -90,7 +87,7 @@ class AutoTrigger:
 
     def feed(self, scene: Scene, now_s: float) -> bool:
         """Whether to take now."""
-        if scene.still is False or scene.still is None:
+        if not scene.still:
             self._armed, self._since = True, None
             return False
         if not scene.enough or not self._armed:

@@ -2,24 +2,22 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.findings import AdvisedRepair, Finding, RepairKind
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
     from spherecal.verify.verification_file import BarReport
     from spherecal_gui.tasks.outcome import Compared
     from spherecal_rigs.result_folder import Result
-
-translate = QCoreApplication.translate
 
 ActionKind = Literal["add placement", "retake", "show camera", "calibrate", "bench", "--leave-out", "--split", "--swap"]
 
@@ -182,20 +180,15 @@ def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[Ca
             rows.append(CameraRow(name, None, len(own), out, None, None, None, placed=False))
             continue
         sigma, change = camera.sigma, changes.get(name)
-        rows.append(
-            CameraRow(
-                name,
-                camera.rms_px,
-                camera.observations,
-                out,
-                None if sigma is None else float(np.linalg.norm(sigma.centre_mm)),
-                None if sigma is None else float(np.linalg.norm(sigma.rotation_deg)),
-                float(camera.intrinsics[0]),
-                placed=True,
-                change_mm=None if change is None else float(change.ray_rms_mm),
-                moved=change is not None and change.moved,
-            )
+        row = CameraRow(
+            name, camera.rms_px, camera.observations, out, None, None, float(camera.intrinsics[0]), placed=True
         )
+        if sigma is not None:
+            place, turn = (float(np.linalg.norm(one)) for one in (sigma.centre_mm, sigma.rotation_deg))
+            row = replace(row, sd_centre_mm=place, sd_turn_deg=turn)
+        if change is not None:
+            row = replace(row, change_mm=float(change.ray_rms_mm), moved=change.moved)
+        rows.append(row)
     return sorted(rows, key=lambda row: (row.placed, -(row.rms_px or 0.0)))
 
 
@@ -234,17 +227,14 @@ def compared_text(compared: "Compared | None") -> tuple[str, Level]:
         return "", "none"
     found = compared.comparison
     moved = [one.id for one in found.cameras if one.moved]
-    since = translate("Results", "Since calibration {number} of {made}:").format(
-        number=compared.number, made=compared.made
-    )
+    since = translate("Results", "Since calibration {number} of {made}:")
+    since = since.format(number=compared.number, made=compared.made)
     parts = []
     if found.length_mm is not None:
         text = translate("Results", "lengths change by up to {mm:.3f} mm")
         parts.append(text.format(mm=abs(found.length_mm)))
-    if moved:
-        parts.append(translate("Results", "{cameras} moved").format(cameras=languages.listed(moved)))
-    else:
-        parts.append(translate("Results", "no camera stands out"))
+    some, none = translate("Results", "{cameras} moved"), translate("Results", "no camera stands out")
+    parts.append(some.format(cameras=languages.listed(moved)) if moved else none)
     return f"{since} {languages.listed(parts)}.", "caution" if moved else "none"
 
 
@@ -308,11 +298,9 @@ def advice(result: "Result", placements: tuple[str, ...]) -> list[FindingAdvice]
             actions += [_repair(one) for one in finding.repairs]
             actions += _steps_for(finding, placements)
         if not actions:
-            actions += [
-                Action("show camera", name, translate("Results", "Show {name}").format(name=name))
-                for name in finding.where
-                if name in cameras
-            ][:1]
+            names = [name for name in finding.where if name in cameras][:1]
+            text = translate("Results", "Show {name}")
+            actions += [Action("show camera", name, text.format(name=name)) for name in names]
         found.append(_advice_of(finding, levels[finding.severity], tuple(actions)))
     return found
 

@@ -2,13 +2,10 @@
 
 from dataclasses import dataclass
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import map_step
-
-translate = QCoreApplication.translate
+from spherecal_gui.languages import translate
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +41,9 @@ def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
         half = 0.3 * map_step(data.map_places)
         found += [SceneItem("map", name, place, half, data, i, 2) for i, place in enumerate(data.map_places)]
     elif "dots" in layers and data.names:
-        found += [
-            SceneItem(
-                "dot",
-                translate("Scene", "{placement}, target {target}, dot {dot}").format(
-                    placement=placement, target=target, dot=dot
-                ),
-                data.points[i],
-                0.0,
-                data,
-                i,
-                2,
-            )
-            for i, (placement, target, dot) in enumerate(data.names)
-        ]
+        text = translate("Scene", "{placement}, target {target}, dot {dot}")
+        names = [text.format(placement=placement, target=target, dot=dot) for placement, target, dot in data.names]
+        found += [SceneItem("dot", name, data.points[i], 0.0, data, i, 2) for i, name in enumerate(names)]
     return found
 
 
@@ -69,11 +55,8 @@ def _camera(item: SceneItem) -> list[str]:
     if known.serial:
         lines.append(translate("Scene", "Serial number {serial}").format(serial=known.serial))
     if known.sensor_px is not None:
-        lines.append(
-            translate("Scene", "Sensor {width} × {height} px").format(
-                width=known.sensor_px[0], height=known.sensor_px[1]
-            )
-        )
+        (width, height), text = known.sensor_px, translate("Scene", "Sensor {width} × {height} px")
+        lines.append(text.format(width=width, height=height))
     if known.rms_px is not None:
         lines.append(translate("Scene", "Residuals {rms:.3f} px rms").format(rms=known.rms_px))
     if known.sd_mm is not None:

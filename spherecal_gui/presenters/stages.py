@@ -1,8 +1,6 @@
 """What is being done, in the reader's language; the engine and the jobs name their stages in English."""
 
-from PySide6.QtCore import QCoreApplication
-
-translate = QCoreApplication.translate
+from spherecal_gui.languages import translate
 
 
 def stage_name(stage: str) -> str:

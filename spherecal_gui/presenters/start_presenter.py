@@ -5,10 +5,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal.base.errors import SpherecalError
 from spherecal_gui.coverage import Level
+from spherecal_gui.languages import translate
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
@@ -19,8 +18,6 @@ from spherecal_rigs.kept_checks import last_check
 if TYPE_CHECKING:
     from spherecal_rigs.entry import Entry
     from spherecal_rigs.store import Profile
-
-translate = QCoreApplication.translate
 
 
 @dataclass(frozen=True)
@@ -173,7 +170,8 @@ def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
     """What there is to say of the calibration in use, what was measured of it before how old it is."""
     from spherecal_rigs.calibration_age import validity  # imports scipy
 
-    verdict = _last_verdict(kept, entry)
+    last = last_verification(kept.folder, kept.active_id)
+    verdict = last.verdict if last is not None else _entry_verdict(entry)
     check = last_check(kept.folder, kept.active_id)
     of_check: dict[str, tuple[Level, str]] = {
         "recalibrate": ("bad", translate("Validity", "check: recalibrate")),
@@ -201,35 +199,30 @@ def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
     return [*judged, of_age.get(age.state, old)]
 
 
-def _last_verdict(kept: "Profile", entry: "Entry") -> str | None:
-    """The verdict of the last verification of the calibration in use; None where there was none."""
-    last = last_verification(kept.folder, kept.active_id)
-    return last.verdict if last is not None else _entry_verdict(entry)
-
-
 def _entry_verdict(entry: "Entry") -> str | None:
     """The verdict of a calibration's verification, as projects have it: a limit that is exceeded is no agreement."""
     return "inconsistent" if entry.contradicted else entry.verdict
 
 
-def number_in_use(profile: Path) -> str | None:
-    """The number of the calibration in use; None where there is none."""
+def _opened(profile: Path) -> "Profile | None":
+    """The profile in a folder; None where there is none that can be read."""
     from spherecal_rigs.store import is_profile, open_profile  # imports scipy
 
     try:
-        return open_profile(profile).active_id if is_profile(profile) else None
+        return open_profile(profile) if is_profile(profile) else None
     except SpherecalError:
         return None
 
 
+def number_in_use(profile: Path) -> str | None:
+    """The number of the calibration in use; None where there is none."""
+    kept = _opened(profile)
+    return kept.active_id if kept is not None else None
+
+
 def next_check_text(profile: Path) -> str:
     """When the calibration in use begins to age, by the profile's limits; empty where there is none."""
-    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
-
-    try:
-        kept = open_profile(profile) if is_profile(profile) else None
-    except SpherecalError:
-        return ""
+    kept = _opened(profile)
     if kept is None or kept.active is None:
         return ""
     due = kept.active.calibrated_at + timedelta(hours=kept.limits.ageing_hours)
@@ -238,17 +231,10 @@ def next_check_text(profile: Path) -> str:
 
 def verified_text(profile: Path) -> str:
     """When and how the calibration in use was verified last."""
-    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
-
-    if not is_profile(profile):
-        return ""
-    try:
-        kept = open_profile(profile)
-    except SpherecalError:
+    kept = _opened(profile)
+    if kept is None or kept.active is None:
         return ""
     number, last = kept.active_id, last_verification(profile, kept.active_id)
-    if kept.active is None:
-        return ""
     if last is not None:
         text = translate("Start", "Calibration {number}, verified {at}: {verdict}")
         at = f"{last.at.astimezone():%Y-%m-%d %H:%M}"
@@ -273,15 +259,9 @@ def fault_text(fault: str) -> str:
 
 def profile_rows(folder: Path) -> list[ProfileRow]:
     """The calibrations of the rig's profile, newest first; empty where there is none that can be read."""
-    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
-
-    if not is_profile(folder):
+    kept, rows = _opened(folder), []
+    if kept is None:
         return []
-    try:
-        kept = open_profile(folder)
-    except SpherecalError:
-        return []
-    rows = []
     for number, entry in reversed(kept.entries.items()):
         verdict, level = _verified(_entry_verdict(entry))
         rows.append(
@@ -317,17 +297,10 @@ def _verified(verdict: str | None) -> tuple[str, Level]:
 
 def age_text(profile: Path) -> str:
     """How old the calibration in use is; empty where there is none."""
-    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
-
-    if not is_profile(profile):
+    kept = _opened(profile)
+    if kept is None or kept.active is None:
         return ""
-    try:
-        entry = open_profile(profile).active
-    except SpherecalError:
-        return ""
-    if entry is None:
-        return ""
-    hours = (datetime.now(UTC) - entry.calibrated_at).total_seconds() / 3600
+    hours = (datetime.now(UTC) - kept.active.calibrated_at).total_seconds() / 3600
     if hours < 1:
         return translate("Start", "Calibrated {minutes} minutes ago").format(minutes=max(round(60 * hours), 0))
     if hours < 48:

@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
-from PySide6.QtCore import QCoreApplication
-
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.placement_presenter import Scene, is_stuck, ready_text, short_text
 from spherecal_gui.standing import Button, Level, Said
 from spherecal_gui.texts import reason_text
@@ -18,8 +17,6 @@ from spherecal_gui.workflow import Reason, Status
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import ToGo
-
-translate = QCoreApplication.translate
 
 Work = Literal["", "exposing", "computing", "other"]  # computing: the images are there, ball and bar may be moved
 
@@ -106,9 +103,8 @@ def look_says(f: LookFacts) -> Said:
         )
     else:
         why = translate("State", "Not every camera has sent an image yet.")
-    return Said(
-        level, text, Button(words, "accept", not why, why, f.accepted, True), also=_also({"fixed-again": f.moved})
-    )
+    button = Button(words, "accept", not why, why, f.accepted, True)
+    return Said(level, text, button, also=_also({"fixed-again": f.moved}))
 
 
 # --- placements ------------------------------------------------------------------------------------------------------
@@ -176,9 +172,8 @@ def _placement_button(f: PlacementFacts) -> Button:
         return Button(translate("State", "Retake  (space)"), "capture")
     if f.taken and lost:
         return Button(translate("State", "Go on without {cameras}").format(cameras=lost), "next", accepts=True)
-    return Button(
-        translate("State", "Captured") if f.taken else words, "capture", not f.taken, "", f.taken, not f.taken
-    )
+    words = translate("State", "Captured") if f.taken else words
+    return Button(words, "capture", not f.taken, "", f.taken, not f.taken)
 
 
 def _capturing(work: Work) -> str:
@@ -214,6 +209,7 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
     few, seen = languages.listed(poor[:_NAMED]), any(scene.counts.values())
     turn = translate("State", "Turn or move the ball: {names} sees too little").format(names=few)
     where = "" if f.to_go is None else move_text(f.to_go)
+    before = translate("State", "Move the ball, or confirm that it was turned")
     return _first(
         (f.work == "exposing", "caution", translate("State", "Hold still: images are being captured")),
         (f.work == "computing", "none", translate("State", "The images are there; their dots are being found")),
@@ -227,11 +223,7 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
         (f.away, "none", where),
         (f.stuck, "caution", short_text(scene.short)),
         (bool(poor) and not scene.made_up, "caution", turn),
-        (
-            f.as_before and f.to_go is None,
-            "caution",
-            translate("State", "Move the ball, or confirm that it was turned"),
-        ),
+        (f.as_before and f.to_go is None, "caution", before),
         (scene.still is None, "none", translate("State", "Checking that the ball is still")),
         (not scene.still, "caution", translate("State", "Let the ball come to rest")),
         (True, "good", ready_text(poor)),
@@ -356,10 +348,8 @@ def verify_says(f: VerifyFacts) -> Said:
     """Take poses, then measure."""
     words = translate("State", "Measure the bar")
     if f.measuring:
-        busy = Button(
-            translate("State", "Measuring"), "measure", False, translate("State", "Lengths are being measured.")
-        )
-        return Said("none", translate("State", "Measuring"), busy)
+        text, why = translate("State", "Measuring"), translate("State", "Lengths are being measured.")
+        return Said("none", text, Button(text, "measure", False, why))
     if f.outcome is not None:
         text, level = f.outcome
         return Said(level, text, _measured_button(f, words))
@@ -513,11 +503,9 @@ def save_says(f: SaveFacts) -> Said:
     """Save what is not in the profile yet; then the report; then the end."""
     level, text = _saved(f)
     if f.running == "save":
-        cancel = Button(translate("State", "Cancel"), "cancel")
+        cancel, why = Button(translate("State", "Cancel"), "cancel"), translate("State", "It was asked to stop.")
         if f.stopping:
-            cancel = Button(
-                translate("State", "Stopping"), "cancel", False, translate("State", "It was asked to stop.")
-            )
+            cancel = Button(translate("State", "Stopping"), "cancel", False, why)
         return Said(level, text, cancel, left=f.left)
     report = Button(translate("State", "Write the report"), "report")
     if f.running:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal_gui.coverage import dot_keys
 
 # Of the median dot. At rest it stays below 0.03 px (simulated rigs, 32 to 420 dots); a camera that warms up drifts by
 # some tenths in an hour. A ball that was moved shows in every camera that sees it.
@@ -53,7 +54,7 @@ class BumpWatch:
         `target`, `point`: of each dot (n,): the target's number, and the point on it; `uv`: where the dots are (n, 2),
         px.
         """
-        keys = np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
+        keys = dot_keys(target, point)
         if self._settled_s is None:
             self._settled_s = at_s + _SETTLE_S
         if at_s < self._settled_s:

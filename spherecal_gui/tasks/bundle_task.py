@@ -18,9 +18,7 @@ _MOST_FILES = 5000  # a project of a hundred sets holds a few hundred
 def bundle_files(project: Path | None, log_text: str, about: str) -> tuple[dict[str, bytes], BundleContents]:
     """The project's tables and settings, the log and the versions by name, without names; and what that is.
 
-    Images are left out; so are links, and any single file beyond 50 MB.
-
-    `project` None: none is open.
+    Images are left out; so are links, and any single file beyond 50 MB. `project` None: none is open.
     """
     found: dict[str, bytes] = {}
     for name in plain_files(project, _MOST_FILES) if project is not None else ():
@@ -44,10 +42,7 @@ def contents_text(contents: BundleContents, names: bool = False) -> str:
 
 
 def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -> int:
-    """Write the zip of `bundle_files` with its table of contents; how many files.
-
-    `project` None: none is open.
-    """
+    """Write the zip of `bundle_files` with its table of contents; how many files. `project` None: none is open."""
     found, contents = bundle_files(project, log_text, about)
     found["contents.txt"] = contents_text(contents).encode()
     try:

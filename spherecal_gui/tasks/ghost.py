@@ -9,11 +9,11 @@ import numpy as np
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.posed import PosedCameras
-from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
-from spherecal_gui.coverage import Dots, SetDots
+from spherecal_gui.coverage import Dots, SetDots, dot_keys
 
 if TYPE_CHECKING:  # the simulator, and what only reads results needs
     from spherecal.data.rig import Calibration, Rig
@@ -45,14 +45,8 @@ class Lenses:
     @staticmethod
     def of(rig: "Rig") -> "Lenses":
         """Those of a calibrated rig."""
-        cameras = rig.cameras
-        return Lenses(
-            tuple(c.id for c in cameras),
-            np.array([c.intrinsics for c in cameras]),
-            np.array([c.rotation for c in cameras]),
-            np.array([c.translation_mm for c in cameras]),
-            np.array([c.image_size for c in cameras], dtype=float),
-        )
+        known = [(c.intrinsics, c.rotation, c.translation_mm, np.array(c.image_size, float)) for c in rig.cameras]
+        return Lenses(tuple(c.id for c in rig.cameras), *map(np.array, zip(*known, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +109,6 @@ class Drawn:
     lying_pole: FloatArray
 
 
-def keys_of(target: IntArray, point: IntArray) -> IntArray:
-    """One number for each dot of a target set.
-
-    `target`, `point`: of each dot (n,): the target's number, and the point on it.
-    """
-    return np.asarray(target, dtype=np.int64) * 64 + np.asarray(point, dtype=np.int64)
-
-
 def body_of(calibration: "Calibration", last: str, up: FloatArray) -> LastBall | None:
     """The ball as it stood at a placement, with the dots that other placements have shown of it as well.
 
@@ -138,7 +124,7 @@ def body_of(calibration: "Calibration", last: str, up: FloatArray) -> LastBall |
     parts: dict[str, tuple[IntArray, FloatArray]] = {}
     for name in spheres:
         own = (features.placement == placements.index(name)) & np.isfinite(points[:, 0])
-        parts[name] = (keys_of(features.target[own], features.point[own]), points[own])
+        parts[name] = (dot_keys(features.target[own], features.point[own]), points[own])
     keys, dots = parts.pop(last)
     for other_keys, other_dots in parts.values():
         common, a, b = np.intersect1d(keys, other_keys, return_indices=True)
@@ -177,7 +163,7 @@ def live_points(lenses: Lenses, dots: Mapping[str, Dots]) -> tuple[IntArray, Flo
     if len(rows) < 2:
         return np.empty(0, np.int64), np.empty((0, 3))
     camera = np.repeat([c for c, _ in rows], [len(one) for _, one in rows])
-    every = np.concatenate([keys_of(one.target, one.point) for _, one in rows])
+    every = np.concatenate([one.keys for _, one in rows])
     keys, feature = np.unique(every, return_inverse=True)
     feature = feature.reshape(-1)
     uv = np.concatenate([one.uv for _, one in rows])
@@ -239,10 +225,7 @@ def _towards(lenses: Lenses, start: FloatArray, way: FloatArray) -> str:
 
 
 def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
-    """The ghost and the ball in every camera's image.
-
-    `lying` None: not known, and nothing is drawn of it.
-    """
+    """The ghost and the ball in every camera's image. `lying` None: not known, and nothing is drawn of it."""
     nothing = np.empty((0, 2))
     pole = ghost.body.up * ghost.body.radius_mm
     found = {}
@@ -264,11 +247,10 @@ def drawn_bar(lenses: Lenses, wanted: FloatArray, lying: FloatArray | None) -> d
     `wanted`: the bar's two ends where it should lie (2, 3), mm; `lying`: its two ends where it lies (2, 3), mm; None:
     not known.
     """
-    nothing = np.empty((0, 2))
     found = {}
     for c, name in enumerate(lenses.names):
         line = _seen(lenses, c, wanted)
-        now = nothing if lying is None else _seen(lenses, c, lying)
+        now = np.empty((0, 2)) if lying is None else _seen(lenses, c, lying)
         found[name] = Drawn(line, line, now, now)
     return found
 
@@ -324,17 +306,9 @@ def thinned(dots: SetDots, most: int) -> SetDots:
         return dots
     kept = {}
     for name, one in dots.items():
-        keep = keys_of(one.target, one.point) * 2654435761 % 2**32 % every == 0
+        keep = one.keys * 2654435761 % 2**32 % every == 0
         kept[name] = Dots(one.target[keep], one.point[keep], one.uv[keep], one.image_size)
     return kept
-
-
-def turn_of(axis: FloatArray | None, turn_deg: float) -> FloatArray:
-    """The turn (3, 3) about an axis.
-
-    `axis`: unit axis (3,); None: no turn.
-    """
-    return np.eye(3) if axis is None else exp_rotation(np.deg2rad(turn_deg) * np.asarray(axis))
 
 
 def stage_ball(stage: "Stage", ghost: Ghost, lying: Lying | None) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, SpherecalError
@@ -19,6 +18,7 @@ from spherecal.files.atomic import RESULT, check_folder, write_file_whole
 from spherecal.files.json_file import JsonValue, json_bytes, read_json
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots
+from spherecal_gui.languages import translate
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
@@ -42,18 +42,13 @@ if TYPE_CHECKING:
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.
 
-translate = QCoreApplication.translate
-
 REPAIRS = ("leave-out", "split", "swap")
 SMALLER = 4  # six placements of twenty cameras of 5 MP take 38 MB; a lamp of 4 px is still half as bright
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
 
 def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Connection":
-    """Open the project's source and all its cameras.
-
-    `ask` None: nobody can be asked.
-    """
+    """Open the project's source and all its cameras. `ask` None: nobody can be asked."""
     from spherecal_cameras.camera_settings import default_profile_path, read_profile
     from spherecal_cameras.driver_help import NoCameras, answering, driver_troubles, on_wire
     from spherecal_cameras.sources import open_source
@@ -131,10 +126,8 @@ def taken_in_again(project: Project, connection: "Connection", serials: Sequence
     wanted = connection.profile.settings()
     settings = {serial: wanted.get(serial, CameraSettings()) for serial in serials}
     new = connection.source.apply(settings)
-    own = {report.serial: report for report in (*connection.reports, *new)}
-    return joined(
-        project, connection.source, connection.discovery, tuple(own.values()), connection.plan, connection.wire
-    )
+    own, c = {report.serial: report for report in (*connection.reports, *new)}, connection
+    return joined(project, c.source, c.discovery, tuple(own.values()), c.plan, c.wire)
 
 
 def as_people_count(name: str) -> list[tuple[int, str]]:
@@ -309,7 +302,7 @@ def kept_reference(profile: Path, result: Path) -> str | None:
         if kept is not None and kept.active is not None:
             return kept.rig().reference_camera
         return read_rig(result / "rig.json").reference_camera if (result / "rig.json").is_file() else None
-    except SpherecalError:  # then it is chosen as for the first one
+    except SpherecalError:
         return None
 
 
@@ -445,8 +438,7 @@ def repair(
     done = repose(session, read_source(profile).rig, cameras, context)
     write_result(done, result, {"method": "selected", "only": list(cameras), "estimate": "pose"})
     after = run(session, done.rig, read_known_ball(points_file(profile)), None, context)
-    verdict = _word(done.rig.quality.verdict)
-    return verdict, after
+    return _word(done.rig.quality.verdict), after
 
 
 def report(project: Project, output: Path, language: str, notice: str, context: Context) -> Path:
@@ -492,9 +484,9 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
 
     context.report("saving the profile", 0.0)
     rig = read_rig(result / "rig.json")
-    if put_to_use and not rig.quality.valid:  # before anything is stored: else it would be half done
-        raise InputError(Phrase("error-not-stored"))
-    if put_to_use:
+    if put_to_use:  # before anything is stored: else it would be half done
+        if not rig.quality.valid:
+            raise InputError(Phrase("error-not-stored"))
         refuse_failed(result)
     try:
         own = read_session(session).input_sha256 == rig.input_sha256
@@ -533,11 +525,9 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
 
 
 def calibration_plan(plan: "CapturePlan", sets: Sequence[str], bars: Mapping[str, str] | None = None) -> "CapturePlan":
-    """The plan of the calibration's session: these sets, in this order.
+    """The plan of the calibration's session: these sets, in this order; `bars` None: there are none.
 
     A guided pose has the temperature that the bench's description gives for its bar.
-
-    `bars` None: there are none.
     """
     from spherecal_cameras.plan import PlannedSet
 

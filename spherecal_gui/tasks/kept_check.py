@@ -80,16 +80,9 @@ def _camera(entry: JsonValue) -> _Camera:
     f = entry.fields(
         ("id", "verdict", "moved"), ("move_px", "point_mm", "rms_px", "shift_mm", "turn_deg", "calibrated_rms_px")
     )
-    shift, turn = _number(f, "shift_mm"), _number(f, "turn_deg")
-    test = _Test(
-        f["id"].text(),
-        f["moved"].boolean(),
-        _number(f, "move_px"),
-        _number(f, "point_mm"),
-        _number(f, "rms_px"),
-        np.array([shift]),
-        np.radians([turn]),
-    )
+    figures = _number(f, "move_px"), _number(f, "point_mm"), _number(f, "rms_px")
+    sizes = np.array([_number(f, "shift_mm")]), np.radians([_number(f, "turn_deg")])
+    test = _Test(f["id"].text(), f["moved"].boolean(), *figures, *sizes)
     return _Camera(test, f["verdict"].choice("ok", "watch", "recalibrate"), _optional(f, "calibrated_rms_px"))
 
 

@@ -100,26 +100,25 @@ class SeriesRecorder:
 
     def add(self, measured: "MeasuredSet") -> None:
         """One more set; the measurement waits where the disk does not keep up."""
-        while self._thread.is_alive():
-            try:
-                self._sets.put(measured, timeout=1.0)
-            except queue.Full:
-                continue
-            self.taken += 1
-            return
+        self.taken += self._put(measured)
 
     def end(self) -> int:
         """Write what is left, put the folder in its place; the number of sets. Raises what went wrong."""
-        while self._thread.is_alive():
-            try:
-                self._sets.put(None, timeout=1.0)
-                break
-            except queue.Full:
-                continue
+        self._put(None)
         self._thread.join()
         if self._error is not None:
             raise self._error
         return self.taken
+
+    def _put(self, one: "MeasuredSet | None") -> bool:
+        """Whether it was taken; not where writing has ended, as by an error."""
+        while self._thread.is_alive():
+            try:
+                self._sets.put(one, timeout=1.0)
+            except queue.Full:
+                continue
+            return True
+        return False
 
     def _run(self) -> None:
         from spherecal_measuring.series_file import write_series

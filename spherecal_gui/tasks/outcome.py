@@ -70,16 +70,8 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar
     plan = plan_poses_of(folder, result.rig, bars)
     planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
     context.report("reading the result", 0.9)
-    return Outcome(
-        result,
-        compared,
-        links,
-        plan,
-        planes,
-        _places(folder, session),
-        _last_images(session),
-        effects_of(result.rig, folder),
-    )
+    places, images, effects = _places(folder, session), _last_images(session), effects_of(result.rig, folder)
+    return Outcome(result, compared, links, plan, planes, places, images, effects)
 
 
 def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
@@ -158,6 +150,5 @@ def _observations(result: "Result", cameras: tuple[str, ...]) -> tuple[Observati
         for index, column in zip(at, (table.placement, table.camera, table.point), strict=True)
     ]
     uv = table.predicted[rows] - table.du_dv[rows]
-    return Observations(placements, tuple(known), points, picked[0], picked[1], table.target[rows], picked[2], uv), (
-        tuple(known)
-    )
+    names = tuple(known)
+    return Observations(placements, names, points, picked[0], picked[1], table.target[rows], picked[2], uv), names

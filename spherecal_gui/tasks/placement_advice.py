@@ -89,8 +89,9 @@ def _shown(
     session: "Session", calibration: "Calibration", found: "Advised | None", coarse: bool = False
 ) -> GuidanceView | None:
     """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
+    from spherecal.geometry.rotation import exp_rotation
     from spherecal_documents.report.rig_view import choose_axes
-    from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
+    from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of
 
     best = found.best if found is not None else None
     if found is None or best is None:
@@ -106,7 +107,8 @@ def _shown(
     body = body_of(calibration, spheres[-1].placement, up)
     ghost = None
     if body is not None:
-        ghost = Ghost(Lenses.of(calibration.rig), body, best.centre_mm, turn_of(best.axis, best.turn_deg))
+        turn = np.zeros(3) if best.axis is None else np.deg2rad(best.turn_deg) * np.asarray(best.axis)
+        ghost = Ghost(Lenses.of(calibration.rig), body, best.centre_mm, exp_rotation(turn))
     scene = next_scene(calibration.rig, spheres, best.centre_mm)
     return GuidanceView(found.now_mm, best.expanded_mm, ghost, scene, coarse)
 

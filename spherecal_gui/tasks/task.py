@@ -128,10 +128,7 @@ class Runner(QObject):
         on_failed: Callable[[BaseException], None],
         on_cancelled: Callable[[], None] | None = None,
     ) -> bool:
-        """Start work; False where something runs already.
-
-        `on_cancelled` None: nothing is.
-        """
+        """Start work; False where something runs already. `on_cancelled` None: nothing is."""
         if self.task is not None:
             return False
         self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled
@@ -179,29 +176,22 @@ class Runner(QObject):
     def _succeeded(self, result: object) -> None:
         if self.task is not None:
             self.lasted.emit(self.task.name, time.perf_counter() - self.task.began_s)
-        callback = self._on_done
-        self._end()
-        if callback is not None:
-            callback(result)
+        self._end(self._on_done, result)
 
     @Slot(object)
     def _failed(self, error: BaseException) -> None:
-        callback = self._on_failed
-        self._end()
-        if callback is not None:
-            callback(error)
+        self._end(self._on_failed, error)
 
     @Slot()
     def _cancelled(self) -> None:
-        callback = self._on_cancelled
-        self._end()
-        if callback is not None:
-            callback()
+        self._end(self._on_cancelled)
 
-    def _end(self) -> None:
+    def _end(self, callback: Callable[..., None] | None, *found: object) -> None:
         task, self.task = self.task, None
         self._on_done = self._on_failed = self._on_cancelled = None
         if task is not None:
             task.wait()
             task.deleteLater()
             self.ended.emit(task.name)
+        if callback is not None:
+            callback(*found)

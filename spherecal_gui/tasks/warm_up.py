@@ -1,7 +1,5 @@
 """Which cameras are still getting warmer: lens and sensor creep with them, and so would the calibration."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 # Cameras count as warm when their temperature changes by less than this in a minute. A camera that is switched on
@@ -12,27 +10,18 @@ _LEAST_S = 60.0
 _EVERY_S = 2.0
 
 
-@dataclass(frozen=True)
-class _Reading:
-    at_s: float
-    celsius: float
-
-
 class WarmUp:
     """The cameras' temperatures over the last minutes; fed by one thread, asked by another."""
 
     def __init__(self) -> None:
-        self._readings: dict[str, tuple[_Reading, ...]] = {}  # exchanged whole, so no lock is needed
+        self._readings: dict[str, tuple[tuple[float, float], ...]] = {}  # s, °C; exchanged whole, so no lock is needed
 
     def feed(self, serial: str, at_s: float, celsius: float | None) -> None:
-        """A temperature that came with an image; None where the camera has none to tell.
-
-        `celsius` None where the camera has none to tell.
-        """
+        """A temperature that came with an image; None where the camera has none to tell."""
         kept = self._readings.get(serial, ())
-        if celsius is None or (kept and at_s - kept[-1].at_s < _EVERY_S):
+        if celsius is None or (kept and at_s - kept[-1][0] < _EVERY_S):
             return
-        self._readings[serial] = (*(one for one in kept if at_s - one.at_s <= _WINDOW_S), _Reading(at_s, celsius))
+        self._readings[serial] = (*(one for one in kept if at_s - one[0] <= _WINDOW_S), (at_s, celsius))
 
     def rate_k_per_min(self, serial: str) -> float | None:
         """How fast the camera warms (or cools) for certain; None before a minute of readings.
@@ -41,10 +30,10 @@ class WarmUp:
         sensor is taken off as well: a coarse one's only step may have come at any moment.
         """
         kept = self._readings.get(serial, ())
-        if not kept or kept[-1].at_s - kept[0].at_s < _LEAST_S:
+        if not kept or kept[-1][0] - kept[0][0] < _LEAST_S:
             return None
-        at = np.array([one.at_s - kept[0].at_s for one in kept]) / 60
-        celsius = np.array([one.celsius for one in kept])
+        at, celsius = np.array(kept).T
+        at = (at - at[0]) / 60
         (slope, offset), spread = np.polyfit(at, celsius, 1), float(((at - at.mean()) ** 2).sum())
         left = celsius - slope * at - offset
         error = float(np.sqrt((left**2).sum() / max(len(at) - 2, 1) / spread))

@@ -5,28 +5,31 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal, SignalInstance
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal, SignalInstance
 from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
     QCheckBox,
     QFrame,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLayout,
     QPushButton,
     QScrollArea,
-    QSplitter,
     QVBoxLayout,
     QWidget,
 )
 
 from spherecal_gui import languages, theme
+from spherecal_gui.languages import translate
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.icons import give_icon, level_pixmap
 
 Act = Callable[..., object] | SignalInstance | None
+B = TypeVar("B", bound=QBoxLayout)
 L = TypeVar("L", bound=QLayout)
+Part = QWidget | QLayout | int | None
 W = TypeVar("W", bound=QWidget)
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
 _BANNER_PX = 960
@@ -59,10 +62,6 @@ class Words(QLabel):
     def text(self) -> str:
         """What it says, with plain spaces."""
         return self._said
-
-    def clear(self) -> None:
-        """Say nothing."""
-        self.setText("")
 
 
 def label(text: str = "", name: str = "", wrap: bool = True, level: str = "", hidden: bool = False) -> QLabel:
@@ -102,10 +101,38 @@ def bare(layout: L, spacing: int | None = None) -> L:
     return layout
 
 
-def add(layout: QLayout | QSplitter, *widgets: QWidget) -> None:
-    """Put widgets into a layout or a splitter, one after the other."""
-    for widget in widgets:
-        layout.addWidget(widget)
+def spaced(layout: L, px: int, rows_px: int | None = None) -> L:
+    """The layout with so many px between its parts; `rows_px`: between the rows of a grid, where that differs."""
+    layout.setSpacing(px)
+    if rows_px is not None and isinstance(layout, QGridLayout):
+        layout.setVerticalSpacing(rows_px)
+    return layout
+
+
+def add(layout: B, *parts: Part | tuple[Part, int]) -> B:
+    """Put parts into a row or a column, one after the other, and give it back.
+
+    A pair has the part's stretch, a number is so many px of room, None is room that stretches.
+    """
+    for one in parts:
+        part, stretch = one if isinstance(one, tuple) else (one, 0)
+        if part is None:
+            layout.addStretch(1)
+        elif isinstance(part, int):
+            layout.addSpacing(part)
+        elif isinstance(part, QLayout):
+            layout.addLayout(part, stretch)
+        else:
+            layout.addWidget(part, stretch)
+    return layout
+
+
+def say(target: QLabel, text: str, level: str = "", hides: bool = True) -> None:
+    """Have a label say this in the colour of a level; one that says nothing is hidden where it `hides`."""
+    target.setText(text)
+    set_level(target, level or "none")
+    if hides:
+        target.setVisible(bool(text))
 
 
 def button(text: str, name: str, kind: str = "", act: Act = None, tip: str = "", icon: str = "") -> QPushButton:
@@ -126,7 +153,7 @@ def button(text: str, name: str, kind: str = "", act: Act = None, tip: str = "",
 
 def details_button(inner: QWidget) -> QPushButton:
     """The button “Details”, which shows and hides what is for the person at the desk; hidden at first."""
-    made = button(QCoreApplication.translate("Details", "Details"), "details", "link")
+    made = button(translate("Details", "Details"), "details", "link")
     made.setCheckable(True)
     made.toggled.connect(inner.setVisible)
     inner.hide()
@@ -204,10 +231,11 @@ class Elided(QLabel):
 class Downwards(QScrollArea):
     """Scrolls downwards only: it is as wide as what is in it."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, inner: QWidget) -> None:
+        super().__init__()
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setWidget(inner)
 
     def minimumSizeHint(self) -> QSize:
         """Room for the contents and the bar that scrolls them."""
@@ -248,35 +276,25 @@ class Chip(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._text = ""
-        self._level: Level = "none"
+        self.text = ""
+        self.level: Level = "none"
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
     def show_state(self, text: str, level: Level, details: str = "") -> None:
         """Show a word in the colour of a level."""
-        self._text, self._level = languages.by_locale(text), level
+        self.text, self.level = languages.by_locale(text), level
         self.setToolTip(plain(details))
         self.setAccessibleName(text)
         self.updateGeometry()
         self.update()
 
-    @property
-    def text(self) -> str:
-        """What it says."""
-        return self._text
-
-    @property
-    def level(self) -> Level:
-        """The level in whose colour it says so."""
-        return self._level
-
     def sizeHint(self) -> QSize:
         """As wide as its word."""
-        return self._size_of(self._text)
+        return self._size_of(self.text)
 
     def _size_of(self, text: str) -> QSize:
         metrics = self.fontMetrics()
-        mark = 0 if self._level == "none" else self._mark_px() + theme.TIGHT
+        mark = 0 if self.level == "none" else self._mark_px() + theme.TIGHT
         return QSize(metrics.horizontalAdvance(text) + int(mark) + 2 * theme.GAP + 4, metrics.height() + 10)
 
     def _mark_px(self) -> float:
@@ -288,25 +306,25 @@ class Chip(QWidget):
 
     @property
     def _shorter(self) -> str:
-        return " · ".join(self._text.split(" · ")[:2])
+        return " · ".join(self.text.split(" · ")[:2])
 
     @property
     def _shown(self) -> str:
-        return self._text if self.width() >= self.sizeHint().width() else self._shorter
+        return self.text if self.width() >= self.sizeHint().width() else self._shorter
 
     def paintEvent(self, _: QPaintEvent) -> None:
         """Draw it."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         c, box = theme.now(), QRectF(self.rect()).adjusted(1, 1, -1, -1)
-        tint = c.soft if self._level == "none" else c.of(self._level)
-        painter.setBrush(QColor(c.raised if self._level == "none" else c.tint(self._level)))
+        tint = c.soft if self.level == "none" else c.of(self.level)
+        painter.setBrush(QColor(c.raised if self.level == "none" else c.tint(self.level)))
         painter.setPen(QPen(QColor(theme.mixed(c.surface, tint, 0.45)), 1))
         painter.drawRoundedRect(box, box.height() / 2, box.height() / 2)
         words = box.adjusted(theme.GAP, 0, -theme.GAP, 0)
-        if self._level != "none":
+        if self.level != "none":
             px = self._mark_px()
-            painter.drawPixmap(QPointF(words.left(), box.center().y() - px / 2), level_pixmap(self._level, px, tint))
+            painter.drawPixmap(QPointF(words.left(), box.center().y() - px / 2), level_pixmap(self.level, px, tint))
             words.setLeft(words.left() + px + theme.TIGHT)
         painter.setPen(QColor(tint))
         painter.drawText(words, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, self._shown)
@@ -332,16 +350,13 @@ class Banner(QFrame):
         self._mark = label("", "", wrap=False)
         self._what = label("", "big")
         self._hint = label("", "soft")
-        words = QVBoxLayout()
-        words.setSpacing(2)
-        words.addWidget(self._what)
-        words.addWidget(self._hint)
+        words = spaced(QVBoxLayout(), 2)
+        add(words, self._what, self._hint)
         close = button("", "close-banner")
         give_icon(close, "x")
         close.setAccessibleName(self.tr("Close this message"))
         close.clicked.connect(self.hide)
-        row.addWidget(self._mark)
-        row.addLayout(words, 1)
+        add(row, self._mark, (words, 1))
         row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
         if parent is not None:
             parent.installEventFilter(self)
@@ -367,10 +382,8 @@ class Banner(QFrame):
         self._kind = kind
         set_level(self, kind)
         self.dress()
-        set_level(self._what, kind)
-        self._what.setText(text)
-        self._hint.setText(hint)
-        self._hint.setVisible(bool(hint))
+        say(self._what, text, kind)
+        say(self._hint, hint)
         self.show()
         self.place()
         self.raise_()

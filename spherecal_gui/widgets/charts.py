@@ -80,6 +80,8 @@ class Chart(pg.PlotWidget):
         """Take the palette's colours."""
         c = theme.now()
         self.setBackground(c.surface)
+        # room for the upper half of a number that stands at the very top
+        self.plot_item.layout.setContentsMargins(0.0, QFontMetricsF(_font(10)).height() / 2, 0.0, 0.0)
         for side in ("left", "bottom"):
             axis = self.getAxis(side)
             axis.setPen(c.border)
@@ -100,10 +102,7 @@ class CoverageChart(Chart):
     def show_cells(
         self, cameras: Sequence[str], before: Sequence[IntArray], live: Sequence[IntArray], levels: Sequence[str]
     ) -> None:
-        """Show the grids.
-
-        `before`: dots in the cells (10, 10) of each camera, of the placements taken.
-        """
+        """Show the grids. `before`: dots in the cells (10, 10) of each camera, of the placements taken."""
         grids = tuple(grid.tobytes() for grid in (*before, *live))
         if self._is_drawn(tuple(cameras), grids, tuple(levels)):
             return
@@ -126,21 +125,16 @@ class CoverageChart(Chart):
             item = pg.ImageItem(self._picture(before[index], live[index]), levels=(0, 255))
             item.setRect(QRectF(left, top, cov.CELLS, cov.CELLS))
             self.addItem(item)
-            frame = pg.PlotCurveItem(
-                [left, left + cov.CELLS, left + cov.CELLS, left, left],
-                [top, top, top + cov.CELLS, top + cov.CELLS, top],
-                pen=pg.mkPen(c.of(levels[index]), width=2.5),
-            )
-            self.addItem(frame)
+            x, y = left + cov.CELLS * np.array([0, 1, 1, 0, 0]), top + cov.CELLS * np.array([0, 0, 1, 1, 0])
+            self.addItem(pg.PlotCurveItem(x, y, pen=pg.mkPen(c.of(levels[index]), width=2.5)))
             share = round(100 * float(((before[index] + live[index]) > 0).mean()))
             name = _text(camera, c.text, 12, (0.5, 0.5 if low else 1.0), bold=True)
             name.setPos(left + cov.CELLS / 2, top + (cov.CELLS / 2 if low else 0.0))
             self.addItem(name)
             if low:
                 continue
-            percent = _text(
-                f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (0.5, 0.0), True
-            )
+            level = "good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"
+            percent = _text(f"{share} %", c.of(level), 12, (0.5, 0.0), bold=True)
             percent.setPos(left + cov.CELLS / 2, top + cov.CELLS)
             self.addItem(percent)
         self.setRange(QRectF(-_GAP_CELLS / 2, -gap / 2, columns * step_x, rows * step_y), padding=0.01)
@@ -165,10 +159,7 @@ class PairMatrix(Chart):
     """The dots that each two cameras have in common: numbers, red where too few, amber where weak, empty for none."""
 
     def show_common(self, cameras: Sequence[str], common: IntArray) -> None:
-        """Show the matrix.
-
-        `common`: the common dots of each two (c, c).
-        """
+        """Show the matrix. `common`: the common dots of each two (c, c)."""
         if self._is_drawn(tuple(cameras), common.tobytes()):
             return
         c = theme.now()
@@ -183,15 +174,10 @@ class PairMatrix(Chart):
         while size > 7 and (count + 1) * QFontMetricsF(_font(size, True)).horizontalAdvance("0000") > self.width():
             size -= 1
         levels: dict[tuple[int, int], str] = {}
-        for i in range(count):
-            for j in range(count):
-                if i == j or not common[i, j]:
-                    continue
-                one = (
-                    "bad" if common[i, j] < cov.MIN_COMMON else "caution" if common[i, j] < cov.WEAK_COMMON else "good"
-                )
-                levels[i, j] = one
-                picture[i, j] = _rgb(c.tint(one))
+        for (i, j), dots in np.ndenumerate(common):
+            if i != j and dots:
+                levels[i, j] = "bad" if dots < cov.MIN_COMMON else "caution" if dots < cov.WEAK_COMMON else "good"
+                picture[i, j] = _rgb(c.tint(levels[i, j]))
         if count:
             image = pg.ImageItem(picture, levels=(0, 255))
             image.setRect(QRectF(-0.5, -0.5, count, count))
@@ -265,10 +251,8 @@ def _decades(low: float, high: float) -> list[tuple[float | None, list[float]]]:
     exponents = range(math.floor(low), math.ceil(high) + 1)
     ticks = {digit: [e + math.log10(digit) for e in exponents] for digit in range(1, 10)}
     message = (1,) if high - low > 1.0 else (1, 2, 5)
-    parts = [
-        [t for d in ticks if (d in message) is shown for t in ticks[d] if low <= t <= high] for shown in (True, False)
-    ]
-    return [(1.0, sorted(parts[0])), (None, sorted(parts[1]))]
+    told = sorted(t for d in message for t in ticks[d] if low <= t <= high)
+    return [(1.0, told), (None, sorted(t for d in ticks if d not in message for t in ticks[d] if low <= t <= high))]
 
 
 def _fall(run: Sequence[float]) -> FloatArray:
@@ -353,10 +337,8 @@ class ErrorChart(Chart):
         amber.setAlpha(70)
         edges = np.repeat(where, 2) + np.tile([-0.5, 0.5], len(where))
         for side in (1.0, -1.0):
-            band = pg.BarGraphItem(
-                x=where, y0=side * inner, y1=side * shown.permitted, width=1.0, brush=amber, pen=pg.mkPen(None)
-            )
-            self.addItem(band)
+            ends = {"y0": side * inner, "y1": side * shown.permitted}
+            self.addItem(pg.BarGraphItem(x=where, **ends, width=1.0, brush=amber, pen=pg.mkPen(None)))
             self.plot(edges, side * np.repeat(shown.permitted, 2), pen=pg.mkPen(c.bad, width=2))
 
 
@@ -364,17 +346,13 @@ class HistogramChart(Chart):
     """How often residuals of each size occur."""
 
     def show_values(self, values: FloatArray, limit: float) -> None:
-        """Show residuals.
-
-        `values`: residuals (n,), px; `limit`: largest size that is shown, px.
-        """
+        """Show residuals. `values`: residuals (n,), px; `limit`: largest size that is shown, px."""
         c = theme.now()
         self.clear()
         self.dress()
         counts, edges = np.histogram(np.clip(values, -limit, limit), bins=41, range=(-limit, limit))
         width = float(edges[1] - edges[0])
-        self.addItem(
-            pg.BarGraphItem(x=(edges[:-1] + edges[1:]) / 2, height=counts, width=0.92 * width, brush=c.accent, pen=None)
-        )
+        middles = (edges[:-1] + edges[1:]) / 2
+        self.addItem(pg.BarGraphItem(x=middles, height=counts, width=0.92 * width, brush=c.accent, pen=None))
         self.span((-1.04 * limit, 1.04 * limit), (0, 1.08 * max(counts.max(initial=0), 1)))
         self.names(self.tr("residual, px"), self.tr("dots"))

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.effects_presenter import drift_text, field_text
 from spherecal_gui.tasks.camera_effects import CameraEffect
-from spherecal_gui.widgets.basic import label
+from spherecal_gui.widgets.basic import add, label
 
 _FEW, _GAP_PX = 9, 10.0  # so many maps stand three in a row, more of them five
 
@@ -21,8 +21,7 @@ class EffectsView(QWidget):
         column = QVBoxLayout(self)
         self.field, self.drift = label(""), label("")
         self.maps, self.lines = _Maps(), _Lines()
-        for part, stretch in ((self.field, 0), (self.maps, 3), (self.drift, 0), (self.lines, 2)):
-            column.addWidget(part, stretch)
+        add(column, self.field, (self.maps, 3), self.drift, (self.lines, 2))
 
     def show_effects(self, effects: tuple[CameraEffect, ...]) -> None:
         """Show those of a result."""

@@ -1,11 +1,20 @@
-"""A field to type into with its name above and what is wrong with it below, said while somebody types."""
+"""Fields: of a number with its unit; of a text with its name above and what is wrong with it below, said at once."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLineEdit, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
 
-from spherecal_gui.widgets.basic import add, bare, label
+from spherecal_gui.widgets.basic import add, bare, label, named, say
 
 _LONGEST = 200
+
+
+def number_field(
+    name: str, says: str, span: tuple[float, float], unit: str, digits: int = 2, step: float = 1.0, tip: str = ""
+) -> QDoubleSpinBox:
+    """A field for a number from `span`, with its unit."""
+    made = QDoubleSpinBox(suffix=f" {unit}" if unit else "", decimals=digits, singleStep=step)
+    made.setRange(*span)
+    return named(made, name, says, tip)
 
 
 class TextField(QWidget):
@@ -18,17 +27,11 @@ class TextField(QWidget):
         self.key, self.title = key, title
         column = bare(QVBoxLayout(self), 2)
         caption = label(title, wrap=False)
-        self.line = QLineEdit()
-        self.line.setObjectName(key)
-        self.line.setPlaceholderText(example)
-        self.line.setAccessibleName(title)
-        self.line.setToolTip(tip)
-        self.line.setMaxLength(_LONGEST)
+        self.line = named(QLineEdit(placeholderText=example, maxLength=_LONGEST), key, title, tip)
         self.line.textEdited.connect(lambda text: self.edited.emit(self.key, text))
         caption.setBuddy(self.line)
         self.problem = label("", level="bad", hidden=True)
-        add(column, caption, self.line, self.problem)
-        column.addStretch(1)
+        add(column, caption, self.line, self.problem, None)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
 
     def show_text(self, text: str) -> None:
@@ -38,6 +41,5 @@ class TextField(QWidget):
 
     def show_problem(self, text: str) -> None:
         """What is wrong, in plain words; empty where nothing is."""
-        self.problem.setText(f"✕ {text}" if text else "")
-        self.problem.setVisible(bool(text))
+        say(self.problem, f"✕ {text}" if text else "", "bad")
         self.line.setAccessibleDescription(text)

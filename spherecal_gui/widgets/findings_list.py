@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.results_presenter import Action, FindingAdvice, repair_text
-from spherecal_gui.widgets.basic import bare, button, clear, details_button, label, set_level
+from spherecal_gui.widgets.basic import add, bare, button, clear, details_button, label, spaced
 from spherecal_gui.widgets.icons import level_pixmap
 
 
@@ -36,8 +36,7 @@ class FindingsList(QScrollArea):
         for option, value in repairs:
             self._column.addWidget(self._repair(option, value))
         if not repairs and all(one.level == "none" for one in advice):
-            nothing = label(self.tr("Nothing to complain about."), "big", level="good")
-            self._column.addWidget(nothing)
+            self._column.addWidget(label(self.tr("Nothing to complain about."), "big", level="good"))
         for one in advice:
             self._column.addWidget(self._row(one))
         self._column.addStretch(1)
@@ -50,24 +49,16 @@ class FindingsList(QScrollArea):
         mark.setPixmap(level_pixmap(one.level, theme.pt(20), tint))
         row.addWidget(mark, 0, Qt.AlignmentFlag.AlignTop)
         row.addSpacing(theme.SMALL)
-        words, folded = QVBoxLayout(), QWidget()
-        words.setSpacing(2)
+        words, folded = spaced(QVBoxLayout(), 2), QWidget()
         more = bare(QVBoxLayout(folded), 2)
         named = self.tr("{title}: {where}").format(title=one.title, where=one.where) if one.where else one.title
-        title = label(named, "big" if one.level != "none" else "")
-        set_level(title, one.level)
-        first = QHBoxLayout()
-        first.addWidget(title, 1)
+        first = add(QHBoxLayout(), (label(named, "big" if one.level != "none" else "", level=one.level), 1))
         words.addLayout(first)
         todo = more if one.level == "none" else words  # what asks for nothing stays one line
         if one.hint:
             todo.addWidget(label(one.hint))
         if one.actions:
-            buttons = QHBoxLayout()
-            for action in one.actions:
-                buttons.addWidget(self._button(action))
-            buttons.addStretch(1)
-            todo.addLayout(buttons)
+            todo.addLayout(add(QHBoxLayout(), *map(self._button, one.actions), None))
         if one.message:
             more.addWidget(label(one.message, "soft"))
         if more.count():
@@ -79,32 +70,14 @@ class FindingsList(QScrollArea):
     def _button(self, action: Action) -> QWidget:
         done = (action.kind, action.target) in self.repairs
         do = button(action.text, f"finding-{action.kind.lstrip('-')}")
-        do.setProperty("asks", [action.kind, action.target])
+        do.clicked.connect(lambda: self.asked.emit(action.kind, action.target))
         do.setEnabled(not done)
         do.setToolTip(self.tr("It is already requested: calibrate again.") if done else "")
-        do.clicked.connect(self._pressed)
         return do
 
     def _repair(self, option: str, value: str) -> QWidget:
         box = QWidget()
-        row = bare(QHBoxLayout(box))
-        message = label(self.tr("Asked for: {repair}").format(repair=repair_text(option, value)), "big")
-        set_level(message, "caution")
-        row.addWidget(message, 1)
-        back = button(self.tr("Take back"), "take-back")
-        back.setProperty("asks", [option, value])
-        back.clicked.connect(self._back)
-        row.addWidget(back)
+        message = self.tr("Asked for: {repair}").format(repair=repair_text(option, value))
+        back = button(self.tr("Take back"), "take-back", act=lambda: self.taken_back.emit(option, value))
+        add(bare(QHBoxLayout(box)), (label(message, "big", level="caution"), 1), back)
         return box
-
-    def _pressed(self) -> None:
-        sender = self.sender()
-        if sender is not None:
-            kind, target = sender.property("asks")
-            self.asked.emit(kind, target)
-
-    def _back(self) -> None:
-        sender = self.sender()
-        if sender is not None:
-            option, value = sender.property("asks")
-            self.taken_back.emit(option, value)

@@ -16,10 +16,7 @@ LEVEL_ICONS = {"good": "check", "caution": "alert-triangle", "bad": "x", "info":
 
 
 def pixmap(name: str, px: float, colour: str, ratio: float = 2.0) -> QPixmap:
-    """An icon in this colour.
-
-    `ratio`: pixels of the screen per px on which it is sharp.
-    """
+    """An icon in this colour. `ratio`: pixels of the screen per px on which it is sharp."""
     made = _drawn(name, max(round(px * ratio), 1), colour)
     made = QPixmap(made)
     made.setDevicePixelRatio(ratio)
@@ -85,8 +82,5 @@ def menu_icon(name: str) -> QIcon:
 
 
 def level_pixmap(level: str, px: float, colour: str | None = None) -> QPixmap:
-    """The mark of a level.
-
-    `colour` None: the level's.
-    """
+    """The mark of a level. `colour` None: the level's."""
     return pixmap(LEVEL_ICONS.get(level, "info-circle"), px, colour or theme.now().of(level))

@@ -7,7 +7,7 @@ there. The libraries of pyvista are 275 MB, too much for the installer. 6000 dot
 import numpy as np
 from numpy.typing import ArrayLike
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
-from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRadialGradient, QTransform
+from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRadialGradient
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -24,6 +24,7 @@ from spherecal_documents.scene.shapes import (
     solid_balls,
 )
 from spherecal_gui import theme
+from spherecal_gui.widgets.scene_live import draw_image
 from spherecal_gui.widgets.scene_view import SceneView
 
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time
@@ -164,10 +165,7 @@ def _draw_points(painter: QPainter, flat: FloatArray, tints: IntArray, size: flo
 def _by_colour(colours: ArrayLike, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
     """The rows of each colour."""
     key = np.asarray(colours, dtype=np.int64) @ np.array([65536, 256, 1])
-    found = []
-    for one in np.unique(key).tolist():
-        found.append(((one >> 16, one >> 8 & 255, one & 255), rows[key == one]))
-    return found
+    return [((one >> 16, one >> 8 & 255, one & 255), rows[key == one]) for one in np.unique(key).tolist()]
 
 
 def _in_front(data: SceneData, eye: Eye) -> BoolArray:
@@ -185,13 +183,6 @@ def _in_front(data: SceneData, eye: Eye) -> BoolArray:
 
 
 def _draw_image(painter: QPainter, corners: FloatArray, image: ByteArray) -> None:
-    """A camera's image on the end of its frustum."""
     h, w = image.shape
     drawn = QImage(np.ascontiguousarray(image).data, w, h, w, QImage.Format.Format_Grayscale8)
-    there = QTransform()
-    wanted = QPolygonF([QPointF(x, y) for x, y in corners.tolist()])
-    if QTransform.quadToQuad(QPolygonF([QPointF(0, 0), QPointF(w, 0), QPointF(w, h), QPointF(0, h)]), wanted, there):
-        painter.save()
-        painter.setTransform(there, combine=True)
-        painter.drawImage(0, 0, drawn)
-        painter.restore()
+    draw_image(painter, QPolygonF([QPointF(x, y) for x, y in corners.tolist()]), drawn)

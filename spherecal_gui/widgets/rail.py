@@ -115,11 +115,6 @@ class RailItem(QAbstractButton):
         painter.drawText(circle, Qt.AlignmentFlag.AlignCenter, str(self._number))
 
 
-def _no_better(state: StepState, standing: Standing) -> StepState:
-    """The step as the rail draws it."""
-    return replace(state, status=status_shown(state.status, standing.level))
-
-
 class Rail(QFrame):
     """All steps, top to bottom."""
 
@@ -141,8 +136,7 @@ class Rail(QFrame):
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         scroll.setWidget(inner)
-        outer = bare(QVBoxLayout(self))
-        outer.addWidget(scroll)
+        bare(QVBoxLayout(self)).addWidget(scroll)
         self.fit()
 
     def fit(self) -> None:
@@ -162,10 +156,7 @@ class Rail(QFrame):
             item.setFixedHeight(int(each))
 
     def show_state(self, state: WorkflowState, standing: Standing | None = None) -> None:
-        """Show all steps; the current one no better than the state of its page.
-
-        `standing` None: no page is shown.
-        """
+        """Show all steps; the current one no better than the state of its page. `standing` None: no page is shown."""
         self._ids = [one.step.id for one in state.steps]
         while len(self._items) < len(state.steps):
             item = RailItem(len(self._items) + 1)
@@ -174,7 +165,9 @@ class Rail(QFrame):
             self._items.append(item)
         for item, one in zip(self._items, state.steps, strict=False):
             current = one.step.id == state.current
-            shown = one if standing is None or not current else _no_better(one, standing)
+            shown = one
+            if standing is not None and current:
+                shown = replace(one, status=status_shown(one.status, standing.level))
             if one.not_begun and not current:
                 shown = replace(one, status=Status.BLOCKED)
             item.show_state(shown, current)

@@ -34,14 +34,9 @@ class RenderedScene(PaintedScene):
         self._broken = not can_render()
         self._shown_at: float | None = None
         self.first_picture_s: float | None = None
-        self._rest = QTimer(self)
-        self._rest.setSingleShot(True)
-        self._rest.setInterval(_REST_MS)
+        self._rest = QTimer(self, singleShot=True, interval=_REST_MS)
         self._rest.timeout.connect(self._ask_fine)
-
-        self._leave = QTimer(self)
-        self._leave.setSingleShot(True)
-        self._leave.setInterval(_LEAVE_MS)
+        self._leave = QTimer(self, singleShot=True, interval=_LEAVE_MS)
         self._leave.timeout.connect(self.close_view)
 
     @property
@@ -98,17 +93,13 @@ class RenderedScene(PaintedScene):
         if self._process is None or self.data is None or not self.isVisible() or self._broken:
             return False
         self._number += 1
-        ratio = self.devicePixelRatioF()
-        eye = self._view_eye(ratio)
-        self._asked[self._number] = self.eye
+        eye, ratio = self.eye, self.devicePixelRatioF()
+        self._asked[self._number] = eye
+        eye = replace(eye, scale=eye.scale * ratio, width=round(eye.width * ratio), height=round(eye.height * ratio))
         self._process.want(
             RequestedPicture(self._id, self._version, self.data, self.style_of_now(), eye, fine, self._number)
         )
         return True
-
-    def _view_eye(self, ratio: float) -> Eye:
-        eye = self.eye
-        return replace(eye, scale=eye.scale * ratio, width=round(eye.width * ratio), height=round(eye.height * ratio))
 
     def _ask_fine(self) -> None:
         if self._ask(fine=True):
@@ -138,10 +129,7 @@ class RenderedScene(PaintedScene):
         return there if there is not None and (there.width, there.height) == (eye.width, eye.height) else eye
 
     def thumbnail(self, width: int, height: int) -> QImage:
-        """The middle of the picture of pyvista, where there is one.
-
-        `width`, `height`: size of the picture, px.
-        """
+        """The middle of the picture of pyvista, where there is one. `width`, `height`: size of the picture, px."""
         if self._image is None or self._broken:
             return super().thumbnail(width, height)
         mode = Qt.AspectRatioMode.KeepAspectRatioByExpanding

@@ -102,10 +102,7 @@ class ResidualView(QWidget):
         for used, tint in ((True, _ON_IMAGE if self._image is not None else c.accent), (False, c.bad)):
             rows = np.flatnonzero(shown.used == used)
             painter.setPen(QPen(QColor(tint), 1.3 if used else 2.2))
-            lines = [
-                QLineF(*start, *end) for start, end in zip(starts[rows].tolist(), ends[rows].tolist(), strict=True)
-            ]
-            painter.drawLines(lines)
+            painter.drawLines([QLineF(*one) for one in np.hstack([starts, ends])[rows].tolist()])
             painter.setPen(QPen(QColor(tint), 3 if used else 6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             painter.drawPoints([QPointF(x, y) for x, y in starts[rows].tolist()])
         painter.setPen(QPen(QColor(c.border), 1))

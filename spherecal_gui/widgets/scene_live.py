@@ -21,7 +21,7 @@ def paint_live(painter: QPainter, data: SceneData, eye: Eye, live: LiveParts) ->
     for camera in data.scene.cameras:
         corners = QPolygonF(_points(eye, camera.corners))
         if (image := live.images.get(camera.id)) is not None:
-            _draw_image(painter, corners, image)
+            draw_image(painter, corners, image)
         if (level := live.levels.get(camera.id, "none")) != "none":
             painter.setPen(QPen(QColor(theme.now().of(level)), 2.5))
             painter.setBrush(Qt.BrushStyle.NoBrush)
@@ -79,7 +79,7 @@ def _draw_ball(
     painter.setBrush(Qt.BrushStyle.NoBrush)
 
 
-def _draw_image(painter: QPainter, corners: QPolygonF, image: QImage) -> None:
+def draw_image(painter: QPainter, corners: QPolygonF, image: QImage) -> None:
     """A camera's image on the end of its frustum."""
     w, h = image.width(), image.height()
     there = QTransform()

@@ -1,7 +1,7 @@
 """Names, axis letters, scale, legend, the cube of views and the figures under the mouse, painted over every scene."""
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication, QLineF, QPointF, QRectF, QSizeF, Qt
+from PySide6.QtCore import QLineF, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QTransform
 from PySide6.QtWidgets import QWidget
 
@@ -9,6 +9,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData, ramp
 from spherecal_gui import languages, theme
+from spherecal_gui.languages import translate
 from spherecal_gui.presenters.scene_hover import SceneItem
 from spherecal_gui.widgets.name_tags import place_tags
 
@@ -26,7 +27,6 @@ _FACES = (
 
 def side_word(side: str) -> str:
     """The name of a side of the cube."""
-    translate = QCoreApplication.translate
     return {
         "top": translate("Scene", "TOP"),
         "bottom": translate("Scene", "BELOW"),
@@ -52,10 +52,7 @@ class Overlay:
         marked: str | None,
         hovered: SceneItem | None,
     ) -> None:
-        """Everything, over the picture of the rig.
-
-        `marked` None: none does; `hovered` None: nothing.
-        """
+        """Everything, over the picture of the rig. `marked` None: none does; `hovered` None: nothing."""
         self._names(painter, data, eye, marked)
         self._scale(painter, data, eye)
         self._legend(painter, data, layers)
@@ -80,7 +77,8 @@ class Overlay:
                 continue
             tint = c.accent if name == marked else c.soft if kind == "ball" else c.text
             _outlined(painter, box, name, QColor(tint))
-        for (_, tip), tint, letter in _axis_letters(data):
+        axes = data.reference_axes if len(data.reference_axes) == len(AXIS_TINTS) else ()
+        for ((_, tip), tint), letter in zip(axes, "XYZ", strict=False):
             x, y = eye.flat(np.asarray(tip)[None])[0].tolist()
             _outlined(painter, QRectF(x - 12, y - 12, 24, 24), letter, QColor(tint))
 
@@ -93,13 +91,8 @@ class Overlay:
             text = f"{length / eye.scale:.0f} mm"
         low, left = self._view.height() - _EDGE_PX, _EDGE_PX
         painter.setPen(QPen(theme.colour("soft"), 2))
-        painter.drawLines(
-            [
-                QLineF(left, low, left + length, low),
-                QLineF(left, low - 4, left, low + 1),
-                QLineF(left + length, low - 4, left + length, low + 1),
-            ]
-        )
+        painter.drawLine(QLineF(left, low, left + length, low))
+        painter.drawLines([QLineF(x, low - 4, x, low + 1) for x in (left, left + length)])
         painter.setFont(theme.font(theme.CAPTION))
         painter.drawText(QPointF(left, low - 8), text)
 
@@ -107,7 +100,7 @@ class Overlay:
 
     def _legend(self, painter: QPainter, data: SceneData, layers: frozenset[str]) -> None:
         """Colour bar and what is drawn larger than it is, at the lower right."""
-        translate, lines = QCoreApplication.translate, []
+        lines = []
         if "ellipsoids" in layers and len(data.ellipsoids):
             text = translate("Scene", "Ellipsoids: 1 σ × {factor}")
             lines.append(text.format(factor=f"{data.ellipsoid_factor:g}"))
@@ -140,7 +133,6 @@ class Overlay:
     @staticmethod
     def _bar_title(data: SceneData, layers: frozenset[str]) -> tuple[str, str, str] | None:
         """What the colours mean, and what the bar's ends stand for."""
-        translate = QCoreApplication.translate
         if "map" in layers and len(data.map_mm):
             text = translate("Scene", "Uncertainty of {length:.0f} mm, mm (95 %)")
             low, high = data.map_range
@@ -243,14 +235,6 @@ def _named(data: SceneData) -> tuple[list[str], list[FloatArray], list[str]]:
     ]
     names, places, kinds = (list(column) for column in zip(*found, strict=True)) if found else ([], [], [])
     return names, places, kinds
-
-
-def _axis_letters(data: SceneData) -> list[tuple[tuple[FloatArray, FloatArray], str, str]]:
-    return (
-        [(ends, tint, letter) for (ends, tint), letter in zip(data.reference_axes, "XYZ", strict=False)]
-        if (len(data.reference_axes) == len(AXIS_TINTS))
-        else []
-    )
 
 
 def _outlined(

@@ -13,8 +13,8 @@ from spherecal_documents.scene.shapes import SHOWN_AT_FIRST
 from spherecal_gui import theme
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import add, bare, button
-from spherecal_gui.widgets.icons import give_icon, menu_icon
+from spherecal_gui.widgets.basic import add, bare, button, spaced
+from spherecal_gui.widgets.icons import menu_icon
 from spherecal_gui.widgets.scene_view import make_scene_view
 
 _MODEL = ".glb"
@@ -27,7 +27,8 @@ class SceneSplit(QSplitter):
     def __init__(self, scene: QWidget, beside: QWidget, least_px: tuple[int, int]) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self._least_px, self._moved = least_px, False
-        add(self, scene, beside)
+        self.addWidget(scene)
+        self.addWidget(beside)
         self.setSizes(list(least_px))
         self.splitterMoved.connect(self._keep)
 
@@ -71,24 +72,15 @@ class ScenePanel(QWidget):
             menu.addAction(action)
             self.layers[layer] = action
         self.show_what.setMenu(menu)
-        self.whole = button(self.tr("Show all"), "scene-whole", act=lambda: self.view.look_from("oblique"))
-        give_icon(self.whole, "arrows-maximize")
+        self.whole = button(self.tr("Show all"), "scene-whole", icon="arrows-maximize")
+        self.whole.clicked.connect(lambda: self.view.look_from("oblique"))
         self.save = button(self.tr("Save"), "scene-save", icon="photo-down")
         saving = QMenu(self)
         saving.addAction(menu_icon("photo-down"), self.tr("As a picture (PNG)"), self.save_picture)
         saving.addAction(menu_icon("cube"), self.tr("As a 3-D model (glTF)"), self.save_model)
         self.save.setMenu(saving)
-        row = QHBoxLayout()
-        row.setSpacing(theme.SMALL)
-        add(row, self.show_what, self.whole, self.save)
-        row.addStretch(1)
-        column.addLayout(row)
+        column.addLayout(add(spaced(QHBoxLayout(), theme.SMALL), self.show_what, self.whole, self.save, None))
         self._offer()
-
-    @property
-    def data(self) -> SceneData | None:
-        """What is shown."""
-        return self.view.data
 
     def show_scene(self, data: SceneData | None) -> None:
         """Show a rig."""
@@ -99,15 +91,9 @@ class ScenePanel(QWidget):
     def _offer(self) -> None:
         """Only what there is can be shown."""
         data = self.view.data
-        there = {
-            "dots": data is not None and len(data.points) > 0,
-            "images": data is not None and bool(data.images),
-            "map": data is not None and len(data.map_mm) > 0,
-            "links": data is not None and bool(data.links),
-            "ellipsoids": data is not None and len(data.ellipsoids) > 0,
-        }
+        parts = {"dots": "points", "images": "images", "map": "map_mm", "links": "links", "ellipsoids": "ellipsoids"}
         for layer, action in self.layers.items():
-            action.setEnabled(there[layer])
+            action.setEnabled(data is not None and len(getattr(data, parts[layer])) > 0)
         for one in (self.show_what, self.whole, self.save):
             one.setEnabled(data is not None)
 

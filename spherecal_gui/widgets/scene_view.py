@@ -13,6 +13,7 @@ from PySide6.QtGui import (
     QMouseEvent,
     QPainter,
     QPaintEvent,
+    QPixmap,
     QResizeEvent,
     QWheelEvent,
 )
@@ -104,18 +105,9 @@ class SceneView(QWidget):
     def style_of_now(self) -> SceneStyle:
         """The palette's colours, as the scene takes them."""
         c = theme.now()
-        return SceneStyle(
-            c.dark,
-            _rgb(c.scene),
-            _rgb(c.border),
-            _rgb(c.text),
-            _rgb(c.accent),
-            _rgb(c.good),
-            _rgb(c.caution),
-            _rgb(c.bad),
-            self.layers,
-            self.marked,
-        )
+        plain, marks = (_rgb(c.scene), _rgb(c.border), _rgb(c.text), _rgb(c.accent)), (c.good, c.caution, c.bad)
+        good, caution, bad = map(_rgb, marks)
+        return SceneStyle(c.dark, *plain, good, caution, bad, self.layers, self.marked)
 
     def dress(self) -> None:
         """Take the palette's colours."""
@@ -158,10 +150,7 @@ class SceneView(QWidget):
         self._set(self._view.turned(-DEG_PER_PX * right_px, DEG_PER_PX * down_px), settled=self._dragged is None)
 
     def come_closer(self, factor: float, at: QPointF | None = None) -> None:
-        """Come closer or step back; the place under the mouse keeps its place.
-
-        `at` None: the middle.
-        """
+        """Come closer or step back; the place under the mouse keeps its place. `at` None: the middle."""
         off = QPointF(0, 0) if at is None else at - QPointF(self.width() / 2, self.height() / 2)
         self._set(self._view.closer(factor, off.x(), off.y()), settled=False)
 
@@ -196,10 +185,8 @@ class SceneView(QWidget):
             self._hover(event.position())
             return
         moved, self._dragged = event.position() - self._dragged, event.position()
-        turning = (
-            event.buttons() & Qt.MouseButton.LeftButton and not event.modifiers() & Qt.KeyboardModifier.ShiftModifier
-        )
-        if turning or not event.buttons():
+        shifted = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+        if not event.buttons() or (event.buttons() & Qt.MouseButton.LeftButton and not shifted):
             self.turn(moved.x(), moved.y())
         else:
             self._set(self._view.moved(moved.x(), moved.y()), settled=False)
@@ -261,8 +248,7 @@ class SceneView(QWidget):
             super().keyPressEvent(event)
 
     def _hover(self, at: QPointF) -> None:
-        found = self.item_at(at)
-        if found is not self._hovered:
+        if (found := self.item_at(at)) is not self._hovered:
             self._hovered = found
             self.update()
 
@@ -337,10 +323,15 @@ class SceneView(QWidget):
 
     def picture_png(self) -> bytes:
         """What is seen, as a PNG file's contents."""
-        memory = QBuffer()
-        memory.open(QBuffer.OpenModeFlag.WriteOnly)
-        self.grab().save(memory, "PNG")
-        return bytes(memory.data().data())
+        return png_of(self.grab())
+
+
+def png_of(image: QPixmap) -> bytes:
+    """An image as a PNG file's contents."""
+    memory = QBuffer()
+    memory.open(QBuffer.OpenModeFlag.WriteOnly)
+    image.save(memory, "PNG")
+    return bytes(memory.data().data())
 
 
 def _rgb(name: str) -> tuple[int, int, int]:

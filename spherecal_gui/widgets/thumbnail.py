@@ -21,7 +21,7 @@ class Thumbnail(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("thumbnail")
-        self._image: QImage | None = None
+        self.image: QImage | None = None  # what is shown
         self._shown_s: float | None = None
         self._dots = np.empty((0, 2))  # shares of width and height
         self.past = False
@@ -34,25 +34,14 @@ class Thumbnail(QWidget):
             self.clicked.emit()
 
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
-        """Show an image, unless it is shown already.
-
-        `image`: grey values (height, width).
-        """
+        """Show an image, unless it is shown already. `image`: grey values (height, width)."""
         if taken_s == self._shown_s:
             return
-        self._image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s
+        self.image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s
         self.update()
 
-    @property
-    def image(self) -> QImage | None:
-        """What is shown; None where there is no image yet."""
-        return self._image
-
     def show_dots(self, uv: np.ndarray, size: tuple[int, int]) -> None:
-        """Show where dots were found.
-
-        `uv`: where they are (n, 2), px; `size`: width and height of the image, px.
-        """
+        """Show where dots were found. `uv`: where they are (n, 2), px; `size`: width and height of the image, px."""
         self._dots = (uv + 0.5) / size
         self.update()
 
@@ -70,7 +59,7 @@ class Thumbnail(QWidget):
     @property
     def has_image(self) -> bool:
         """Whether there is one."""
-        return self._image is not None
+        return self.image is not None
 
     def sizeHint(self) -> QSize:
         """As a picture in a row."""
@@ -78,16 +67,16 @@ class Thumbnail(QWidget):
 
     def paintEvent(self, _: QPaintEvent) -> None:
         """The image in its proportions, in the middle."""
-        size = self._image.size() if self._image is not None else QSize(5, 4)
+        size = self.image.size() if self.image is not None else QSize(5, 4)
         scale = min(self.width() / size.width(), self.height() / size.height())
         width, height = scale * size.width(), scale * size.height()
         room = QRectF((self.width() - width) / 2, (self.height() - height) / 2, width, height)
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        if self._image is None:
+        if self.image is None:
             painter.fillRect(room, QColor(theme.now().scene))
         else:
-            painter.drawImage(room, self._image)
+            painter.drawImage(room, self.image)
             if self.past:
                 painter.fillRect(room, QColor(0, 0, 0, _PAST_ALPHA))
                 return

@@ -23,7 +23,8 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look_presenter import TileState
-from spherecal_gui.widgets.basic import MARKS, button, plain
+from spherecal_gui.project import Rectangle
+from spherecal_gui.widgets.basic import MARKS, bare, button, named, plain
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import Drawn
@@ -69,9 +70,9 @@ class CameraTile(QWidget):
     def __init__(self, serial: str, name: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.serial, self.name = serial, name
-        self._image: QImage | None = None
+        self.image: QImage | None = None  # that is shown
         self._size = (1, 1)
-        self._state = TileState(name)
+        self.state = TileState(name)
         self._dots = np.empty((0, 2))
         self._shown: float | None = None
         self.masking = False
@@ -79,12 +80,12 @@ class CameraTile(QWidget):
         self._ghost: Drawn | None = None
         self._near = False
         self._covered: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
-        self._need = ""
-        self._masks: tuple[tuple[float, float, float, float], ...] = ()
-        self._proposed: tuple[tuple[float, float, float, float], ...] = ()
+        self.need = ""  # what the camera needs, in words
+        self._masks: tuple[Rectangle, ...] = ()
+        self._proposed: tuple[Rectangle, ...] = ()
         self._drag: tuple[QPointF, QPointF] | None = None
         self._doubled = False
-        self._can_rename = False  # somebody takes a new name
+        self.can_rename = False  # a click on the name edits it
         self.why_not_renamed = ""  # why the name cannot be changed here
         self._editor: QLineEdit | None = None
         self.setObjectName(f"tile-{name}")
@@ -92,68 +93,41 @@ class CameraTile(QWidget):
         self.setMinimumSize(150, 120)
 
     @property
-    def state(self) -> TileState:
-        """What it shows."""
-        return self._state
-
-    def let_rename(self, on: bool) -> None:
-        """Whether a click on the name edits it."""
-        self._can_rename = on
-
-    @property
-    def image(self) -> QImage | None:
-        """The image that is shown; None before the first one."""
-        return self._image
-
-    @property
     def has_image(self) -> bool:
         """Whether there is an image."""
-        return self._image is not None
+        return self.image is not None
 
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
-        """Show a newer image.
-
-        `image`: grey values (height, width).
-        """
+        """Show a newer image. `image`: grey values (height, width)."""
         if taken_s == self._shown:
             return
         self._shown = taken_s
         self._size = (image.shape[1], image.shape[0])
         wanted = int(self.width() * self.devicePixelRatioF())
-        self._image = shown_image(image, bits, min(max(wanted, 200), 3 * _WIDTH_PX))
+        self.image = shown_image(image, bits, min(max(wanted, 200), 3 * _WIDTH_PX))
         self.update()
 
     def show_state(self, state: TileState, dots: np.ndarray) -> None:
-        """Show the state and the dots.
-
-        `dots`: where the dots are (n, 2), px of the image.
-        """
-        if state != self._state or len(dots) != len(self._dots):
+        """Show the state and the dots. `dots`: where the dots are (n, 2), px of the image."""
+        if state != self.state or len(dots) != len(self._dots):
             self.setAccessibleName(f"{state.name}: {state.word} {state.since}".strip())
-            if state.details != self._state.details:
+            if state.details != self.state.details:
                 self.setToolTip(plain(state.details))
             self.update()
-        self._state, self._dots = state, dots
+        self.state, self._dots = state, dots
 
     def show_histogram(self, counts: np.ndarray | None) -> None:
         """Show how many pixels have each grey value, dark to bright (n,); None: not."""
         self._histogram = counts  # drawn with the next image
 
-    def show_masks(
-        self,
-        masks: tuple[tuple[float, float, float, float], ...],
-        proposed: tuple[tuple[float, float, float, float], ...] = (),
-    ) -> None:
+    def show_masks(self, masks: tuple[Rectangle, ...], proposed: tuple[Rectangle, ...] = ()) -> None:
         """Show the parts of the image that do not count, and those that are proposed as such."""
         if (masks, proposed) != (self._masks, self._proposed):
             self._masks, self._proposed = masks, proposed
             self.update()
 
     def show_ghost(self, drawn: "Drawn | None", near: bool) -> None:
-        """Show where the ball should go and where it is.
-
-        `drawn` None: neither.
-        """
+        """Show where the ball should go and where it is. `drawn` None: neither."""
         if drawn is not self._ghost or near != self._near:
             self._ghost, self._near = drawn, near
             self.update()
@@ -163,19 +137,14 @@ class CameraTile(QWidget):
 
         `before`: dots in the cells (10, 10), of the placements taken; None: not shown.
         """
-        same = need == self._need and all(
+        same = need == self.need and all(
             one is other or (one is not None and other is not None and np.array_equal(one, other))
             for one, other in ((before, self._covered[0]), (now, self._covered[1]))
         )
         if not same:
-            self._covered, self._need = (before, now), need
-            self.setToolTip(plain(need or self._state.word))
+            self._covered, self.need = (before, now), need
+            self.setToolTip(plain(need or self.state.word))
             self.update()
-
-    @property
-    def need(self) -> str:
-        """What the camera needs, in words; empty where nothing."""
-        return self._need
 
     def sizeHint(self) -> QSize:
         """As a usual image."""
@@ -184,12 +153,12 @@ class CameraTile(QWidget):
     @property
     def _has_two_lines(self) -> bool:
         """Whether the figures have a line of their own below the word."""
-        return bool(self._state.figures) and self.height() >= theme.pt(_TWO_LINES_PT)
+        return bool(self.state.figures) and self.height() >= theme.pt(_TWO_LINES_PT)
 
     @property
     def _foot(self) -> float:
         """The height of the lines below the image."""
-        return theme.pt(40 if self._has_two_lines else 22) + (_DASHES_PX if self._need else 0)
+        return theme.pt(40 if self._has_two_lines else 22) + (_DASHES_PX if self.need else 0)
 
     def _room(self) -> QRectF:
         """Where the image may be."""
@@ -209,21 +178,19 @@ class CameraTile(QWidget):
         c = theme.now()
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        tint = QColor(c.of(self._state.level))
+        tint = QColor(c.of(self.state.level))
         box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(QColor(c.surface))
         painter.drawRoundedRect(box, 6, 6)
-        head = theme.pt(34)
-        foot = self._foot
         self._draw_image(painter, self._room())
         self._draw_masks(painter)
         self._draw_ghost(painter)
-        self._draw_words(painter, box, head, foot, tint)
+        self._draw_words(painter, box, theme.pt(34), self._foot, tint)
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.setPen(QPen(tint, 5 if self.hasFocus() else 3))
         painter.drawRoundedRect(box, 6, 6)
-        if self._need:
+        if self.need:
             painter.setPen(QPen(theme.colour("accent"), 3, Qt.PenStyle.DashLine))
             painter.drawRoundedRect(box.adjusted(4, 4, -4, -4), 5, 5)
 
@@ -240,7 +207,7 @@ class CameraTile(QWidget):
 
     def _draw_ghost(self, painter: QPainter) -> None:
         """The ball where it should go, dashed, and where it is, each with the direction of its top."""
-        if self._ghost is None or self._image is None or self._state.lost:
+        if self._ghost is None or self.image is None or self.state.lost:
             return
         at, scale = self._field()
         painter.save()
@@ -275,17 +242,17 @@ class CameraTile(QWidget):
     def _draw_image(self, painter: QPainter, room: QRectF) -> None:
         c = theme.now()
         painter.fillRect(room, QColor(c.scene))  # around an image its own black would look like more of it
-        if self._image is None:
+        if self.image is None:
             painter.setPen(QColor(c.soft))
             painter.setFont(theme.font(11))
             painter.drawText(room, Qt.AlignmentFlag.AlignCenter, self.tr("no image yet"))
             return
         at, scale = self._field()
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        if self._state.lost:
-            self._draw_last(painter, at, self._image)
+        if self.state.lost:
+            self._draw_last(painter, at, self.image)
             return
-        painter.drawImage(at, self._image)
+        painter.drawImage(at, self.image)
         self._draw_coverage(painter, at)
         if len(self._dots):
             painter.setPen(QPen(QColor("#35e0ff"), 2.2, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
@@ -312,7 +279,7 @@ class CameraTile(QWidget):
         painter.drawImage(at, image)
         painter.setOpacity(1.0)
         painter.setFont(theme.font(theme.CAPTION, bold=True))
-        since, word = self._state.since, self._state.word  # a small tile has no room for both
+        since, word = self.state.since, self.state.word  # a small tile has no room for both
         flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
         room = QRectF(12, at.top() + 4, self.width() - 24, at.height() - 8)
         words, box = "", QRectF()
@@ -344,10 +311,10 @@ class CameraTile(QWidget):
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a mask, where one is to be drawn; a click on the name edits it."""
-        if self._can_rename and not self.masking and self._name_box().contains(event.position()):
+        if self.can_rename and not self.masking and self._name_box().contains(event.position()):
             self.edit_name()
             return
-        if self.masking and self._image is not None and event.button() == Qt.MouseButton.LeftButton:
+        if self.masking and self.image is not None and event.button() == Qt.MouseButton.LeftButton:
             self._drag = (event.position(), event.position())
         else:
             super().mousePressEvent(event)
@@ -374,7 +341,7 @@ class CameraTile(QWidget):
         self.masked.emit(self.serial, rectangle)
 
     def _draw_words(self, painter: QPainter, box: QRectF, head: float, foot: float, tint: QColor) -> None:
-        c, state = theme.now(), self._state
+        c, state = theme.now(), self.state
         top = QRectF(box.left() + 10, box.top() + 2, box.width() - 20, head - 2)
         painter.setFont(theme.font(14, bold=True))
         painter.setPen(QColor(c.text))
@@ -390,8 +357,8 @@ class CameraTile(QWidget):
         bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, line)
         painter.setFont(theme.font(theme.CAPTION, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))
-        said = self._need if self._need and state.level in ("good", "none") else state.word
-        if state.lost and self._image is not None:  # it stands over the image, in full
+        said = self.need if self.need and state.level in ("good", "none") else state.word
+        if state.lost and self.image is not None:  # it stands over the image, in full
             said = ""
         if not self._has_two_lines and state.figures and state.level == "good":
             said = f"{said} · {state.figures}"
@@ -414,11 +381,9 @@ class CameraTile(QWidget):
             below = self.mapToGlobal(self._name_box().bottomLeft().toPoint())
             QToolTip.showText(below, plain(self.why_not_renamed), self)
             return
-        editor = QLineEdit(self.name, self)
-        editor.setObjectName(f"rename-{self.name}")
-        editor.setAccessibleName(self.tr("Name of the camera"))
+        editor = QLineEdit(self.name, self, maxLength=_LONGEST_NAME)
+        named(editor, f"rename-{self.name}", self.tr("Name of the camera"))
         editor.setGeometry(self._name_box().toRect())
-        editor.setMaxLength(_LONGEST_NAME)
         editor.installEventFilter(self)
         editor.editingFinished.connect(self._named)
         self._editor = editor
@@ -451,7 +416,7 @@ class CameraTile(QWidget):
         """Enlarge, unless a mask is being drawn or the name is edited; of a double click only the first one counts."""
         doubled, self._doubled = self._doubled, False
         inside = self.rect().contains(event.position().toPoint())
-        naming = self._can_rename and self._name_box().contains(event.position())
+        naming = self.can_rename and self._name_box().contains(event.position())
         if event.button() == Qt.MouseButton.LeftButton and inside and not (self.masking or naming or doubled):
             self.opened.emit(self.serial)
 
@@ -463,7 +428,7 @@ class CameraTile(QWidget):
         """Return enlarges, as a double click does."""
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.opened.emit(self.serial)
-        elif event.key() == Qt.Key.Key_F2 and self._can_rename:
+        elif event.key() == Qt.Key.Key_F2 and self.can_rename:
             self.edit_name()
         else:
             super().keyPressEvent(event)
@@ -482,15 +447,12 @@ class Wall(QWidget):
         self._renames = renames
         self._follows, self._since_s = True, 0.0
         self._rank: tuple[str, ...] = ()  # the order that is waited for
-        self._alone: str | None = None
+        self.alone: str | None = None  # the serial of the camera that is shown alone
         self._order: list[str] = []
         self._masking = False
-        self._grid = QGridLayout(self)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setSpacing(8)
-        self.all_again = button(self.tr("All cameras  (Esc)"), "all-cameras")
+        self._grid = bare(QGridLayout(self), 8)
+        self.all_again = button(self.tr("All cameras  (Esc)"), "all-cameras", act=lambda: self.show_alone(None))
         self.all_again.setParent(self)
-        self.all_again.clicked.connect(lambda: self.show_alone(None))
         self.all_again.hide()
         self._escape = QShortcut(QKeySequence(Qt.Key.Key_Escape), self)
         self._escape.setEnabled(False)
@@ -519,10 +481,10 @@ class Wall(QWidget):
             tile.opened.connect(self.zoom)
             tile.masked.connect(self.masked)
             tile.renamed.connect(self.renamed)
-            tile.let_rename(self._renames)
+            tile.can_rename = self._renames
             tile.masking = self._masking
             self.tiles[serial] = tile
-        self._alone = None
+        self.alone = None
         self._arrange()
 
     def set_masking(self, on: bool) -> None:
@@ -532,19 +494,13 @@ class Wall(QWidget):
             tile.masking = on
             tile.setCursor(Qt.CursorShape.CrossCursor if on else Qt.CursorShape.ArrowCursor)
 
-    @property
-    def alone(self) -> str | None:
-        """The serial of the camera that is shown alone."""
-        return self._alone
-
     def zoom(self, serial: str) -> None:
         """Show one camera alone, or all again."""
-        self._alone = None if self._alone == serial else serial
-        self._arrange()
+        self.show_alone(None if self.alone == serial else serial)
 
     def show_alone(self, serial: str | None) -> None:
         """Show this camera alone, or all."""
-        self._alone = serial if serial in self.tiles else None
+        self.alone = serial if serial in self.tiles else None
         self._arrange()
 
     def worst_first(self, on: bool) -> None:
@@ -560,7 +516,7 @@ class Wall(QWidget):
 
     def follow_worst(self, now_s: float | None = None) -> None:
         """Move cameras in trouble to the front once the trouble has lasted; not under somebody's pointer."""
-        if not self._follows or self._alone is not None:
+        if not self._follows or self.alone is not None:
             return
         now = time.monotonic() if now_s is None else now_s
         wanted = tuple(self._by_trouble())
@@ -579,13 +535,13 @@ class Wall(QWidget):
             self._grid.removeWidget(tile)
         for index, serial in enumerate(order):
             tile = self.tiles[serial]
-            tile.setVisible(self._alone in (None, serial))
-            if self._alone is None:
+            tile.setVisible(self.alone in (None, serial))
+            if self.alone is None:
                 self._grid.addWidget(tile, index // columns, index % columns)
-            elif self._alone == serial:
+            elif self.alone == serial:
                 self._grid.addWidget(tile, 0, 0)
-        self.all_again.setVisible(self._alone is not None)
-        self._escape.setEnabled(self._alone is not None)
+        self.all_again.setVisible(self.alone is not None)
+        self._escape.setEnabled(self.alone is not None)
         self._place_way_back()
 
     @staticmethod

@@ -45,18 +45,13 @@ class VerificationView(QSplitter):
         for watched in (outcome, self.sentence):  # another text is asked of the card, another width of the label
             watched.installEventFilter(self)
         self.rule = label("", "soft")
-        words = QHBoxLayout()
-        words.addWidget(self.word)
-        words.addSpacing(14)
-        words.addWidget(self.sentence, 1)
-        outcome.body.addLayout(words)
         self.errors = ErrorChart()
         self.panel = ScenePanel()
         self.pictures = QTabWidget()
         self.pictures.addTab(self.errors, self.tr("Errors"))
         self.pictures.addTab(self.panel, self.tr("In space"))
-        outcome.body.addWidget(self.pictures, 1)
-        outcome.body.addWidget(self.rule)
+        words = add(QHBoxLayout(), self.word, 14, (self.sentence, 1))
+        add(outcome.body, words, (self.pictures, 1), self.rule)
         self.tables = QTabWidget()
         headings = [
             self.tr("Length"), self.tr("n"), self.tr("mean error, mm"), self.tr("sd, mm"), self.tr("largest, mm"),
@@ -75,9 +70,9 @@ class VerificationView(QSplitter):
         self.tables.addTab(self.cameras, self.tr("Cameras"))
         self.tables.addTab(self.budget, self.tr("Budget"))
         self.tables.currentChanged.connect(self._fit_tables)
-        add(self, outcome, self.tables)
-        self.setStretchFactor(0, 3)
-        self.setStretchFactor(1, 2)
+        for number, (part, stretch) in enumerate(((outcome, 3), (self.tables, 2))):
+            self.addWidget(part)
+            self.setStretchFactor(number, stretch)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """A splitter does not ask how high a sentence is in its width; without this its first line was cut off."""

@@ -3,15 +3,13 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QWidget
 
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # the window is shown before these are loaded
     from spherecal_gui.pages.bench_dialog import BenchDialog
-
-translate = QCoreApplication.translate
 
 
 def _holds(controller: Controller) -> str:

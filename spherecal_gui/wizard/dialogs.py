@@ -6,17 +6,16 @@ from html import escape
 from pathlib import Path
 
 from PySide6 import __version__ as qt_version
-from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, QWidget
 
 import spherecal
 from spherecal.base.resources import resource_path
 from spherecal_documents.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
+from spherecal_gui.languages import translate
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
-
-translate = QCoreApplication.translate
 
 
 def help_dialog(kind: str, parent: QWidget) -> QDialog:
@@ -30,15 +29,11 @@ def help_dialog(kind: str, parent: QWidget) -> QDialog:
 
 
 def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = None) -> QDialog:
-    """A dialog with a text to read, which is shown.
-
-    `folder` None for a text without pictures.
-    """
+    """A dialog with a text to read, which is shown. `folder` None for a text without pictures."""
     dialog = QDialog(parent)
     dialog.setWindowTitle(title)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-    text = QTextBrowser()
-    text.setOpenExternalLinks(False)
+    text = QTextBrowser(openExternalLinks=False)
     text.setSearchPaths([str(folder)] if folder is not None else [])
     text.setHtml(html)
     column = QVBoxLayout(dialog)
@@ -48,18 +43,21 @@ def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = No
     return dialog
 
 
+def _question(title: str, text: str, about: str, details: str, parent: QWidget) -> QMessageBox:
+    box = QMessageBox(QMessageBox.Icon.Question, title, text, parent=parent)
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.setInformativeText(plain(about))
+    box.setDetailedText(plain(details))
+    return box
+
+
 def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
     """The dialog that asks whether a driver may be loaded, which is shown; closing it is a no."""
-    box = QMessageBox(parent)
-    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-    box.setIcon(QMessageBox.Icon.Question)
-    box.setWindowTitle(translate("Drivers", "A new camera driver"))
     new = translate("Drivers", "May this camera driver be loaded? It was never used here before.")
     changed = translate("Drivers", "May this camera driver be loaded? Its file has changed since it was allowed.")
-    box.setText(changed if question.changed else new)
     message = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
-    box.setInformativeText(plain(f"{question.file}\n\n{message}"))
-    box.setDetailedText(plain(f"SHA-256 {question.sha256}"))
+    title, about = translate("Drivers", "A new camera driver"), f"{question.file}\n\n{message}"
+    box = _question(title, changed if question.changed else new, about, f"SHA-256 {question.sha256}", parent)
     yes = box.addButton(translate("Drivers", "Load it"), QMessageBox.ButtonRole.YesRole)
     no = box.addButton(translate("Drivers", "Do not load it"), QMessageBox.ButtonRole.NoRole)
     yes.setProperty("key", "driver-yes")
@@ -73,13 +71,8 @@ def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
 
 def bundle_dialog(files: int, contents: str, parent: QWidget) -> QDialog:
     """The dialog that says what a support bundle would hold, before it is written; accepted where somebody wants it."""
-    box = QMessageBox(parent)
-    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-    box.setIcon(QMessageBox.Icon.Question)
-    box.setWindowTitle(translate("Bundle", "Support bundle"))
-    box.setText(translate("Bundle", "Save a support bundle of {n} files? It contains no images.").format(n=files))
-    box.setInformativeText(plain(contents.partition("\n")[0]))
-    box.setDetailedText(plain(contents))
+    text = translate("Bundle", "Save a support bundle of {n} files? It contains no images.").format(n=files)
+    box = _question(translate("Bundle", "Support bundle"), text, contents.partition("\n")[0], contents, parent)
     save = box.addButton(translate("Bundle", "Save"), QMessageBox.ButtonRole.AcceptRole)
     box.addButton(QMessageBox.StandardButton.Cancel)
     save.setProperty("key", "bundle-save")
@@ -91,8 +84,7 @@ def versions() -> list[tuple[str, str]]:
     """What runs here."""
     found = [("SphereCal", spherecal.__version__), ("Python", platform.python_version()), ("Qt, PySide6", qt_version)]
     for name in ("numpy", "scipy", "numba", "cv2", "pyqtgraph", "pyvista", "harvesters"):
-        module = sys.modules.get(name)
-        if module is not None:
+        if (module := sys.modules.get(name)) is not None:
             found.append((name, str(getattr(module, "__version__", ""))))
     return [*found, ("System", platform.platform())]
 

@@ -28,40 +28,31 @@ class Footer(QFrame):
         row.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
         self.back = once(button(self.tr("Back"), "back"))
         self.why = label("", "soft")
-        self.show_me = button(self.tr("Show me"), "show-me", "link", act=self._show_me)
+        self.show_me = button(self.tr("Show me"), "show-me", "link")
+        self.show_me.clicked.connect(lambda: self.asked_for.emit(self._goal))
+        self._goal = ""  # the step that it shows
         self.action = once(button("", "action", "primary"))
         self.action.clicked.connect(self._pressed)
         self.action.pressed.connect(self._finger_down)
         self._meaning = ("", "")  # the step, and what the large button does
         self._meant: tuple[str, str] | None = None  # when it was pressed
         self._cancelled = False
-        self._quiet = QTimer(self)
-        self._quiet.setSingleShot(True)
+        self._quiet = QTimer(self, singleShot=True)
         self._quiet.timeout.connect(self._settle)
         self.next = once(button(self.tr("Next"), "next", "primary"))
         for one in (self.action, self.next):  # the others keep their places when one goes
             policy = one.sizePolicy()
             policy.setRetainSizeWhenHidden(True)
             one.setSizePolicy(policy)
-        row.addWidget(self.back)
-        row.addSpacing(12)
-        row.addWidget(self.why, 1)
-        add(row, self.show_me, self.action, self.next)
-
-    def _show_me(self) -> None:
-        goal = str(self.show_me.property("goal"))
-        if goal:
-            self.asked_for.emit(goal)
+        add(row, self.back, 12, (self.why, 1), self.show_me, self.action, self.next)
 
     @property
     def default(self) -> str:
         """Which button is drawn as the one to press: `action`, `next` or none."""
-        shown = [
-            name
-            for name, one in (("action", self.action), ("next", self.next))
-            if one.objectName() == "primary" and one.isEnabled() and not one.isHidden()
-        ]
-        return shown[0] if shown else ""
+        for name, one in (("action", self.action), ("next", self.next)):
+            if one.objectName() == "primary" and one.isEnabled() and not one.isHidden():
+                return name
+        return ""
 
     def show_standing(self, standing: Standing, state: WorkflowState, running: bool) -> None:
         """Show what can be done, what comes next, and why not."""
@@ -83,7 +74,7 @@ class Footer(QFrame):
         goal = reason.go_to if reason is not None and not blocked else None
         goal = goal if goal not in (None, state.current) and not running else None
         self.show_me.setVisible(goal is not None)
-        self.show_me.setProperty("goal", goal or "")
+        self._goal = goal or ""
         self._running = running
         if had_focus:
             self.take_focus()

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.start_page import StartPage
 from spherecal_gui.sounds import Sounds
-from spherecal_gui.widgets.basic import Banner, bare, label
+from spherecal_gui.widgets.basic import Banner, add, bare, label, named, spaced
 from spherecal_gui.widgets.icons import dress_icons
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.wizard.dialogs import about_dialog
@@ -92,25 +92,17 @@ class WindowFrame(QMainWindow):
 
     def _build(self) -> None:
         middle = QWidget()
-        outer = bare(QVBoxLayout(middle), 0)
-        outer.addWidget(self._header())
-        row = QHBoxLayout()
-        row.setSpacing(0)
+        outer = add(bare(QVBoxLayout(middle), 0), self._header())
         self.rail = Rail()
-        row.addWidget(self.rail)
-        column = bare(QVBoxLayout(), 0)
-        column.addLayout(self._head())
         self.stack = _Pages()
         self.start = StartPage(self.projects)
         self.header.validity.clicked.connect(self.start.show_profile)
         self.header.training.connect(self.start.train)
         self.header.studies.connect(self.start.show_studies)
         self.stack.addWidget(self.start)
-        column.addWidget(_PageArea(self.stack), 1)
         self.footer = Footer()
-        column.addWidget(self.footer)
-        row.addLayout(column, 1)
-        outer.addLayout(row, 1)
+        column = add(bare(QVBoxLayout(), 0), self._head(), (_PageArea(self.stack), 1), self.footer)
+        outer.addLayout(add(spaced(QHBoxLayout(), 0), self.rail, (column, 1)), 1)
         self.setCentralWidget(middle)
         self.banner = Banner(middle)
         self._log()
@@ -124,16 +116,11 @@ class WindowFrame(QMainWindow):
         return self.header
 
     def _head(self) -> QVBoxLayout:
-        head = QVBoxLayout()
-        head.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, 0)
-        head.setSpacing(theme.SMALL)
         self.title, self.task = label("", "title", wrap=False), label("", "task")
         self._heading = QWidget()
-        heading = bare(QHBoxLayout(self._heading))
-        heading.addWidget(self.title)
-        heading.addSpacing(16)
-        heading.addWidget(self.task, 1)
-        head.addWidget(self._heading)
+        add(bare(QHBoxLayout(self._heading)), self.title, 16, (self.task, 1))
+        head = add(spaced(QVBoxLayout(), theme.SMALL), self._heading)
+        head.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, 0)
         return head
 
     def show_compiling(self, percent: int) -> None:
@@ -144,12 +131,8 @@ class WindowFrame(QMainWindow):
         self.header.compiling.setVisible(percent < 100 and self.stack.currentWidget() is self.start)
 
     def _log(self) -> None:
-        self.lines = QPlainTextEdit()
-        self.lines.setReadOnly(True)
-        self.lines.setMaximumBlockCount(5000)
-        self.lines.setAccessibleName(self.tr("Log"))
-        self.log_dock = QDockWidget(self.tr("Log"), self)
-        self.log_dock.setObjectName("log-dock")
+        self.lines = named(QPlainTextEdit(readOnly=True, maximumBlockCount=5000), "", self.tr("Log"))
+        self.log_dock = named(QDockWidget(self.tr("Log"), self), "log-dock")
         self.log_dock.setWidget(self.lines)
         self.log_dock.hide()
         self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)

@@ -9,8 +9,8 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QWidget
 from spherecal_gui import theme
 from spherecal_gui.languages import LANGUAGES
 from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, fault_text
-from spherecal_gui.widgets.basic import Chip, Elided, add, button
-from spherecal_gui.widgets.icons import give_icon, menu_icon
+from spherecal_gui.widgets.basic import Chip, Elided, add, button, spaced
+from spherecal_gui.widgets.icons import menu_icon
 
 
 class Header(QFrame):
@@ -30,22 +30,13 @@ class Header(QFrame):
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("header")
-        row = QHBoxLayout(self)
+        row = spaced(QHBoxLayout(self), theme.SMALL)
         row.setContentsMargins(theme.PAD, theme.SMALL - 2, theme.PAD, theme.SMALL - 2)
-        row.setSpacing(theme.SMALL)
-        self.home = button(self.tr("Start page"), "home")
-        self.home.setAccessibleName(self.tr("Start page"))
-        self.home.setToolTip(self.tr("Start page"))
-        give_icon(self.home, "home")
+        self.home = button(self.tr("Start page"), "home", tip=self.tr("Start page"), icon="home")
         self.name = Elided("SphereCal", "big")
         self.doing = Elided("", "soft")
         self.compiling, self.source, self.validity = Chip(), Chip(), Chip()
         self.compiling.hide()
-        row.addWidget(self.home)
-        row.addSpacing(theme.SMALL)
-        row.addWidget(self.name, 3)
-        row.addWidget(self.doing, 2)
-        add(row, self.compiling, self.source, self.validity)
         self.help = button(self.tr("Help  F1"), "help", icon="help")
         self.more = button(self.tr("Menu"), "menu", icon="menu-2")
         self.menu = QMenu(self)
@@ -53,6 +44,7 @@ class Header(QFrame):
         self._icons: dict[QAction, str] = {}
         self._fill(language)
         self.more.setMenu(self.menu)
+        add(row, self.home, theme.SMALL, (self.name, 3), (self.doing, 2), self.compiling, self.source, self.validity)
         add(row, self.help, self.more)
         self.dress()
 
@@ -107,7 +99,7 @@ class Header(QFrame):
             action.setData(code)
             group.addAction(action)
             menu.addAction(action)
-        group.triggered.connect(self._language)
+        group.triggered.connect(lambda action: self.language_chosen.emit(str(action.data())))
         self._icons[menu.menuAction()] = "language"
         return menu
 
@@ -117,12 +109,6 @@ class Header(QFrame):
         for fault in FAULTS:
             menu.addAction(fault_text(fault)).setData(fault)
         menu.addAction(self.tr("a surprise")).setData(SURPRISE)
-        menu.triggered.connect(self._train)
+        menu.triggered.connect(lambda action: self.training.emit(str(action.data())))
         self._icons[menu.menuAction()] = "school"
         return menu
-
-    def _language(self, action: QAction) -> None:
-        self.language_chosen.emit(str(action.data()))
-
-    def _train(self, action: QAction) -> None:
-        self.training.emit(str(action.data()))

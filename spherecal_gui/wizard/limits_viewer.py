@@ -3,16 +3,14 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QWidget
 
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import translate
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.presenters.limits_presenter import load_limits
 from spherecal_gui.project_folder import profile_shown
 from spherecal_gui.widgets.basic import Banner
-
-translate = QCoreApplication.translate
 
 
 def take_over_limits(controller: Controller, banner: Banner) -> None:

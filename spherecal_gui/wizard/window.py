@@ -31,13 +31,8 @@ from spherecal_gui.workflow import Status, Step, StepKind
 _TICK_MS = 100
 _LOOK_EVERY = 10  # ticks between two looks for the project's folder
 _PATIENCE_MS = 5000
-_SAID_BY_PAGES = (
-    "inconsistent",
-    "taken without",
-    "taken moving",
-    "not valid",
-    "recalibrate",
-)  # reasons that a headline has
+# Reasons that a headline has.
+_SAID_BY_PAGES = ("inconsistent", "taken without", "taken moving", "not valid", "recalibrate")
 
 
 class WizardWindow(WindowFrame):
@@ -64,8 +59,7 @@ class WizardWindow(WindowFrame):
         self._timed: BackgroundTask | None = None  # the work whose time is shown
         self.bench = ""  # what is at the real rig, where the command line names it
         self._connect()
-        self._timer = QTimer(self)
-        self._timer.setInterval(_TICK_MS)
+        self._timer = QTimer(self, interval=_TICK_MS)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
         self._restore()
@@ -78,7 +72,7 @@ class WizardWindow(WindowFrame):
         self.controller.said.connect(self._say)
         self.controller.logged.connect(self.lines.appendPlainText)
         self.controller.result_changed.connect(self.refresh)
-        self.controller.runner.started.connect(self._work)
+        self.controller.runner.started.connect(self.banner.hide)
         self.controller.runner.lasted.connect(self._remember_pace)
         if self._own:
             self.controller.cameras.driver_asked.connect(self._ask_driver)
@@ -100,14 +94,15 @@ class WizardWindow(WindowFrame):
         self.start.verification_wanted.connect(self.new_verification)
         self.start.said.connect(self._say)
         self.footer.asked_for.connect(self.controller.go)
-        self.footer.acted.connect(self._act)
+        self.footer.acted.connect(lambda: self.page.act() if self.page is not None else None)
         self.footer.settled.connect(self._show_buttons)
-        for one, act in ((self.footer.back, self.go_back), (self.footer.next, self.go_next)):
-            one.clicked.connect(act)
+        self.footer.back.clicked.connect(self.go_back)
+        self.footer.next.clicked.connect(self.go_next)
+        keys = Qt.Key
         for key, act in (
-            (Qt.Key.Key_PageDown, self.press),
-            (Qt.Key.Key_PageUp, self.go_back),
-            (Qt.Key.Key_F1, self.show_help),
+            (keys.Key_PageDown, self.press),
+            (keys.Key_PageUp, self.go_back),
+            (keys.Key_F1, self.show_help),
         ):
             QShortcut(QKeySequence(key), self).activated.connect(act)
 
@@ -350,10 +345,6 @@ class WizardWindow(WindowFrame):
         code = state.now.reason.code
         return text in reason_text(state.now.reason) or code in _SAID_BY_PAGES
 
-    def _work(self, _: str) -> None:
-        if self.banner.isVisible():
-            self.banner.hide()
-
     def _tick(self) -> None:
         self._ticks += 1
         if self._ticks % _LOOK_EVERY == 0:
@@ -418,10 +409,6 @@ class WizardWindow(WindowFrame):
             self.controller.go(step)
         else:
             self._say("info", f"{step_title(wanted.step)}: {reason_text(wanted.reason)}", "")
-
-    def _act(self) -> None:
-        if self.page is not None:
-            self.page.act()
 
     def go_next(self) -> None:
         """The next step, if it is open."""

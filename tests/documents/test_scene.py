@@ -36,6 +36,7 @@ from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.presenters.scene_hover import items_of
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_overlay import Overlay
 from spherecal_gui.widgets.scene_panel import ScenePanel
 
 STYLE = SceneStyle(
@@ -256,6 +257,11 @@ def test_names_legend_and_layers_change_the_picture(qtbot: QtBot, data: SceneDat
     view.set_layers(frozenset())
     pictures.append(view.grab().toImage())
     assert all(a != b for i, a in enumerate(pictures) for b in pictures[i + 1 :])
+
+
+def test_a_scene_without_residuals_has_no_legend_of_them(data: SceneData) -> None:
+    assert Overlay._bar_title(data, frozenset({"dots"})) is not None
+    assert Overlay._bar_title(replace(data, most_px=0.0), frozenset({"dots"})) is None
 
 
 def test_keys_turn_and_show_everything_again(qtbot: QtBot, data: SceneData) -> None:

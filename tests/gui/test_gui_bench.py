@@ -368,20 +368,20 @@ def test_a_certificate_is_remembered(days, level, words):
     certificate = Certificate("K", "", date(2020, 1, 1), TODAY + timedelta(days))
     text, found = state_words(certificate, TODAY)
     assert (found, words in text) == (level, True)
-    told = reminder([registered(certificate=certificate)], TODAY)
-    assert (told.level if told.text else "good") == level
-    assert ("B-1" in told.text) == (level != "good")
+    told, worst = reminder([registered(certificate=certificate)], TODAY)
+    assert (worst if told else "good") == level
+    assert ("B-1" in told) == (level != "good")
 
 
 def test_the_rigs_bench_is_reminded_of_its_own_bars_only(tmp_path):
     old = Certificate("K", "", date(2020, 1, 1), date(2021, 1, 1))
     BAR_REGISTRY.write({"B-1": registered(certificate=old), "B-2": registered("B-2", 203)})
-    assert "B-1" in bench_reminder(rig_bench(tmp_path), TODAY).text, "no bench yet: all bars of the library"
+    assert "B-1" in bench_reminder(rig_bench(tmp_path), TODAY)[0], "no bench yet: all bars of the library"
     desk = BenchDesk(tmp_path)
     ball = replace(desk.draft.ball, name="b", diameter="500")
     bars = (desk.draft.bars[0], replace(desk.draft.bars[1], role="check"))
     desk.change("", replace(desk.draft, ball=ball, bars=bars))
-    assert desk.save()[1] == "" and bench_reminder(rig_bench(tmp_path), TODAY).text == ""
+    assert desk.save()[1] == "" and bench_reminder(rig_bench(tmp_path), TODAY)[0] == ""
     (rig_bench(tmp_path)).write_text("{")
-    assert bench_reminder(rig_bench(tmp_path), TODAY).text == "", "the start page comes up all the same"
+    assert bench_reminder(rig_bench(tmp_path), TODAY)[0] == "", "the start page comes up all the same"
     assert BarDraft().role == "none"

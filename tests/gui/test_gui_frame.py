@@ -63,7 +63,7 @@ def opened(folder: Path, outcome) -> Controller:
     """A controller with the project open and its result read."""
     made = Controller()
     project = Project(folder, "simulated:demo", cameras=("S1",), looked=("S1",))
-    project = changes.with_artefacts(project, Artefacts("dots8", "", "", None))
+    project = replace(project, artefacts=Artefacts("dots8", "", "", None))
     for name in project.placements:
         project = changes.with_set(project, name, "t")
     made.project = changes.with_calibration(project, "valid")

@@ -145,6 +145,7 @@ def test_verify_the_rig_verifies_the_calibration_in_use(projects, profile, qtbot
     QCoreApplication.processEvents()
     page = window.page
     assert isinstance(page, SavePage) and page.is_kept
+    assert not page.profile.isVisible() and not page.apply.isVisible(), "what is saved is not offered to be saved"
     for text in ("Write the report", "Finish"):
         assert page.action().text == text
         page.act()

@@ -34,7 +34,6 @@ from spherecal_gui import languages, theme
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.coverage import level
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.pages.save_page import SavePage
@@ -206,9 +205,9 @@ def test_from_afar_it_fits_a_small_screen(qtbot, qapp, desk, tmp_path, language)
 
 def test_dots_that_a_camera_needs():
     scene = Scene({"C01": 120, "C02": 400}, True)
-    assert scene.ready == ("C01", "C02") and level(120) == "good"
+    assert scene.ready == ("C01", "C02")
     limits.use(TIGHT)
-    assert scene.ready == ("C02",) and level(120) == "caution"
+    assert scene.ready == ("C02",)
 
 
 def test_the_menu_opens_them_and_the_log_has_the_change(qtbot, home, path):
@@ -288,7 +287,8 @@ def test_a_failed_verification_is_never_called_missing(qtbot, home, tmp_path):
     page = SavePage(controller)
     qtbot.addWidget(page)
     project = replace(taken_project(), folder=home / "projects" / "one")
-    project = changes.with_accepted(changes.with_calibration(project, "valid"))
+    project = changes.with_calibration(project, "valid")
+    project = replace(project, accepted=project.calibrated)
     project = changes.with_set(project, "A-01", "t9")
     result = verified(project.result_folder, 1.005, "0.05")
     bars = read_bar_report(result)

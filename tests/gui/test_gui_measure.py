@@ -5,6 +5,7 @@ import os
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -12,11 +13,12 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QFontMetricsF
 
 from spherecal.data.rig import Rig
 from spherecal_cameras.protocol import CameraSettings
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
-from spherecal_gui.pages.measure_page import MeasurePage
+from spherecal_gui.pages.measure_page import DeviationChart, MeasurePage
 from spherecal_gui.presenters.measure_presenter import rate_of, ruler_hint, rulers_of, trust_of
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import Contradiction
@@ -115,6 +117,19 @@ def test_points_alone_ask_for_a_choice_in_place_of_empty_axes(qtbot, page):
     assert not page.table.isHidden() and not page.chart.isHidden()
 
 
+def test_the_upper_tick_of_the_course_is_not_cut(qtbot):
+    """A number stood half above the chart."""
+    chart = DeviationChart()
+    qtbot.addWidget(chart)
+    chart.resize(700, 240)
+    chart.show()
+    chart.show_values(np.linspace(0.0, 8.0, 40), np.zeros(40), np.full(40, 0.0435), "bar 1 [mm]")  # up to 0.05002
+    axis = chart.getAxis("left")
+    qtbot.waitUntil(lambda: axis.picture is not None)
+    top = axis.mapRectToScene(axis.linkedView().mapRectToItem(axis, axis.linkedView().boundingRect())).top()
+    assert top >= QFontMetricsF(axis.style["tickFont"]).height() / 2 - 1
+
+
 def test_leaving_the_page_ends_the_measurement_and_writes_what_was_recorded(qtbot, page, tmp_path):
     qtbot.waitUntil(lambda: ticking(page, lambda: page._shown is not None), timeout=PATIENCE_MS)
     page.act()
@@ -137,13 +152,13 @@ def test_words_about_trust() -> None:
     def measured(names: tuple[int, ...], *contradictions: Contradiction) -> Any:
         return SimpleNamespace(names=names, contradictions=contradictions)
 
-    assert trust_of(measured((1,)), ()).level == "good"
-    moved = trust_of(measured((1,)), ("C02",))
-    assert moved.level == "bad" and "C02" in moved.text
-    assert "C03" in trust_of(measured((1,), Contradiction(7, "C03", 8, 8)), ()).text
-    assert "7" in trust_of(measured((1,), Contradiction(7, None, 8, 8)), ()).text
-    assert trust_of(measured((1,), Contradiction(7, "C03", 1, 8)), ()).level == "good", "one dot"
-    assert trust_of(measured(()), ()).level == "caution"
+    assert trust_of(measured((1,)), ())[1] == "good"
+    moved, level = trust_of(measured((1,)), ("C02",))
+    assert level == "bad" and "C02" in moved
+    assert "C03" in trust_of(measured((1,), Contradiction(7, "C03", 8, 8)), ())[0]
+    assert "7" in trust_of(measured((1,), Contradiction(7, None, 8, 8)), ())[0]
+    assert trust_of(measured((1,), Contradiction(7, "C03", 1, 8)), ())[1] == "good", "one dot"
+    assert trust_of(measured(()), ())[1] == "caution"
 
 
 def test_rulers_and_rates() -> None:

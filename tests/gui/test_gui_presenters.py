@@ -112,11 +112,6 @@ def test_a_camera_that_shares_nothing_needs_more_however_much_it_sees():
     assert cov.needs([alone], ["A", "B", "C"])[2].need == "more"
 
 
-@pytest.mark.parametrize(("count", "level"), [(0, "bad"), (19, "bad"), (20, "caution"), (99, "caution"), (100, "good")])
-def test_counters_turn_from_red_over_amber_to_green(count, level):
-    assert cov.level(count) == level
-
-
 # --- placement -------------------------------------------------------------------------------------------------------
 
 

@@ -99,7 +99,7 @@ def test_a_repair_that_was_asked_for_is_listed_and_can_be_taken_back(qtbot):
 
 def calibrated_project(folder: Path = Path("nowhere")) -> Project:
     project = Project(folder, "simulated:demo", cameras=("S1",), looked=("S1",))
-    project = changes.with_artefacts(project, Artefacts("dots8", "", "", None))
+    project = replace(project, artefacts=Artefacts("dots8", "", "", None))
     for name in project.placements:
         project = changes.with_set(project, name, "t")
     return changes.with_calibration(project, "valid")

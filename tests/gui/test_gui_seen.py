@@ -284,6 +284,17 @@ def test_the_menu_shows_what_is_on(window):
         assert option.isCheckable() and option.icon().isNull(), "an icon would stand where the check mark is"
 
 
+def test_only_the_start_page_says_that_computations_are_prepared(window):
+    """It stood in the header of every page, for fifteen minutes."""
+    window.show()
+    for percent, told in ((40, True), (100, False)):
+        window.show_compiling(percent)
+        assert window.header.compiling.isVisible() is told
+    at_placement(window)
+    window.show_compiling(40)
+    assert not window.header.compiling.isVisible()
+
+
 def test_a_dim_image_is_not_called_well_lit():
     status = CameraStatus("S1", CameraState.STREAMING, "", "", Counters(), None)
     sight: Any = SimpleNamespace(dots=np.empty(9), blur_px=0.7, saturated=0.0, brightness=0.1)

@@ -122,9 +122,8 @@ MAY_WRITE = {
     },  # what was built here is a program
     "core/spherecal_gentl/producer/region.py": {"unlink"},
     "core/spherecal_app/cli/compile_kernels.py": {"TemporaryDirectory"},
-    "core/spherecal_app/cli/console.py": {"open"},  # /dev/null
-    "core/spherecal_app/cli/gige_command.py": {"TemporaryDirectory"},
-    "core/spherecal_app/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
+    "core/spherecal_app/cli/producer_command.py": {"TemporaryDirectory"},
+    "core/spherecal_app/cli/console.py": {"open", "TemporaryDirectory"},  # /dev/null, what goes to standard output
     "core/spherecal_app/cli/main.py": {"open", "FileHandler"},  # /dev/null, the log file that the user names
     "core/spherecal/base/resources.py": {"mkdtemp"},
     "core/spherecal_documents/scene/renderer.py": {"unlink"},  # shared memory

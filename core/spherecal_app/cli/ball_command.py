@@ -14,10 +14,8 @@ from spherecal.files.ball_file import BALL_FILE, BallProfile, ball_bytes, read_b
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.geometry.sphere import fit_sphere
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import say
+from spherecal_app.cli.console import answer, say, to_output
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.output import to_output
 
 
 def export(options: argparse.Namespace) -> int:

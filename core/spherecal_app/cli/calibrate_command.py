@@ -24,13 +24,10 @@ from spherecal.files.write_result import write_result
 from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_app.cli.answer import answer
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import number, out, say
+from spherecal_app.cli.console import answer, check_output_folder, log_findings, number, out, say, show_findings
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.output import check_output_folder
 from spherecal_app.cli.parsers.shared import search_of
-from spherecal_app.cli.print_findings import log_findings, show_findings
 from spherecal_app.cli.progress import shown_progress
 
 

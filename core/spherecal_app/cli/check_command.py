@@ -18,13 +18,9 @@ from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.verify.limit import parse_limit
-from spherecal_app.cli.answer import answer
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import answer, kept_in_profile, out, say, show_findings, to_output
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.kept import kept_in_profile
-from spherecal_app.cli.output import to_output
-from spherecal_app.cli.print_findings import show_findings
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json, keep

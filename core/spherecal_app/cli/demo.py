@@ -13,9 +13,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS
 from spherecal.files.rig_file import read_rig
-from spherecal_app.cli.answer import answer
 from spherecal_app.cli.compile_kernels import demo_kernels
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_app.cli.parsing import is_standard_output

@@ -23,10 +23,8 @@ from spherecal.files.read_session import read_session
 from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.cameras_source import discovered, open_asking
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import check_output_folder, kept_in_profile, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.kept import kept_in_profile
-from spherecal_app.cli.output import check_output_folder
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import default_profile_path, read_profile
 from spherecal_cameras.new_recording import camera_name

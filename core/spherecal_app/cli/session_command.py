@@ -8,8 +8,7 @@ from rich.table import Table
 
 from spherecal.data.findings import counted
 from spherecal_app.api import new_session
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_app.recordings.new_session import NewSession

@@ -6,10 +6,8 @@ from rich.markup import escape
 
 from spherecal.data.findings import counted
 from spherecal.files.atomic import SESSION
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import out
+from spherecal_app.cli.console import answer, check_output_folder, out
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.output import check_output_folder
 from spherecal_app.cli.progress import shown_progress
 from spherecal_sim.render_session import render_session
 from spherecal_sim.session_folder import write_session

@@ -18,11 +18,8 @@ from spherecal.verify.verification import Verification
 from spherecal.verify.verify_bars import VerifySettings
 from spherecal.verify.verify_bars import verify as run
 from spherecal.verify.write_verification import write_verification
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import number, out, say
+from spherecal_app.cli.console import answer, check_output_folder, log_findings, number, out, say, show_findings
 from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
-from spherecal_app.cli.output import check_output_folder
-from spherecal_app.cli.print_findings import log_findings, show_findings
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.read_verification import answer_for
 from spherecal_rigs.rig_source import corners_beside

@@ -1,6 +1,20 @@
-"""The options of commands about the program itself: help, licences, manual, completion, kernels, doctor."""
+"""The options of commands about the program itself, and of `demo`, `simulate` and `study`."""
 
-from spherecal_app.cli.parsers.shared import choice, flag, path
+import argparse
+from pathlib import Path
+
+from spherecal_app.cli.parsers.shared import (
+    between,
+    choice,
+    flag,
+    number,
+    output,
+    path,
+    path_weights,
+    seed,
+    word,
+    workers,
+)
 from spherecal_app.cli.parsing import Add
 
 
@@ -40,3 +54,55 @@ def add_compile_kernels(add: Add) -> None:
 def add_doctor(add: Add) -> None:
     """`spherecal doctor`."""
     add("doctor", "Say what this machine has and lacks.")
+
+
+def add_demo(add: Add) -> None:
+    """`spherecal demo`."""
+    demo = add("demo", "Calibrate and verify a simulated rig, from end to end.")
+    output(demo, "DIR", "folder for all its files (default spherecal-demo)", default=Path("spherecal-demo"))
+
+
+def add_simulate(add: Add) -> None:
+    """`spherecal simulate`."""
+    simulate = add("simulate", "Make a session of a simulated rig with its truth.json.")
+    simulate.add_argument(
+        "preset",
+        help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN, wideN (lens of N degrees)",
+    )
+    output(simulate, "SESSION", "the session folder to write")
+    flag(simulate, "--observations-only", "make observations instead of images")
+    seed(simulate, "seed of the rig and its noise (default 1)", 1)
+
+
+NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
+_NOISE_PX = between(float, 1e-4, 10, "must be from 0.0001 to 10 px")
+
+
+def add_study(add: Add) -> None:
+    """`spherecal study`."""
+    study = add("study", "Repeat the experiments of the paper on simulated rigs; write a page for each.")
+    study.add_argument("names", nargs="*", type=_study, metavar="STUDY", help=f"{', '.join(NAMES)}; none: all")
+    output(study, "DIR", "folder for the pages (default spherecal-study)", default=Path("spherecal-study"))
+    number(
+        study,
+        "--runs",
+        "N",
+        "repetitions with other seeds (the default depends on the study)",
+        between(int, 1, 2**31, "must be 1 or more"),
+    )
+    number(study, "--sigma", "PX", "image noise of simulated observations (0.04)", _NOISE_PX)
+    seed(study, "the first seed (default 1)", 1)
+    flag(study, "--known", "exactly known intrinsics, as in Algorithm 1, not those of data sheets")
+    path_weights(study)
+    flag(study, "--kept", "run nothing: make pages from the saved results")
+    word(study, "--rig", "PRESET", "a simulated rig other than the study's own")
+    text = "rendered images instead of simulated observations; on the demo's small rig unless --rig names another"
+    flag(study, "--images", text)
+    path(study, "--session", "FOLDER", "your own recording instead: layouts, path, cameras")
+    workers(study)
+
+
+def _study(text: str) -> str:
+    if text not in NAMES:
+        raise argparse.ArgumentTypeError(f"there is no study {text!r}; there are {', '.join(NAMES)}")
+    return text

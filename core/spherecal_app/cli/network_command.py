@@ -1,6 +1,7 @@
-"""`spherecal guide`: where to put the ball next."""
+"""`spherecal recalibrate`, `guide` and `cross-validate`: what follows a calibration, or leads to it."""
 
 import argparse
+import time
 
 from rich.markup import escape
 from rich.table import Table
@@ -8,14 +9,37 @@ from rich.table import Table
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
+from spherecal.cross_validate import cross_validate as run_without
 from spherecal.detect.session_images import observed
+from spherecal.files.atomic import RESULT
 from spherecal.files.read_session import read_session
-from spherecal_app.cli.answer import answer
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import write_result
+from spherecal_app.cli.calibrate_command import calibration_summary, show_calibration
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import out
-from spherecal_app.cli.exit_codes import DONE
+from spherecal_app.cli.console import answer, check_output_folder, out
+from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.next_placement import Guidance, advise
+from spherecal_rigs.recalibrate import Selection
+from spherecal_rigs.recalibrate import recalibrate as run
+
+
+def recalibrate(options: argparse.Namespace) -> int:
+    """`spherecal recalibrate`."""
+    check_output_folder(options.output, RESULT)
+    began = time.perf_counter()
+    cameras = tuple(name for name in options.only.split(",") if name)
+    with shown_progress() as context:
+        rig = read_rig(options.rig)
+        session = read_session(options.session)
+        compile_first(context)
+        calibration = run(session, rig, Selection(cameras, options.estimate), None, context)
+        details = {"method": "selected", "only": list(cameras), "estimate": options.estimate}
+        write_result(calibration, options.output, details)
+    answer(options, calibration_summary(calibration))
+    show_calibration(calibration, options.output, time.perf_counter() - began)
+    return DONE if calibration.rig.quality.valid else NOT_VALID
 
 
 def guide(options: argparse.Namespace) -> int:
@@ -64,3 +88,25 @@ def _as_json(guidance: Guidance) -> dict[str, object]:
             for c in guidance.candidates
         ],
     }
+
+
+def cross_validate(options: argparse.Namespace) -> int:
+    """`spherecal cross-validate`."""
+    with shown_progress() as context:
+        session = read_session(options.session)
+        compile_first(context)
+        whole, found = run_without(session, None, context)
+    answer(options, found)
+    table = Table("left out", "dots", "rms px", "shape rms mm", "size, ppm", box=None)
+    for one in found:
+        cells = [
+            "-" if value is None else text
+            for value, text in (
+                (one.rms_px, f"{one.rms_px or 0:.4f}"),
+                (one.shape_rms_mm, f"{one.shape_rms_mm or 0:.4f}"),
+                (one.length_error, f"{1e6 * (one.length_error or 0):.0f}"),
+            )
+        ]
+        table.add_row(one.placement, str(one.dots), *cells)
+    out.print(table)
+    return DONE if whole.rig.quality.valid else NOT_VALID

@@ -1,10 +1,120 @@
-"""The options of `cameras`."""
+"""The options of `targets`, `detect`, `session`, `support-bundle` and `cameras`."""
 
 import argparse
 from pathlib import Path
 
-from spherecal_app.cli.parsers.shared import between, choice, flag, number, output, path, repeated, word
+from spherecal_app.cli.parsers.shared import (
+    BALL_METHODS,
+    between,
+    choice,
+    flag,
+    number,
+    output,
+    path,
+    repeated,
+    session,
+    word,
+)
 from spherecal_app.cli.parsing import Add, commands_below
+
+_PAGES = ("A4", "Letter", "A3", "A2", "A1", "A0")
+
+
+def add_targets(add: Add) -> None:
+    """`spherecal targets export|sheet`."""
+    below = commands_below(add("targets", "The coded targets: machine-readable, or sheets to print."), "export|sheet")
+    _add_target_set(below("export", "Write targets.json."))
+    sheet = below("sheet", "Write a PDF to print.")
+    _add_target_set(sheet)
+    choice(sheet, "--page", _PAGES, "paper size (default A4); larger than A4 and Letter for boards", "A4")
+    text = (
+        "print a calibration board instead: aprilgrid,rows=4,columns=5,pitch_mm=36,marker_mm=28, charuco, chessboard, "
+        "circles or asymmetric-circles with the fields of the manual's page on boards"
+    )
+    word(sheet, "--board", "BOARD", text)
+
+
+def _add_target_set(parser: argparse.ArgumentParser) -> None:
+    """Which targets."""
+    output(parser, "FILE", "the file to write")
+    text = "how many targets (default 200, or all markers of a dictionary)"
+    number(parser, "--count", None, text, int)
+    number(parser, "--first-id", "ID", "the first target's number (default 1; of markers 0)", int)
+    number(parser, "--size", "MM", "edge of a sticker (default 28)", default=28.0)
+    text = "polarity of dots (default light-on-dark) or of markers (default dark-on-light)"
+    choice(parser, "--polarity", ("light-on-dark", "dark-on-light"), text)
+    parser.add_argument(
+        "--measured",
+        type=float,
+        nargs=2,
+        metavar=("H_MM", "V_MM"),
+        help="what the sheet's two 100 mm rulers measure after printing (across, down)",
+    )
+    text = (
+        "ArUco or AprilTag markers instead of dots, by OpenCV's name: DICT_4X4_250, DICT_APRILTAG_36h11 ...; "
+        "--size is then the side of the black square, and ids start at 0"
+    )
+    word(parser, "--markers", "DICTIONARY", text)
+
+
+def add_detect(add: Add) -> None:
+    """`spherecal detect`."""
+    detect = add("detect", "Find coded targets in images.")
+    detect.add_argument("images", nargs="+", metavar="IMAGE", help="PNG, TIFF, JPEG, BMP or PGM files")
+    path(detect, "--targets", "targets.json", "the target set to look for", required=True)
+    path(detect, "--csv", "FILE", "the table to write, a row for each dot", required=True)
+
+
+def _spacing(text: str) -> tuple[float, float]:
+    length, _, u = text.partition(",")
+    return float(length), float(u)
+
+
+def add_session(add: Add) -> None:
+    """`spherecal session new`."""
+    action = commands_below(add("session", "Session folders: make one from images or videos that you have."))
+    new = action("new", "Make a session folder from images or synchronised videos, by their names, sizes and EXIF.")
+    path(new, "folder", "FOLDER", "the session folder to write")
+    text = (
+        "the images (cam1/0001.png, 0001/cam1.png, cam1_0001.png) or one video of each camera; they are copied unless "
+        "they are in FOLDER"
+    )
+    path(new, "--images", "DIR", text, required=True)
+    text = 'how their paths below DIR name camera and placement, such as "{camera}_{placement}.png"; * is any text'
+    word(new, "--pattern", "PATTERN", text)
+    text = (
+        "the board that they show: chessboard,rows=6,columns=9,pitch_mm=20, with the fields of the manual's page on "
+        "boards, or a JSON file with them"
+    )
+    word(new, "--board", "BOARD", text)
+    path(new, "--targets", "targets.json", "the coded targets that they show")
+    number(new, "--sphere", "MM", "the ball's nominal diameter")
+    text = "what the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2)"
+    new.add_argument("--spacing", metavar="MM,U", type=_spacing, help=text)
+    number(new, "--focal-length", "MM", "focal length of all lenses, instead of that in EXIF")
+    number(new, "--pixel-pitch", "UM", "pixel pitch of all sensors, instead of that in EXIF")
+    choice(new, "--lens", ("brown", "rational", "fisheye"), "the lens model (default brown)")
+    number(new, "--frames", "N", "use at most this many frames of videos (default 30)", int, default=30)
+
+
+def add_support_bundle(add: Add) -> None:
+    """`spherecal support-bundle`."""
+    bundle = add(
+        "support-bundle",
+        "Pack a session's observations, settings, result, logs and versions into one file, images only on request. "
+        "Names of people and computers and serial numbers are replaced. `spherecal calibrate BUNDLE.zip` gives "
+        "the same numbers, with --names the same rig.json byte for byte.",
+    )
+    session(bundle)
+    output(bundle, "BUNDLE.zip", "the file to write")
+    path(bundle, "--result", "RESULT", "the result to send along")
+    path(bundle, "--settings", "FILE", "the cameras.json with the cameras' settings")
+    repeated(bundle, "--log-file", "FILE", "a log to send along", Path)
+    flag(bundle, "--images", "include the images")
+    flag(bundle, "--names", "leave names of people and computers and serial numbers as they are")
+    text = "the method that was used, for a session of images (default auto)"
+    choice(bundle, "--method", BALL_METHODS, text, "auto")
+
 
 _ABOVE_ZERO = between(float, 1e-12, 1e12, "a number above 0 is needed")
 

@@ -17,7 +17,7 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal_boards.board_images import FoundBoard, find_board
 from spherecal_boards.pattern_entry import board_entry, board_pattern
-from spherecal_sim.rendered_board import BoardCamera, paint, render_board
+from spherecal_sim.rendered_stickers import BoardCamera, paint, render_board
 
 BOARDS = (
     "charuco,rows=6,columns=8,pitch_mm=30,marker_mm=22,dictionary=DICT_5X5_100",

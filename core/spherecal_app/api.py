@@ -57,27 +57,26 @@ from spherecal_app.recordings.new_session import Contents, NewSession, StatedCam
 from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
 from spherecal_cameras.protocol import CameraSource
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, Unit
-from spherecal_documents.export.format import Format
+from spherecal_documents.export.format import Format, ImportFormat
 from spherecal_documents.export.import_rig import import_rig as _import_rig
-from spherecal_documents.export.other_formats import ImportFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS, Exported
 from spherecal_documents.export.write_export import export_rig as _export_rig
 from spherecal_documents.sheets import board_sheet
 from spherecal_documents.sheets.sticker_sheet import Page, write_sheet
-from spherecal_measuring.body_file import read_body, write_body
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
 from spherecal_measuring.measure_sets import run as measure_sets
+from spherecal_measuring.measure_sets import sets_of_session
 from spherecal_measuring.measured_sets import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task
 from spherecal_measuring.points import MeasuredPoints, project_points, triangulate_points
+from spherecal_measuring.pose import read_body, write_body
 from spherecal_measuring.series_file import TableKind
-from spherecal_measuring.sets import sets_of_session
 from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_rig import Check, check
 from spherecal_rigs.compare_rigs import Comparison, compare
-from spherecal_rigs.frame_file import read_frame, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
+from spherecal_rigs.framed_rig import read_frame, write_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
 from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of

@@ -14,7 +14,7 @@ from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 from spherecal.verify.uncertainty import PointErrors, point_errors
 from spherecal_measuring.health import RigHealth
-from spherecal_measuring.lateness import Timing, at_one_moment
+from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
 from spherecal_measuring.measured_sets import (
     BodyPose,
     CameraResidual,
@@ -26,7 +26,6 @@ from spherecal_measuring.measured_sets import (
 )
 from spherecal_measuring.measured_values import Unmeasured, measure_bar, measure_ruler
 from spherecal_measuring.measuring_task import Task
-from spherecal_measuring.motion import Velocities
 from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
 from spherecal_measuring.pose import measure_body
 from spherecal_measuring.rejection import reject_views

@@ -1,8 +1,9 @@
-"""The user's frame of a result: its places, the frame that three of them define, and a rig given in it."""
+"""The user's frame: its file, a rig in it, and its definition by places of a result."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,16 +11,84 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
+from spherecal.files.atomic import write_file_whole
 from spherecal.files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
-from spherecal.files.json_file import printable, read_json
-from spherecal.files.rig_file import read_rig
+from spherecal.files.codec import (
+    FileFormat,
+    choice,
+    field,
+    items,
+    number,
+    numbers,
+    optional,
+    record,
+    software,
+    text,
+)
+from spherecal.files.codec import (
+    name as a_name,
+)
+from spherecal.files.json_file import JsonValue, printable, read_json
+from spherecal.files.rig_file import read_rig, rotation
 from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
-from spherecal.geometry.user_frame import FrameDefinition, UserFrame, user_frame
+from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 from spherecal.geometry.volume_map import LengthMap
 from spherecal.verify.verification_file import VERIFICATION
 from spherecal_rigs.result_table import CsvTable, read_csv
+
+
+def _check_places(made: FrameDefinition, value: JsonValue) -> None:
+    if (made.origin, made.x, made.xy).count(None) not in (0, 3):
+        raise value.error(Phrase("problem-three-places"))
+
+
+_DEFINITION = record(
+    "How it was defined; `origin`, `x` and `xy` are all given or none.",
+    FrameDefinition,
+    optional("origin", text("The place of the origin.")),
+    optional("x", text("A place on the x axis.")),
+    optional("xy", text("A place in the xy plane.")),
+    optional("offset_mm", numbers("Shift of the origin.", 3)),
+    optional("turns", items("Turns by 90 degrees.", choice("", TURNS))),
+).checked(_check_places)
+_SIGMAS = items("", number("", 0), length=3).mapped(np.array)
+FIELDS = (
+    field("rotation", rotation("x_user = R x_world + t.")),
+    field("translation_mm", numbers("The same.", 3).mapped(np.array)),
+    field("definition", _DEFINITION),
+    optional("reference_camera", a_name("The reference camera of the calibration.")),
+    optional("input_sha256", text("`input_sha256` of the calibration.")),
+    optional("distance_mm", number("Distance from the origin to the place on the x axis.", 0)),
+    optional("angle_deg", number("Between the two places, seen from the origin.", 0, 180, "°")),
+    optional("origin_sigma_mm", _SIGMAS.described("Standard uncertainties of the origin.")),
+    optional("axes_sigma_deg", _SIGMAS.described("Standard uncertainties of the axes.")),
+)
+FRAME = FileFormat(
+    "spherecal/frame",
+    "frame.json",
+    "The user's frame.",
+    record("", UserFrame, *FIELDS, software()),
+    ("The rotation is orthogonal within 1e-5.",),
+    more="exports.md#the-users-frame",
+)
+
+
+def write_frame(frame: UserFrame, path: Path) -> None:
+    """Write the file whole."""
+    write_file_whole(path, FRAME.bytes(frame))
+
+
+def frame_entry(frame: UserFrame) -> dict[str, Any]:
+    """A frame as files have it."""
+    return record("", UserFrame, *FIELDS).entry(frame)
+
+
+def read_frame(path: Path) -> UserFrame:
+    """The frame in a file."""
+    return FRAME.read(path)
+
 
 _AXES = ("x_mm", "y_mm", "z_mm")
 _MOST_NAMED = 12

@@ -13,7 +13,7 @@ from spherecal.files.rig_file import read_rig
 from spherecal.verify.verification_file import Override
 from spherecal_rigs.compare_rigs import ComparisonVolume, seen_volume
 from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
-from spherecal_rigs.read_verification import refuse_failed
+from spherecal_rigs.result_folder import refuse_failed
 from spherecal_rigs.save_entry import points_box
 from spherecal_rigs.store import is_profile, open_profile
 

@@ -17,8 +17,8 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.family import make_target_set
 from spherecal_sim.heavy_tails import heavy_noise
 from spherecal_sim.lens_errors import TrueLens, random_field
+from spherecal_sim.observe import shape_changes, spoil
 from spherecal_sim.random_rigs import RandomRig, random_rig
-from spherecal_sim.recording_faults import shape_changes, spoil
 from spherecal_sim.rigs import TrueCamera, ball_turns, nominal_intrinsics, random_rotations
 from spherecal_sim.simulated_ball import Ball, make_ball
 

@@ -9,8 +9,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import CameraSpec, Placement, Scale, Session
 from spherecal.targets.family import make_target_set
-from spherecal_sim.observe import ObservingCameras, Seen, look, observe
-from spherecal_sim.recording_faults import lens_misfit, shape_changes, spoil
+from spherecal_sim.observe import ObservingCameras, Seen, lens_misfit, look, observe, shape_changes, spoil
 from spherecal_sim.rigs import (
     RigDesign,
     TrueCamera,

@@ -7,8 +7,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, Mark
-from spherecal_sim.observe import ObservingCameras, look, observe
-from spherecal_sim.recording_faults import lens_misfit
+from spherecal_sim.observe import ObservingCameras, lens_misfit, look, observe
 from spherecal_sim.rigs import random_rotations
 from spherecal_sim.truth import TrueBar, TrueBarPose, Truth
 

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Estimate, below, estimate
 from spherecal_study.study_page import (
+    Document,
     Options,
     PaperComparison,
     Results,

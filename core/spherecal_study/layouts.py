@@ -3,11 +3,10 @@
 from typing import Any
 
 from spherecal.data.session import STANDARD_PLACEMENTS
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
-from spherecal_study.measures import all_errors
-from spherecal_study.study_agreement import Estimate, below, estimate, like
+from spherecal_study.study_agreement import Estimate, all_errors, below, estimate, like
 from spherecal_study.study_page import (
+    Document,
     Options,
     PaperComparison,
     Results,

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from spherecal_study.displacement import PERCENT
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Estimate, always, estimate, never, share_interval
 from spherecal_study.study_page import (
+    Document,
     Options,
     PaperComparison,
     Results,

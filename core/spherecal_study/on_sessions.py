@@ -14,13 +14,12 @@ from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal_documents.report.style import report_style
 from spherecal_study.batch_of_sessions import fingerprint_of
-from spherecal_study.document import Document
 from spherecal_study.executor import Result, Trial, Workers, run_trials
-from spherecal_study.measures import all_errors
 from spherecal_study.path_study import SEARCHES, draw_graph
 from spherecal_study.recorded_trials import apart_mm, seen_along_the_thinnest
 from spherecal_study.studies import write_page
-from spherecal_study.study_page import Results, StudyPage, columns_by_group, curves, mean, pooled_rms, table
+from spherecal_study.study_agreement import all_errors
+from spherecal_study.study_page import Document, Results, StudyPage, columns_by_group, curves, mean, pooled_rms, table
 
 NAMES = ("layouts", "path", "cameras")
 _WHY_NOT = {

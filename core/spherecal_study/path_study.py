@@ -4,15 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-
 from spherecal_documents.report.sheet import PageBox, Sheet
+
 from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT
 from spherecal_sim.rigs import rig_design
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
-from spherecal_study.measures import all_errors
-from spherecal_study.study_agreement import RATIO, Estimate, above, estimate, like
+from spherecal_study.study_agreement import RATIO, Estimate, above, all_errors, estimate, like
 from spherecal_study.study_page import (
+    Document,
     Options,
     PaperComparison,
     Results,

@@ -19,7 +19,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.initialise.camera_path import Search
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal_study.measures import bar_figures, outcome, residual_figures
+from spherecal_study.study_agreement import bar_figures, outcome, residual_figures
 
 
 def recorded(

@@ -1,10 +1,9 @@
 """The second system of the paper: twelve cameras on two planes."""
 
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
-from spherecal_study.measures import all_errors
-from spherecal_study.study_agreement import Estimate, always, estimate, like
+from spherecal_study.study_agreement import Estimate, all_errors, always, estimate, like
 from spherecal_study.study_page import (
+    Document,
     Options,
     PaperComparison,
     Results,

@@ -25,9 +25,9 @@ from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch_of_sessions import calibrate_session
 from spherecal_study.displacement import PERCENT, displaced_cases, path_length, published_cases
-from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
+from spherecal_study.study_agreement import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.wand import errors_and_bounds
 
 PathNumbers = Sequence[float]  # xi1, xi2, TH_er in px, b

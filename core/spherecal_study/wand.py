@@ -8,10 +8,10 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Calibration
 from spherecal.geometry.transform import fit_similarity
 from spherecal_sim.simulated_boards import SimulatedRecording
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import always, estimate
 from spherecal_study.study_page import (
+    Document,
     Options,
     PaperComparison,
     Results,

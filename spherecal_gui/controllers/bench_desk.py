@@ -28,9 +28,8 @@ from spherecal_gui.presenters.bench_presenter import (
     targets_words,
 )
 from spherecal_gui.project_folder import rig_bench
-from spherecal_rigs.ball_registry import BALL_REGISTRY, RegisteredBall
+from spherecal_rigs.ball_registry import BALL_REGISTRY, Bench, RegisteredBall, write_bench
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
-from spherecal_rigs.bench_file import Bench, write_bench
 
 translate = QCoreApplication.translate
 

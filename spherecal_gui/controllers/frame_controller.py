@@ -53,8 +53,11 @@ class FrameController(ControllerPart):
         if not (made_for[0] / FRAME).is_file():
             self.frame = self._frame_of_profile()
             return
-        from spherecal_rigs.frame_file import read_frame, write_frame
-        from spherecal_rigs.framed_rig import frame_of  # needs scipy
+        from spherecal_rigs.framed_rig import (
+            frame_of,  # needs scipy
+            read_frame,
+            write_frame,
+        )
 
         path = made_for[0] / FRAME
         try:
@@ -82,7 +85,7 @@ class FrameController(ControllerPart):
         path = profile_of(self.project) / FRAME if self.project is not None else None
         if path is None or self.main.outcome is None or not path.is_file():
             return None
-        from spherecal_rigs.frame_file import read_frame  # needs scipy
+        from spherecal_rigs.framed_rig import read_frame  # needs scipy
 
         try:
             kept = read_frame(path)
@@ -97,8 +100,10 @@ class FrameController(ControllerPart):
         if path is None or self.project is None or self.main.outcome is None or self.runner.running:
             return False
         from spherecal.geometry.user_frame import FrameDefinition
-        from spherecal_rigs.frame_file import write_frame
-        from spherecal_rigs.framed_rig import frame_of  # needs scipy
+        from spherecal_rigs.framed_rig import (
+            frame_of,  # needs scipy
+            write_frame,
+        )
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))

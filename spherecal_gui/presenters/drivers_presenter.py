@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal_cameras.builtin_driver import BuiltinDriver, state
-from spherecal_cameras.driver_help import DriverTrouble
+from spherecal_cameras.builtin_driver import BuiltinDriver, DriverTrouble, state
 from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
 from spherecal_gui import languages
 from spherecal_gui.standing import Level

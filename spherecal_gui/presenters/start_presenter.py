@@ -50,7 +50,7 @@ def picture_name(number: str) -> str:
     return f"picture-{number}.png"
 
 
-# What can go wrong on the simulated demo rig, for training: the fault as simulated/camera_faults.py reads it.
+# What can go wrong on the simulated demo rig, for training: the fault as simulated/simulated_source.py reads it.
 SURPRISE = "surprise"
 FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
 
@@ -171,7 +171,7 @@ def _short_age(calibrated: datetime) -> str:
 
 def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
     """What there is to say of the calibration in use, what was measured of it before how old it is."""
-    from spherecal_rigs.calibration_age import validity  # imports scipy
+    from spherecal_rigs.limits_file import validity  # imports scipy
 
     verdict = _last_verdict(kept, entry)
     check = last_check(kept.folder, kept.active_id)

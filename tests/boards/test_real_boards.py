@@ -20,7 +20,7 @@ from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.corner_fit import fit_corners
 from spherecal_boards.looking import boards_of, look_for_chessboard, look_for_markers
 from spherecal_boards.pattern_entry import board_entry, board_pattern
-from spherecal_sim.rendered_board import paint
+from spherecal_sim.rendered_stickers import paint
 
 
 def pattern(text: str) -> BoardPattern:

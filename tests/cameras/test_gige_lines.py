@@ -9,6 +9,7 @@ import pytest
 from spherecal_cameras.network_lines import (
     CameraLoad,
     NetworkLine,
+    UsbCamera,
     assess,
     bus_shares,
     load_of,
@@ -17,7 +18,6 @@ from spherecal_cameras.network_lines import (
     wire_bytes,
 )
 from spherecal_cameras.protocol import CameraSettings, FeatureReport
-from spherecal_cameras.usb import UsbCamera
 from spherecal_gentl.gige.gvcp import NetworkCamera
 
 GIGABIT = NetworkLine("eth1", "10.0.0.1", "255.255.255.0", 9000, 1000.0, 0, 33_554_432)

@@ -14,8 +14,7 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.targets.family import DOTS, make_target_set
 from spherecal.targets.target_set import Polarity
 from spherecal_documents.sheets.pdf_canvas import PdfCanvas
-from spherecal_documents.sheets.sheet_instructions import rings
-from spherecal_documents.sheets.sticker_sheet import PAGE_SIZES_MM, Page, scaled, sticker_places, write_sheet
+from spherecal_documents.sheets.sticker_sheet import PAGE_SIZES_MM, Page, rings, scaled, sticker_places, write_sheet
 
 MM_PER_POINT = 25.4 / 72
 NUMBER = r"(-?[\d.]+)"

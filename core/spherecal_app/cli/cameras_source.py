@@ -11,8 +11,8 @@ from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.console import answer, say
 from spherecal_cameras import builtin_driver
+from spherecal_cameras.builtin_driver import answering, driver_advice, unlisted
 from spherecal_cameras.camera_settings import CameraProfile, default_profile_path, read_profile
-from spherecal_cameras.driver_help import answering, driver_advice, unlisted
 from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.genicam.trust import Ask, Driver, TrustStore, who_may_change
 from spherecal_cameras.protocol import CameraSource, Discovery

@@ -19,7 +19,7 @@ from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_app.cli.parsing import is_standard_output
 from spherecal_app.cli.progress import shown_progress
-from spherecal_rigs.read_verification import read_bar_report
+from spherecal_rigs.result_folder import read_bar_report
 from spherecal_sim.render_session import demo_session
 
 

@@ -19,8 +19,7 @@ from spherecal_documents.export.priors import matched, read_cameras, write_with_
 from spherecal_documents.export.refit import Loss
 from spherecal_documents.export.scene_formats import SceneFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
-from spherecal_rigs.frame_file import frame_entry, read_frame, write_frame
-from spherecal_rigs.framed_rig import define_frame
+from spherecal_rigs.framed_rig import define_frame, frame_entry, read_frame, write_frame
 from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
 
 

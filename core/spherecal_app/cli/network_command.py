@@ -55,7 +55,7 @@ def guide(options: argparse.Namespace) -> int:
     if guidance is None:
         raise InputError(Phrase("error-no-network-yet", {"folder": options.session}))
     if options.picture is not None:
-        from spherecal_documents.report.guidance_picture import save_guidance_picture  # here, since it loads matplotlib
+        from spherecal_documents.report.trend_chart import save_guidance_picture  # here, since it loads matplotlib
 
         save_guidance_picture(calibration.rig, guidance, calibration.spheres[0].radius_mm, options.picture)
     answer(options, _as_json(guidance))

@@ -21,7 +21,7 @@ from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.console import answer, check_output_folder, log_findings, number, out, say, show_findings
 from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
-from spherecal_rigs.read_verification import answer_for
+from spherecal_rigs.result_folder import answer_for
 from spherecal_rigs.rig_source import corners_beside
 
 

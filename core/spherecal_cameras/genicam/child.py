@@ -43,8 +43,7 @@ from spherecal_cameras.genicam.messages import (
 )
 from spherecal_cameras.genicam.rings import TouchMark
 from spherecal_cameras.genicam.slots import SLOW_S, LateAnswers, Slot, assess, attach, why_not_opened
-from spherecal_cameras.genicam.waiting import Waiter
-from spherecal_cameras.genicam.wire import Inbox, pack
+from spherecal_cameras.genicam.wire import Inbox, Waiter, pack
 from spherecal_cameras.matching import TRIGGERED
 from spherecal_cameras.protocol import CameraSettings, CameraState, SetupReport
 

@@ -5,14 +5,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from spherecal_cameras.clock import CameraClock
 from spherecal_cameras.genicam.features import FeatureError, NodeFeatures, plain
 from spherecal_cameras.genicam.hub import Producer
 from spherecal_cameras.genicam.messages import FrameMeta
 from spherecal_cameras.genicam.pixels import first_grey, in_order, significant_bits
 from spherecal_cameras.genicam.rings import Ring
 from spherecal_cameras.genicam.setup import describe, exposure_us, gain_db, set_up
-from spherecal_cameras.matching import RoundKeeper
+from spherecal_cameras.matching import CameraClock, RoundKeeper
 from spherecal_cameras.protocol import CameraSettings, Counters, FeatureReport, SetupReport
 
 # Buffers of the driver: 4 images of 5 MP for 12 cameras are 240 MB.

@@ -13,9 +13,8 @@ from pathlib import Path
 
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
-from spherecal_cameras.genicam.driver_copy import hash_of, hold
 from spherecal_cameras.genicam.messages import Probed
-from spherecal_cameras.genicam.trust import Admitted, Ask, TrustStore, admit
+from spherecal_cameras.genicam.trust import Admitted, Ask, TrustStore, admit, hash_of, hold
 from spherecal_cameras.genicam.wire import Inbox, WireError, pack
 from spherecal_cameras.makers import driver_patterns, own_folder
 from spherecal_cameras.protocol import CameraInfo, CamerasNotInstalled, Discovery, ProducerVerdict

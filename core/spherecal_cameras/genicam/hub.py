@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spherecal_cameras.genicam.driver_copy import hash_of, hold
 from spherecal_cameras.genicam.features import FeatureError, NodeFeatures, plain
 from spherecal_cameras.genicam.setup import ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK
-from spherecal_cameras.genicam.texts import tolerate_any_text
+from spherecal_cameras.genicam.trust import hash_of, hold
+from spherecal_cameras.genicam.words import tolerate_any_text
 from spherecal_cameras.protocol import CameraInfo
 
 # How long a producer may search its interfaces. Cameras on GigE answer a discovery within some ms on the same switch;

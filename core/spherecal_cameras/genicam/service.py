@@ -40,11 +40,9 @@ from spherecal_cameras.genicam.messages import (
     Triggered,
     Working,
 )
-from spherecal_cameras.genicam.rings import TouchMark, remove_orphans, shared_memory_name
-from spherecal_cameras.genicam.shared_frames import FrameStore
+from spherecal_cameras.genicam.rings import FrameStore, TouchMark, remove_orphans, shared_memory_name
 from spherecal_cameras.genicam.trust import Admitted, Refusal, TrustStore, admit_again
-from spherecal_cameras.genicam.waiting import Waiter
-from spherecal_cameras.genicam.wire import Inbox, WireError, pack
+from spherecal_cameras.genicam.wire import Inbox, Waiter, WireError, pack
 from spherecal_cameras.protocol import (
     CameraError,
     CameraSettings,

@@ -7,7 +7,7 @@ from spherecal_cameras.genicam.device import Device
 from spherecal_cameras.genicam.features import plain
 from spherecal_cameras.genicam.messages import RequestedCamera, Slow, StateIs, UseRing
 from spherecal_cameras.genicam.rings import Ring
-from spherecal_cameras.genicam.texts import error_id
+from spherecal_cameras.genicam.words import error_id
 from spherecal_cameras.protocol import CameraState
 
 _AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats

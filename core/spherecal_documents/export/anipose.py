@@ -1,5 +1,6 @@
-"""Anipose and Pose2Sim TOML: poses world to camera, sections named so that sorting keeps the cameras' order."""
+"""TOML of Anipose, which Pose2Sim reads too, and of caliscope: poses world to camera."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -111,4 +112,40 @@ def _unit(metadata: JsonValue | None) -> Unit | None:
     return "mm" if square >= 1 else "m"
 
 
-FORMAT = Format("anipose", "Anipose and Pose2Sim TOML", 12, ("m", "mm"), _write, _read, fisheye=True)
+ANIPOSE = Format("anipose", "Anipose and Pose2Sim TOML", 12, ("m", "mm"), _write, _read, fisheye=True)
+
+
+def _write_caliscope(rig: FileRig) -> Mapping[str, str]:
+    text = f"# {rig.source}\n# rotation (Rodrigues) and translation map world to camera, metres\n"
+    for i, camera in enumerate(rig.cameras):
+        text += f"\n# {camera.id}\n[cameras.{i}]\ncam_id = {i}\n{toml_lens_and_pose(camera)}rotation_count = 0\n"
+    return {"": text}
+
+
+def _read_caliscope(path: Path) -> Reading:
+    document = read_toml(path)
+    given = document.as_object()
+    if "cameras" in given:
+        sections = document.at("cameras", given["cameras"]).entries()
+    else:  # config.toml, before camera_array.toml
+        sections = {name[4:]: document.at(name, value) for name, value in given.items() if re.match(r"cam_\d+$", name)}
+    cameras, left_out = [], {}
+    for name, section in sections.items():
+        camera = None if section.as_object().get("ignore") is True else read_toml_camera(section, name)
+        if camera is None:
+            left_out[name] = "is ignored there" if section.as_object().get("ignore") is True else "is not calibrated"
+        else:
+            cameras.append(camera)
+    return Reading(tuple(cameras), left_out)
+
+
+CALISCOPE = Format(
+    "caliscope",
+    "caliscope TOML",
+    12,
+    ("m",),
+    _write_caliscope,
+    _read_caliscope,
+    ids=lambda rig: list(map(str, range(len(rig.cameras)))),
+    fisheye=True,
+)

@@ -230,7 +230,7 @@ def _refuse_contradiction(
             )
 
 
-FORMAT = Format(
+COLMAP = Format(
     "colmap",
     "COLMAP text model with rig",
     8,

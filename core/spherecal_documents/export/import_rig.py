@@ -17,14 +17,13 @@ from spherecal.data.rig import Rig, rig_of_unknown_quality
 from spherecal.data.rig_camera import RigCamera
 from spherecal.geometry.camera import is_fisheye
 from spherecal.geometry.opencv import pose_rotation
-from spherecal_documents.export import matlab
 from spherecal_documents.export.file_cameras import MM_PER, FileCamera, Reading, Unit
-from spherecal_documents.export.format import Format
-from spherecal_documents.export.other_formats import ImportFormat, importer
+from spherecal_documents.export.format import Format, ImportFormat, importer
+from spherecal_documents.export.matlab import MATLAB
 from spherecal_documents.export.write_export import FORMATS
 
 # Formats that are read and not written.
-READ_ONLY = {one.FORMAT.name: one.FORMAT for one in (matlab,)}
+READ_ONLY = {MATLAB.name: MATLAB}
 
 
 # Rigs whose cameras are at most 20 mm apart (two lenses side by side) or more than 50 m (a hall) are hardly any. One in

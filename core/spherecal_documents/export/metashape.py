@@ -188,4 +188,4 @@ def _read_sensor(sensor: ElementTree.Element, where: str) -> tuple[tuple[int, in
     return (width, height), lens_vector(matrix, coefficients, False, where)
 
 
-FORMAT = Format("metashape", "Agisoft Metashape XML", 5, ("m",), _write, _read, ids=FileRig.safe_names)
+METASHAPE = Format("metashape", "Agisoft Metashape XML", 5, ("m",), _write, _read, ids=FileRig.safe_names)

@@ -15,8 +15,7 @@ from spherecal.geometry.camera import camera_matrix
 from spherecal_documents.export.colmap import read_colmap_lenses
 from spherecal_documents.export.file_cameras import FileCamera
 from spherecal_documents.export.kalibr import read_kalibr
-from spherecal_documents.export.opencv_yaml import read_opencv
-from spherecal_documents.export.yaml_file import read_yaml
+from spherecal_documents.export.opencv_yaml import read_opencv, read_yaml
 
 _DISTORTION_LENGTHS = (4, 5, 8, 12)
 _MOST_BYTES = 1 << 30

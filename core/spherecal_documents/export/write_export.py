@@ -21,31 +21,22 @@ from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.verify.verification_file import Override
-from spherecal_documents.export import (
-    anipose,
-    caliscope,
-    colmap,
-    csv_table,
-    kalibr,
-    maps,
-    mc_calib,
-    metashape,
-    mrcal,
-    multical,
-    opencv_yaml,
-    ros,
-)
+from spherecal_documents.export.anipose import ANIPOSE, CALISCOPE
+from spherecal_documents.export.colmap import COLMAP
+from spherecal_documents.export.csv_table import CSV, MAPS
 from spherecal_documents.export.file_cameras import MM_PER, FileCamera, FileRig, Pose, Unit
-from spherecal_documents.export.format import Format
-from spherecal_documents.export.other_formats import ImportFormat, exporter
+from spherecal_documents.export.format import Format, ImportFormat, exporter
+from spherecal_documents.export.kalibr import KALIBR, ROS
+from spherecal_documents.export.metashape import METASHAPE
+from spherecal_documents.export.mrcal import MC_CALIB, MRCAL, MULTICAL
+from spherecal_documents.export.opencv_yaml import OPENCV
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat
 from spherecal_documents.export.scene_formats import largest_difference_px as scene_difference_px
-from spherecal_rigs.frame_file import frame_entry
-from spherecal_rigs.framed_rig import in_frame
+from spherecal_rigs.framed_rig import frame_entry, in_frame
 
-_MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table, maps)
-FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
+_FORMATS = (OPENCV, ROS, KALIBR, COLMAP, METASHAPE, ANIPOSE, CALISCOPE, MC_CALIB, MULTICAL, MRCAL, CSV, MAPS)
+FORMATS: dict[str, Format] = {one.name: one for one in _FORMATS}
 
 EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")
 

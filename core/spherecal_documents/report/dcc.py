@@ -24,8 +24,7 @@ from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.verify.verification_file import ArtefactRow
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
-from spherecal_rigs.read_verification import refuse_failed
-from spherecal_rigs.result_folder import Result
+from spherecal_rigs.result_folder import Result, refuse_failed
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"

@@ -1,23 +1,74 @@
-"""The rig in pictures: cameras with their names, targets by placement, from four sides."""
+"""Drawings of the rig: a picture of the scene, or lines."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.patches import Circle
+from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.catalogue import phrase
-from spherecal_documents.report.labels import Labels
+from spherecal.data.session import Session
 from spherecal_documents.report.language import label, language_now
 from spherecal_documents.report.model import TEXT_MM, Block, Figure, Paragraph
 from spherecal_documents.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, DrawnRig, Projection, make_scene
-from spherecal_documents.report.scene_picture import ScenePicture, draw_scene
-from spherecal_documents.report.sheet import PageBox, Sheet, shortened
-from spherecal_documents.report.style import INK, MARKS, NONE, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
+from spherecal_documents.report.style import (
+    INK,
+    MARKS,
+    NONE,
+    RULE,
+    SERIES,
+    SMALL_PT,
+    SOFT,
+    TINY_PT,
+    Labels,
+    PageBox,
+    Sheet,
+    number,
+    shortened,
+)
 from spherecal_rigs.result_folder import Result
+
+_FOOT_MM = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePicture:
+    """`pixels` (height, width, 3) uint8; `names` at `places` (n, 2) px from its top left corner; the grid's side."""
+
+    pixels: NDArray[np.uint8]
+    names: tuple[str, ...]
+    places: FloatArray
+    grid_mm: float
+
+    def height_for(self, width_mm: float) -> float:
+        """The height on paper, mm, with the line below it."""
+        height, width = self.pixels.shape[:2]
+        return width_mm * height / width + _FOOT_MM
+
+
+# What renders a result with the images of its session, where there is one; None where it cannot.
+Renderer = Callable[[Result, Session | None], ScenePicture | None]
+
+
+def draw_scene(sheet: Sheet, box: PageBox, picture: ScenePicture, unit: str) -> None:
+    """The picture with its names, and below it how wide the grid is."""
+    height, width = picture.pixels.shape[:2]
+    axes = sheet.axes(box.inset(0.0, bottom=_FOOT_MM))
+    axes.imshow(picture.pixels, extent=(0.0, width, -height, 0.0), aspect="auto", interpolation="antialiased")
+    axes.set_axis_off()
+    flat = picture.places.reshape(-1, 2) * np.array([1.0, -1.0])
+    bounds, middle = np.array([[0.0, -height], [width, 0.0]]), np.array([width, -height]) / 2
+    names = Labels(axes, box.width / width, flat, bounds)
+    for name, place in zip(picture.names, flat, strict=True):
+        names.put(place, name, place - middle, SMALL_PT, INK, bold=True, gap_mm=1.6)
+    note = label("report-grid", step=picture.grid_mm, unit=unit)
+    sheet.text(box.x, box.y + box.height - 1.0, note, TINY_PT, colour=SOFT)
+
 
 _CROWDED = 12  # cameras that four views on one page can still name
 _MANY_PLACEMENTS = 6

@@ -8,9 +8,9 @@ from spherecal.verify.verification_file import (
     LengthRow,
     ProcedureReport,
 )
-from spherecal_documents.report.error_drawing import error_figures, lengths_in_order, name_of
 from spherecal_documents.report.language import columns, label, word, written
 from spherecal_documents.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
+from spherecal_documents.report.residual_drawings import error_figures, lengths_in_order, name_of
 from spherecal_documents.report.style import BAD, INK, NONE, count, number, significant
 from spherecal_rigs.result_folder import Result
 

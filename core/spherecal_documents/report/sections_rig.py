@@ -10,11 +10,9 @@ import numpy as np
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import FISHEYE_NAMES, INTRINSIC_NAMES, is_fisheye
 from spherecal_documents.report.language import columns, label, word
-from spherecal_documents.report.length_map_drawing import length_map_figure
 from spherecal_documents.report.model import Cell, KeyValues, Paragraph, Section, Strong, Table
-from spherecal_documents.report.residual_drawings import residual_blocks
-from spherecal_documents.report.rig_drawing import rig_blocks
-from spherecal_documents.report.scene_picture import ScenePicture
+from spherecal_documents.report.residual_drawings import length_map_figure, residual_blocks
+from spherecal_documents.report.rig_drawing import ScenePicture, rig_blocks
 from spherecal_documents.report.style import BAD, NONE, count, number, significant, some_of
 from spherecal_rigs.result_folder import RESULT_FILES, Result
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal.data.session import Session
-from spherecal_documents.report.scene_picture import ScenePicture
+from spherecal_documents.report.rig_drawing import ScenePicture
 from spherecal_documents.report.style import ACCENT, BAD, CAUTION, GOOD, INK, RULE
 from spherecal_documents.scene.eye import fitting_view
 from spherecal_documents.scene.model import SceneData, scene_data, with_images

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal_gentl.producer import memory_layout as layout
+from spherecal_gentl.producer import region as layout
 from spherecal_gentl.producer.region import REGION_VARIABLE, SharedRegion, attach, create, default_name
 
 # GenTL's error codes that faults are made of. genicam takes a code outside -1001..-1022 for success and goes on with

@@ -30,13 +30,7 @@ from spherecal.base.working_folder import find_program, own_program
 from spherecal.data.findings import Finding
 from spherecal_cameras.network_lines import CameraLoad, NetworkLine, assess, network_lines, network_of
 from spherecal_cameras.protocol import CameraError
-from spherecal_gentl.gige.gvcp import (
-    CONTROL_REGISTER,
-    Gvcp,
-    NetworkCamera,
-    force_address,
-    search,
-)
+from spherecal_gentl.gige import gvcp
 
 # Bootstrap registers of GigE Vision; the stream's are those of its first channel.
 _IP_CONFIGURATION, _PERSISTENT = 0x0014, 1
@@ -128,13 +122,13 @@ def local_addresses() -> tuple[LocalAddress, ...]:
     return tuple(LocalAddress("", one) for one in found if not ipaddress.ip_address(one).is_loopback)
 
 
-def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
+def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[gvcp.NetworkCamera, ...]:
     """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
     places = list({one.interface: one for one in local}.values()) if os.name == "posix" else list(local)
 
-    def answers(where: LocalAddress) -> list[NetworkCamera]:
+    def answers(where: LocalAddress) -> list[gvcp.NetworkCamera]:
         try:
-            return search(where.interface, seconds, where.address)
+            return gvcp.search(where.interface, seconds, where.address)
         except OSError:  # down, or not allowed
             return []
 
@@ -148,7 +142,7 @@ def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tu
     return tuple(sorted(each.values(), key=lambda camera: (camera.serial, camera.mac)))
 
 
-def reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
+def reached(camera: gvcp.NetworkCamera, local: Iterable[LocalAddress]) -> bool:
     """Whether this computer has an address in the camera's network, on the interface where the camera answered."""
     if camera.mask == "0.0.0.0":  # it does not say: then the computer's own networks tell
         lines = [line for line in network_lines() if line.interface == camera.interface]
@@ -168,11 +162,11 @@ def found_on_wire(seconds: float = 0.7) -> tuple[WireCamera, ...]:
     return tuple(_on_wire(camera, reached(camera, local)) for camera in answering_cameras(local, seconds))
 
 
-def _on_wire(camera: NetworkCamera, in_reach: bool) -> WireCamera:
+def _on_wire(camera: gvcp.NetworkCamera, in_reach: bool) -> WireCamera:
     held = None
     if in_reach:
         with _asking(camera.address) as registers:
-            privilege = registers.read(CONTROL_REGISTER, _ASK_S)
+            privilege = registers.read(gvcp.CONTROL_REGISTER, _ASK_S)
         held = None if privilege is None else privilege != 0
     return WireCamera(
         camera.mac,
@@ -189,8 +183,8 @@ def _on_wire(camera: NetworkCamera, in_reach: bool) -> WireCamera:
 
 
 @contextmanager
-def _asking(address: str) -> Iterator[Gvcp]:
-    registers = Gvcp(address)
+def _asking(address: str) -> Iterator[gvcp.Gvcp]:
+    registers = gvcp.Gvcp(address)
     try:
         yield registers
     finally:
@@ -245,8 +239,8 @@ def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persist
     where = next((one.address for one in local if one.interface == camera.interface), "")
     deadline = time.monotonic() + _SETTLE_S
     while time.monotonic() < deadline:
-        force_address(camera.interface, mac, ip, mask, gateway, where)
-        now = next((one for one in search(camera.interface, _ASK_S, where) if one.mac == mac), None)
+        gvcp.force_address(camera.interface, mac, ip, mask, gateway, where)
+        now = next((one for one in gvcp.search(camera.interface, _ASK_S, where) if one.mac == mac), None)
         if now is not None and now.address == ip:
             break
     else:
@@ -256,7 +250,9 @@ def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persist
     return _on_wire(now, reached(now, local))
 
 
-def _check_address(camera: NetworkCamera, ip: str, mask: str, gateway: str, there: Iterable[NetworkCamera]) -> None:
+def _check_address(
+    camera: gvcp.NetworkCamera, ip: str, mask: str, gateway: str, there: Iterable[gvcp.NetworkCamera]
+) -> None:
     values = {"address": ip, "mask": mask}
     try:
         network, _ = ipaddress.IPv4Interface(f"{ip}/{mask}").network, ipaddress.IPv4Address(gateway)
@@ -280,7 +276,7 @@ def _check_address(camera: NetworkCamera, ip: str, mask: str, gateway: str, ther
 def _keep_address(ip: str, mask: str, gateway: str) -> bool:
     """Whether a camera took an address for its next starts."""
     with _asking(ip) as registers:
-        if not registers.write(CONTROL_REGISTER, _CONTROL, _ASK_S):
+        if not registers.write(gvcp.CONTROL_REGISTER, _CONTROL, _ASK_S):
             return False
         try:
             wanted = ((_PERSISTENT_IP, ip), (_PERSISTENT_MASK, mask), (_PERSISTENT_GATEWAY, gateway))
@@ -290,7 +286,7 @@ def _keep_address(ip: str, mask: str, gateway: str) -> bool:
             kept = all([registers.write(at, value, _ASK_S) for at, value in values])
             return kept and all(registers.read(at, _ASK_S) == value for at, value in values[:3])
         finally:
-            registers.write(CONTROL_REGISTER, 0, _ASK_S)
+            registers.write(gvcp.CONTROL_REGISTER, 0, _ASK_S)
 
 
 # --- packets ---------------------------------------------------------------------------------------------------------
@@ -307,7 +303,7 @@ def largest_packet(camera: str, mtu: int) -> PacketTest:
         ear.close()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stream:
             stream.bind((here, 0))
-            if not registers.write(CONTROL_REGISTER, _CONTROL, _ASK_S):
+            if not registers.write(gvcp.CONTROL_REGISTER, _CONTROL, _ASK_S):
                 raise CameraError(Phrase("error-packets-held", {"address": camera}))
             before = registers.read(_PACKET_SIZE, _ASK_S)
             try:
@@ -318,7 +314,7 @@ def largest_packet(camera: str, mtu: int) -> PacketTest:
                 if before is not None:
                     registers.write(_PACKET_SIZE, before & ~_FIRE, _ASK_S)
                 registers.write(_STREAM_PORT, 0, _ASK_S)
-                registers.write(CONTROL_REGISTER, 0, _ASK_S)
+                registers.write(gvcp.CONTROL_REGISTER, 0, _ASK_S)
 
 
 def cut_packets(wire: Iterable[WireCamera]) -> tuple[Finding, ...]:
@@ -347,7 +343,7 @@ def _cut(camera: WireCamera, mtu: int) -> Finding | None:
     return Finding("packets-cut", "warning", values, (camera.serial,))
 
 
-def _tried(registers: Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
+def _tried(registers: gvcp.Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
     """By halves; the least and the most first, which mostly say it all."""
     tried: list[int] = []
 
@@ -366,7 +362,7 @@ def _tried(registers: Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
     return PacketTest(low * _PACKET_STEP, tuple(tried))
 
 
-def _fired(registers: Gvcp, stream: socket.socket, size: int) -> bool:
+def _fired(registers: gvcp.Gvcp, stream: socket.socket, size: int) -> bool:
     if not registers.write(_PACKET_SIZE, _FIRE | _WHOLE | size, _ASK_S):
         return False
     deadline = time.monotonic() + _ASK_S
@@ -406,7 +402,7 @@ def interface_facts(
     facts: list[InterfaceFact] = []
     for line in network_lines():
         cameras = [
-            NetworkCamera(c.interface, c.ip_address, c.mask, c.mac, c.maker, c.model, c.serial, c.user_name)
+            gvcp.NetworkCamera(c.interface, c.ip_address, c.mask, c.mac, c.maker, c.model, c.serial, c.user_name)
             for c in wire
             if c.interface == line.interface
         ]
@@ -415,7 +411,7 @@ def interface_facts(
 
 
 def _facts_of(
-    line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad] | None
+    line: NetworkLine, cameras: Sequence[gvcp.NetworkCamera], loads: Mapping[str, CameraLoad] | None
 ) -> list[InterfaceFact]:
     examined = assess(line, cameras, loads or {camera.serial: _NOMINAL for camera in cameras})
     values: dict[FactName, str] = {

@@ -11,23 +11,9 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
+from spherecal.files import codec
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
-from spherecal.files.codec import (
-    FileFormat,
-    choice,
-    field,
-    items,
-    number,
-    numbers,
-    optional,
-    record,
-    software,
-    text,
-)
-from spherecal.files.codec import (
-    name as a_name,
-)
 from spherecal.files.json_file import JsonValue, printable, read_json
 from spherecal.files.rig_file import read_rig, rotation
 from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
@@ -44,32 +30,32 @@ def _check_places(made: FrameDefinition, value: JsonValue) -> None:
         raise value.error(Phrase("problem-three-places"))
 
 
-_DEFINITION = record(
+_DEFINITION = codec.record(
     "How it was defined; `origin`, `x` and `xy` are all given or none.",
     FrameDefinition,
-    optional("origin", text("The place of the origin.")),
-    optional("x", text("A place on the x axis.")),
-    optional("xy", text("A place in the xy plane.")),
-    optional("offset_mm", numbers("Shift of the origin.", 3)),
-    optional("turns", items("Turns by 90 degrees.", choice("", TURNS))),
+    codec.optional("origin", codec.text("The place of the origin.")),
+    codec.optional("x", codec.text("A place on the x axis.")),
+    codec.optional("xy", codec.text("A place in the xy plane.")),
+    codec.optional("offset_mm", codec.numbers("Shift of the origin.", 3)),
+    codec.optional("turns", codec.items("Turns by 90 degrees.", codec.choice("", TURNS))),
 ).checked(_check_places)
-_SIGMAS = items("", number("", 0), length=3).mapped(np.array)
+_SIGMAS = codec.items("", codec.number("", 0), length=3).mapped(np.array)
 FIELDS = (
-    field("rotation", rotation("x_user = R x_world + t.")),
-    field("translation_mm", numbers("The same.", 3).mapped(np.array)),
-    field("definition", _DEFINITION),
-    optional("reference_camera", a_name("The reference camera of the calibration.")),
-    optional("input_sha256", text("`input_sha256` of the calibration.")),
-    optional("distance_mm", number("Distance from the origin to the place on the x axis.", 0)),
-    optional("angle_deg", number("Between the two places, seen from the origin.", 0, 180, "°")),
-    optional("origin_sigma_mm", _SIGMAS.described("Standard uncertainties of the origin.")),
-    optional("axes_sigma_deg", _SIGMAS.described("Standard uncertainties of the axes.")),
+    codec.field("rotation", rotation("x_user = R x_world + t.")),
+    codec.field("translation_mm", codec.numbers("The same.", 3).mapped(np.array)),
+    codec.field("definition", _DEFINITION),
+    codec.optional("reference_camera", codec.name("The reference camera of the calibration.")),
+    codec.optional("input_sha256", codec.text("`input_sha256` of the calibration.")),
+    codec.optional("distance_mm", codec.number("Distance from the origin to the place on the x axis.", 0)),
+    codec.optional("angle_deg", codec.number("Between the two places, seen from the origin.", 0, 180, "°")),
+    codec.optional("origin_sigma_mm", _SIGMAS.described("Standard uncertainties of the origin.")),
+    codec.optional("axes_sigma_deg", _SIGMAS.described("Standard uncertainties of the axes.")),
 )
-FRAME = FileFormat(
+FRAME = codec.FileFormat(
     "spherecal/frame",
     "frame.json",
     "The user's frame.",
-    record("", UserFrame, *FIELDS, software()),
+    codec.record("", UserFrame, *FIELDS, codec.software()),
     ("The rotation is orthogonal within 1e-5.",),
     more="exports.md#the-users-frame",
 )
@@ -82,7 +68,7 @@ def write_frame(frame: UserFrame, path: Path) -> None:
 
 def frame_entry(frame: UserFrame) -> dict[str, Any]:
     """A frame as files have it."""
-    return record("", UserFrame, *FIELDS).entry(frame)
+    return codec.record("", UserFrame, *FIELDS).entry(frame)
 
 
 def read_frame(path: Path) -> UserFrame:

@@ -16,14 +16,7 @@ from spherecal.detect.session_images import observed
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.resection import resect
 from spherecal.geometry.rotation import log_rotation
-from spherecal_rigs.recalibrate import (
-    Selection,
-    followed_covariance,
-    map_as_before,
-    recalibrate,
-    with_sigma,
-    without_map,
-)
+from spherecal_rigs import recalibrate
 
 # A pose leaves what noise leaves: residuals as at the calibration, and no larger than with new intrinsics besides. For
 # a focal length 0.3 % longer, seen on a ball that is a quarter as deep as far, they are 2 to 4 times as large.
@@ -75,8 +68,8 @@ def refuse_unless_moved(
             raise _refused(Phrase("error-repair-binned", {"camera": name, "factor": binned}))
         if fit is None:
             raise _refused(Phrase("error-repair-unknown", {"camera": name}))
-    whole = recalibrate(session, rig, Selection(cameras, "all"), None, context)
-    lenses = recalibrate(session, rig, Selection(cameras, "intrinsics"), None, context)
+    whole = recalibrate.recalibrate(session, rig, recalibrate.Selection(cameras, "all"), None, context)
+    lenses = recalibrate.recalibrate(session, rig, recalibrate.Selection(cameras, "intrinsics"), None, context)
     for name in cameras:
         before, by_pose, by_both, by_lens = rig.camera(name), *(_fit(one, name) for one in (posed, whole, lenses))
         if before is None or by_pose is None:
@@ -181,7 +174,7 @@ def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Contex
     if not session.placements:
         raise InputError(Phrase("error-repair-needs-ball"))
     session = observed(session, context or Context())
-    done = recalibrate(session, rig, Selection(cameras, "pose"), None, context)
+    done = recalibrate.recalibrate(session, rig, recalibrate.Selection(cameras, "pose"), None, context)
     either = refuse_unless_moved(session, rig, cameras, done, context)
     if not done.rig.quality.valid or any(done.rig.camera(name) is None for name in cameras):
         return done
@@ -198,13 +191,13 @@ def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Contex
         covariance=None,
         length_map=None,
         earlier_poses=rig.earlier_poses,
-        quality=without_map(done.rig.quality),
+        quality=recalibrate.without_map(done.rig.quality),
     )
     before = rig.covariance
-    covariance = None if before is None else followed_covariance(session, mended, before, cameras, "pose")
+    covariance = None if before is None else recalibrate.followed_covariance(session, mended, before, cameras, "pose")
     mended = replace(mended, covariance=None if covariance is None else _widened(covariance, rig, either))
-    mended = replace(mended, cameras=tuple(with_sigma(mended, i, cameras) for i in range(len(merged))))
-    done = replace(done, rig=replace(mended, length_map=map_as_before(mended, rig)))
+    mended = replace(mended, cameras=tuple(recalibrate.with_sigma(mended, i, cameras) for i in range(len(merged))))
+    done = replace(done, rig=replace(mended, length_map=recalibrate.map_as_before(mended, rig)))
     doubt = Finding("pose-unconfirmed", "warning", where=either, kind="or-focus")
     return with_findings(done, (doubt,) if either else ())
 

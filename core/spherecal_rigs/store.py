@@ -15,21 +15,8 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from spherecal.base import filesystem
 from spherecal.base.errors import InputError, OutputError, reason
-from spherecal.base.filesystem import (
-    PARTIAL,
-    confirming,
-    is_link,
-    is_plain_file_below,
-    make_folder_below,
-    move_below,
-    read_below,
-    remove_own_folder,
-    sync,
-    write_below,
-    write_new,
-    write_together,
-)
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
 from spherecal.data.rig import Rig
@@ -208,7 +195,7 @@ PROFILE = FileFormat(
 
 def is_profile(folder: Path) -> bool:
     """Whether a folder is (or at least says that it is) a profile."""
-    return is_plain_file_below(folder, PROFILE_FILE)
+    return filesystem.is_plain_file_below(folder, PROFILE_FILE)
 
 
 def open_profile(folder: Path) -> Profile:
@@ -232,7 +219,7 @@ def _put_to_use(folder: Path, applied: tuple[Applied, ...], entries: dict[str, E
 def _copy(folder: Path) -> str | None:
     """The hash of a profile's rig.json; None where it cannot be read."""
     try:
-        return _sha256(read_below(folder, RIG_FILE, _MOST_BYTES))
+        return _sha256(filesystem.read_below(folder, RIG_FILE, _MOST_BYTES))
     except InputError:
         return None
 
@@ -242,7 +229,7 @@ def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
     entries: dict[str, Entry] = {}
     problems: list[str] = []
     try:
-        if is_link((folder / HISTORY).lstat()):
+        if filesystem.is_link((folder / HISTORY).lstat()):
             raise InputError(Phrase("error-link-in-profile", {"folder": folder / HISTORY}))
         found = sorted((path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)), key=_number)
     except FileNotFoundError:
@@ -284,7 +271,7 @@ def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits
         raise _refused(folder, error) from error
     with locked(folder / PROFILE_FILE):
         if not is_profile(folder):  # another program may have made it meanwhile
-            make_folder_below(folder, HISTORY)
+            filesystem.make_folder_below(folder, HISTORY)
             write_profile(Profile(folder, called, limits or ValidityLimits(), (), {}))
     return open_profile(folder)
 
@@ -299,31 +286,31 @@ def set_limits(folder: Path, **given: float) -> Profile:
 
 def write_profile(profile: Profile) -> None:
     """Replace profile.json whole: the one step by which a profile changes from one state to the next."""
-    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile), alone=True)  # under the profile's lock
+    filesystem.write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile), alone=True)  # under the profile's lock
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
     """Add a calibration to the history, whole or not at all; its id. The one in use stays in use."""
     root = profile.folder
-    new = f"{HISTORY}/.{secrets.token_hex(6)}{PARTIAL}"
+    new = f"{HISTORY}/.{secrets.token_hex(6)}{filesystem.PARTIAL}"
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     written = {**files, ENTRY_FILE: entry_bytes(replace(entry, files=hashes))}
     try:
         with locked(root / PROFILE_FILE):
             _sweep(root / HISTORY)
-            make_folder_below(root, new)
+            filesystem.make_folder_below(root, new)
             for name, data in written.items():
-                write_new(root, f"{new}/{name}", data, durable=True)
+                filesystem.write_new(root, f"{new}/{name}", data, durable=True)
             taken = [int(path.name) for path in (root / HISTORY).iterdir() if _ID.fullmatch(path.name)]
             number = f"{max(taken, default=0) + 1:04d}"
-            move_below(root, new, f"{HISTORY}/{number}")
-            with confirming(root / HISTORY / number):
-                sync(root / HISTORY)
+            filesystem.move_below(root, new, f"{HISTORY}/{number}")
+            with filesystem.confirming(root / HISTORY / number):
+                filesystem.sync(root / HISTORY)
             return number
     except OSError as error:
         raise _refused(root, error) from error
     finally:
-        remove_own_folder(root / new)
+        filesystem.remove_own_folder(root / new)
 
 
 def _sweep(history: Path) -> None:
@@ -331,11 +318,14 @@ def _sweep(history: Path) -> None:
 
     Also what lies more than an hour ahead: the clock was put back.
     """
-    for path in history.glob(f".*{PARTIAL}"):
+    for path in history.glob(f".*{filesystem.PARTIAL}"):
         try:
             state = path.lstat()
-            if not is_link(state) and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS:
-                remove_own_folder(path)
+            if (
+                not filesystem.is_link(state)
+                and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS
+            ):
+                filesystem.remove_own_folder(path)
         except OSError:
             continue
 
@@ -350,10 +340,10 @@ def apply(profile: Profile, calibration: str, note: str = "", despite_findings: 
 def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool) -> Profile:
     entry = profile.entry(calibration)
     profile.rig(calibration)
-    rig = read_below(profile.folder, f"{HISTORY}/{calibration}/{RIG_FILE}", _MOST_BYTES)
+    rig = filesystem.read_below(profile.folder, f"{HISTORY}/{calibration}/{RIG_FILE}", _MOST_BYTES)
     if _sha256(rig) != entry.files[RIG_FILE]:
         raise InputError(Phrase("error-changed-since", {"file": profile.path_of(calibration) / RIG_FILE}))
-    if os.path.lexists(profile.folder / RIG_FILE) and not is_plain_file_below(profile.folder, RIG_FILE):
+    if os.path.lexists(profile.folder / RIG_FILE) and not filesystem.is_plain_file_below(profile.folder, RIG_FILE):
         raise InputError(Phrase("error-copy-of-rig", {"file": profile.folder / RIG_FILE}))
     if not entry.valid and not despite_findings:
         raise InputError(Phrase("error-not-put-to-use", {"calibration": calibration}))
@@ -363,7 +353,7 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
         raise InputError(Phrase("error-with-care", {"calibration": calibration, "care": entry.care}))
     event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
     changed = replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:])
-    write_together(profile.folder, {PROFILE_FILE: PROFILE.bytes(changed), RIG_FILE: rig}, alone=True)
+    filesystem.write_together(profile.folder, {PROFILE_FILE: PROFILE.bytes(changed), RIG_FILE: rig}, alone=True)
     return open_profile(profile.folder)
 
 

@@ -3,20 +3,9 @@
 from typing import Any
 
 from spherecal.data.session import STANDARD_PLACEMENTS
+from spherecal_study import study_page
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Estimate, all_errors, below, estimate, like
-from spherecal_study.study_page import (
-    Document,
-    Options,
-    PaperComparison,
-    Results,
-    StudyPage,
-    begin,
-    curves,
-    paper_table,
-    pooled_rms,
-    table,
-)
 
 TITLE = "Number of placements (Fig. 8)"
 RUNS = 5
@@ -24,7 +13,7 @@ _COUNTS = (1, 2, 4, 7)
 _METHODS = ("free", "rigid")
 
 
-def trials(options: Options) -> list[Trial]:
+def trials(options: study_page.Options) -> list[Trial]:
     """Calibrations with one, two, four and seven placements, free and (from two on) rigid."""
     return [
         Trial(
@@ -43,9 +32,9 @@ def trials(options: Options) -> list[Trial]:
     ]
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
+def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
     """The study's page: errors over the number of placements, and the table paper / ours."""
-    document = begin(
+    document = study_page.begin(
         TITLE,
         options,
         [
@@ -61,8 +50,12 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         counts = sorted({s.get("placements", STANDARD_PLACEMENTS) for s, _ in own})
         chosen = {n: [r for s, r in own if s.get("placements", STANDARD_PLACEMENTS) == n] for n in counts}
         px[method] = {n: estimate([r["mean_px"] for r in some]) for n, some in chosen.items()}
-        bars[method] = {n: estimate([pooled_rms([all_errors(r)]) for r in some]) for n, some in chosen.items()}
-        exact[method] = {n: estimate([pooled_rms([r["exact_errors_mm"]]) for r in some]) for n, some in chosen.items()}
+        bars[method] = {
+            n: estimate([study_page.pooled_rms([all_errors(r)]) for r in some]) for n, some in chosen.items()
+        }
+        exact[method] = {
+            n: estimate([study_page.pooled_rms([r["exact_errors_mm"]]) for r in some]) for n, some in chosen.items()
+        }
     _curves(document, px, "mean reprojection error, px", lines={"paper: below": 0.2})
     _curves(document, bars, "rms error of bars, mm", log=True, lines={"paper: settles near": 0.1})
     _curves(document, exact, "by the calibration alone, mm", log=True)
@@ -72,29 +65,29 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         for n, found in px[m].items()
     ]
     heads = ("form, placements", "runs", "reprojection px", "bars, rms mm", "calibration alone mm")
-    table(document, heads, rows)
+    study_page.table(document, heads, rows)
     return _against_paper(document, px["free"], bars)
 
 
 _ByCount = dict[int, Estimate]
 
 
-def _curves(document: Document, found: dict[str, _ByCount], label: str, **more: Any) -> None:
+def _curves(document: study_page.Document, found: dict[str, _ByCount], label: str, **more: Any) -> None:
     """Means over runs with their standard errors, over the number of placements."""
     series = {m: (list(own), [e.mean for e in own.values()]) for m, own in found.items()}
     errors = {m: [e.error for e in own.values()] for m, own in found.items()}
-    curves(document, series, "placements", label, errors=errors, **more)
+    study_page.curves(document, series, "placements", label, errors=errors, **more)
 
 
-def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) -> StudyPage:
+def _against_paper(document: study_page.Document, px: _ByCount, bars: dict[str, _ByCount]) -> study_page.StudyPage:
     free, rigid, none = bars["free"], bars["rigid"], estimate([])
     worst = max(px.values(), key=lambda e: e.mean, default=none)
     at = {n: free.get(n, none) for n in (1, STANDARD_PLACEMENTS, _COUNTS[-1])}
     levels = ", ".join(f"{e.words(3)} mm at {n}" for n, e in at.items())
-    return paper_table(
+    return study_page.paper_table(
         document,
         [
-            PaperComparison(
+            study_page.PaperComparison(
                 "reprojection error, 1 to 7 placements",
                 "below 0.2 px in all",
                 f"{worst.words(4)} px at most",
@@ -103,7 +96,7 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
                 "limit",
                 worst.n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "bar error at 4 placements",
                 "settles near 0.1 mm",
                 f"{at[STANDARD_PLACEMENTS].words(4)} mm",
@@ -112,7 +105,7 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
                 "value",
                 at[STANDARD_PLACEMENTS].n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "bar error by number of placements",
                 "from 1 to 4 placements, little gain beyond",
                 levels,
@@ -121,7 +114,7 @@ def _against_paper(document: Document, px: _ByCount, bars: dict[str, _ByCount]) 
                 "",
                 min(e.n for e in at.values()),
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "the rigid form, 4 placements",
                 "-",
                 f"{rigid.get(STANDARD_PLACEMENTS, none).words(4)} mm",

@@ -8,16 +8,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
-from spherecal.files.bar_registry import (
-    BAR_REGISTRY,
-    CERTIFICATE,
-    LENGTHS,
-    RegisteredBar,
-    bar_entry,
-    expiry,
-    find_bar,
-    read_registered_bar,
-)
+from spherecal.files import bar_registry
 from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
 from spherecal.verify.pose_plan import LEAST_LENGTHS, LINE_NAMES, BarMarks, PosePlan, plan_poses
@@ -29,8 +20,8 @@ from spherecal_rigs.rig_source import read_source, volume_of
 
 def list_bars(options: argparse.Namespace) -> int:
     """`spherecal bars list`."""
-    path = options.registry or BAR_REGISTRY.path()
-    found = BAR_REGISTRY.read(path)
+    path = options.registry or bar_registry.BAR_REGISTRY.path()
+    found = bar_registry.BAR_REGISTRY.read(path)
     answer(options, [entry_with_state(bar) for bar in found.values()])
     if not found:
         say(f"There are no bars in {path}.", "Enter one: spherecal bars add SERIAL --mark ... --length ...")
@@ -41,14 +32,14 @@ def list_bars(options: argparse.Namespace) -> int:
     return DONE
 
 
-def entry_with_state(bar: RegisteredBar) -> dict[str, object]:
+def entry_with_state(bar: bar_registry.RegisteredBar) -> dict[str, object]:
     """The bar as the registry has it, with a word on its certificate."""
-    return {**bar_entry(bar), "state": state(bar)[0]}
+    return {**bar_registry.bar_entry(bar), "state": state(bar)[0]}
 
 
-def state(bar: RegisteredBar) -> tuple[str, str]:
+def state(bar: bar_registry.RegisteredBar) -> tuple[str, str]:
     """What is said of a bar's certificate: a word for programs, and what a person reads."""
-    said = expiry(bar.certificate, date.today())
+    said = bar_registry.expiry(bar.certificate, date.today())
     if said is not None:
         word, state = said
         return word, ("WARNING: " if word in ("expired", "not-yet") else "") + phrase(state)
@@ -59,7 +50,7 @@ def state(bar: RegisteredBar) -> tuple[str, str]:
 
 def show(options: argparse.Namespace) -> int:
     """`spherecal bars show`."""
-    bar = find_bar(options.serial, options.registry)
+    bar = bar_registry.find_bar(options.serial, options.registry)
     answer(options, entry_with_state(bar))
     say(f"{bar.serial}  {bar.description}".rstrip(), f"  {state(bar)[1]}")
     if bar.certificate is not None and (bar.certificate.laboratory or bar.certificate.date):
@@ -81,10 +72,12 @@ def _nominal(nominal_mm: float | None) -> str:
 
 def remove(options: argparse.Namespace) -> int:
     """`spherecal bars remove`."""
-    path = options.registry or BAR_REGISTRY.path()
-    with BAR_REGISTRY.changing(path):
-        gone = find_bar(options.serial, path)
-        BAR_REGISTRY.write({key: bar for key, bar in BAR_REGISTRY.read(path).items() if key != gone.serial}, path)
+    path = options.registry or bar_registry.BAR_REGISTRY.path()
+    with bar_registry.BAR_REGISTRY.changing(path):
+        gone = bar_registry.find_bar(options.serial, path)
+        bar_registry.BAR_REGISTRY.write(
+            {key: bar for key, bar in bar_registry.BAR_REGISTRY.read(path).items() if key != gone.serial}, path
+        )
     answer(options, {"registry": path, "removed": gone.serial})
     say(f"Bar {gone.serial} is no longer in {path}.")
     return DONE
@@ -92,13 +85,13 @@ def remove(options: argparse.Namespace) -> int:
 
 def add(options: argparse.Namespace) -> int:
     """`spherecal bars add`."""
-    path = options.registry or BAR_REGISTRY.path()
-    bar = read_registered_bar(JsonValue(_entry(options), Path("the bar")))
-    with BAR_REGISTRY.changing(path):
-        known = BAR_REGISTRY.read(path)
+    path = options.registry or bar_registry.BAR_REGISTRY.path()
+    bar = bar_registry.read_registered_bar(JsonValue(_entry(options), Path("the bar")))
+    with bar_registry.BAR_REGISTRY.changing(path):
+        known = bar_registry.BAR_REGISTRY.read(path)
         if options.serial in known and not options.replace:
             raise InputError(Phrase("error-bar-registered", {"serial": options.serial}))
-        BAR_REGISTRY.write({**known, bar.serial: bar}, path)
+        bar_registry.BAR_REGISTRY.write({**known, bar.serial: bar}, path)
     answer(options, {"registry": path, "bar": entry_with_state(bar)})
     say(f"Bar {bar.serial} is in {path}: {counted(len(bar.lengths), 'length')}, {state(bar)[1]}.")
     return DONE
@@ -145,11 +138,13 @@ def _of_session(folder: Path, wanted: str | None) -> dict[str, object]:
         raise InputError(Phrase("error-session-no-bar" if wanted else "error-session-bars", values))
     entry: dict[str, object] = {
         "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
-        "lengths": LENGTHS.entry(bar.lengths),
+        "lengths": bar_registry.LENGTHS.entry(bar.lengths),
         "expansion_per_kelvin": bar.expansion_per_kelvin,
         "reference_temperature_c": bar.reference_temperature_c,
     }
-    return entry if bar.certificate is None else {**entry, "certificate": CERTIFICATE.entry(bar.certificate)}
+    return (
+        entry if bar.certificate is None else {**entry, "certificate": bar_registry.CERTIFICATE.entry(bar.certificate)}
+    )
 
 
 def _mark(text: str) -> tuple[str, dict[str, object]]:
@@ -198,7 +193,7 @@ def plan(options: argparse.Namespace) -> int:
     if (options.serial is None) == (options.session is None):
         raise InputError(Phrase("error-bar-or-session"))
     if options.session is None:
-        known = [find_bar(options.serial, options.registry)]
+        known = [bar_registry.find_bar(options.serial, options.registry)]
         marks = [BarMarks.of(bar.serial, bar.lengths) for bar in known]
     else:
         marks = [BarMarks.of(bar.id, bar.lengths) for bar in read_session(options.session).bars if bar.role == "check"]
@@ -236,13 +231,13 @@ def _plan_text(plan: PosePlan) -> list[str]:
 def import_table(options: argparse.Namespace) -> int:
     """`spherecal bars import`: enter what can be used; say what cannot, line by line. Bars with other figures stay."""
     table = read_bars_table(options.table)
-    path = options.registry or BAR_REGISTRY.path()
-    with BAR_REGISTRY.changing(path):
-        known = BAR_REGISTRY.read(path)
+    path = options.registry or bar_registry.BAR_REGISTRY.path()
+    with bar_registry.BAR_REGISTRY.changing(path):
+        known = bar_registry.BAR_REGISTRY.read(path)
         found = arrivals(table, known)
         entered = found.new + (found.other if options.replace else ())
         if entered:
-            BAR_REGISTRY.write({**known, **{bar.serial: bar for bar in entered}}, path)
+            bar_registry.BAR_REGISTRY.write({**known, **{bar.serial: bar for bar in entered}}, path)
     kept = () if options.replace else found.other
     record = {
         "registry": path,
@@ -271,8 +266,8 @@ def import_table(options: argparse.Namespace) -> int:
 
 def export_table(options: argparse.Namespace) -> int:
     """`spherecal bars export`."""
-    path = options.registry or BAR_REGISTRY.path()
-    found = BAR_REGISTRY.read(path)
+    path = options.registry or bar_registry.BAR_REGISTRY.path()
+    found = bar_registry.BAR_REGISTRY.read(path)
     with output_file(options.table) as place:
         write_bars_table(tuple(found.values()), place)
     answer(options, {"registry": path, "output": options.table, "bars": list(found)})

@@ -12,16 +12,8 @@ from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal_documents.export.file_cameras import (
-    FileCamera,
-    FileRig,
-    Pose,
-    Reading,
-    distortion,
-    flat,
-    lens_vector,
-    numbers,
-)
+from spherecal_documents.export import file_cameras
+from spherecal_documents.export.file_cameras import numbers
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.opencv_yaml import opencv_matrix, opencv_node, read_other_json, read_yaml
 
@@ -30,12 +22,12 @@ _LENSMODEL = "LENSMODEL_OPENCV"
 _MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
 
 
-def _write(rig: FileRig) -> Mapping[str, str]:
+def _write(rig: file_cameras.FileRig) -> Mapping[str, str]:
     return {f"{name}{_ENDING}": _model(c, rig) for name, c in zip(rig.safe_names(), rig.cameras, strict=True)}
 
 
-def _model(camera: FileCamera, rig: FileRig) -> str:
-    coefficients = distortion(camera, (4, 5, 8, 12))
+def _model(camera: file_cameras.FileCamera, rig: file_cameras.FileRig) -> str:
+    coefficients = file_cameras.distortion(camera, (4, 5, 8, 12))
     pose = f"{numbers(log_rotation(camera.placed.rotation))}, {numbers(camera.placed.translation)}"
     return (
         f"# {rig.source}\n# {camera.id}; lengths in {rig.unit}\n{{\n"
@@ -47,13 +39,13 @@ def _model(camera: FileCamera, rig: FileRig) -> str:
     )
 
 
-def _read(path: Path) -> list[FileCamera]:
+def _read(path: Path) -> list[file_cameras.FileCamera]:
     if path.is_file():
         return [_read_model(path)]
     return [_read_model(file) for file in sorted(path.glob(f"*{_ENDING}"))]
 
 
-def _read_model(path: Path) -> FileCamera:
+def _read_model(path: Path) -> file_cameras.FileCamera:
     try:
         value = JsonValue(ast.literal_eval(decode(path, read_bytes(path, _MOST_BYTES))), path)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
@@ -69,11 +61,11 @@ def _read_model(path: Path) -> FileCamera:
     found = f["intrinsics"].numbers(4 + count)
     fu, fv, u0, v0 = found[:4]
     where = f"{path}: the camera"
-    lens = lens_vector([[fu, 0, u0], [0, fv, v0], [0, 0, 1]], found[4:], False, where)
+    lens = file_cameras.lens_vector([[fu, 0, u0], [0, fv, v0], [0, 0, 1]], found[4:], False, where)
     width, height = (side.integer(1) for side in f["imagersize"].items(2))
     pose = np.array(posed[0].numbers(6)) if posed else None
-    placed = None if pose is None else Pose(exp_rotation(pose[:3]), pose[3:])
-    return FileCamera(path.name.removesuffix(_ENDING), (width, height), lens, placed)
+    placed = None if pose is None else file_cameras.Pose(exp_rotation(pose[:3]), pose[3:])
+    return file_cameras.FileCamera(path.name.removesuffix(_ENDING), (width, height), lens, placed)
 
 
 def _coefficients(named: JsonValue) -> int:
@@ -88,13 +80,15 @@ def _coefficients(named: JsonValue) -> int:
     return known[name]
 
 
-MRCAL = Format("mrcal", "mrcal cameramodel", 12, ("m", "mm"), _write, _read, folder=True, ids=FileRig.safe_names)
+MRCAL = Format(
+    "mrcal", "mrcal cameramodel", 12, ("m", "mm"), _write, _read, folder=True, ids=file_cameras.FileRig.safe_names
+)
 
 
 _BROWN, _KANNALA = 0, 1  # its names; the second is cv::fisheye
 
 
-def _write_mc_calib(rig: FileRig) -> Mapping[str, str]:
+def _write_mc_calib(rig: file_cameras.FileRig) -> Mapping[str, str]:
     cameras = rig.reference_first()
     text = (
         f"%YAML:1.0\n---\n# {rig.source}\n# camera_pose_matrix: camera to world, lengths in {rig.unit}\n"
@@ -105,7 +99,7 @@ def _write_mc_calib(rig: FileRig) -> Mapping[str, str]:
         text += (
             f"camera_{i}: # {camera.id}\n"
             + opencv_node("camera_matrix", camera_matrix(camera.intrinsics), "   ")
-            + opencv_node("distortion_vector", np.array([distortion(camera, (5,))]), "   ")
+            + opencv_node("distortion_vector", np.array([file_cameras.distortion(camera, (5,))]), "   ")
             + f"   distortion_type: {_KANNALA if camera.fisheye else _BROWN}\n"
             + f"   camera_group: 0\n   img_width: {width}\n   img_height: {height}\n"
             + opencv_node("camera_pose_matrix", camera.placed.inverse().matrix(), "   ")
@@ -113,10 +107,10 @@ def _write_mc_calib(rig: FileRig) -> Mapping[str, str]:
     return {"": text}
 
 
-def _read_mc_calib(path: Path) -> Reading:
+def _read_mc_calib(path: Path) -> file_cameras.Reading:
     document = read_yaml(path)
     count = document.fields(("nb_camera",))["nb_camera"].integer(0, 10_000)
-    groups: dict[int, list[FileCamera]] = {}
+    groups: dict[int, list[file_cameras.FileCamera]] = {}
     for name, value in document.fields([f"camera_{i}" for i in range(count)]).items():
         f = value.fields(
             ("camera_matrix", "distortion_vector", "distortion_type", "camera_pose_matrix", "img_width", "img_height"),
@@ -124,21 +118,21 @@ def _read_mc_calib(path: Path) -> Reading:
         )
         wide = f["distortion_type"].integer(_BROWN, _KANNALA) == _KANNALA
         matrix, coefficients = opencv_matrix(f["camera_matrix"]), opencv_matrix(f["distortion_vector"])
-        lens = lens_vector(matrix, coefficients, wide, f'{path}: camera "{name}"')
+        lens = file_cameras.lens_vector(matrix, coefficients, wide, f'{path}: camera "{name}"')
         pose = opencv_matrix(f["camera_pose_matrix"])
         if pose.shape != (4, 4):
             raise f["camera_pose_matrix"].error("must be a 4 x 4 matrix")
         size = f["img_width"].integer(1), f["img_height"].integer(1)
         group = f["camera_group"].integer(0) if "camera_group" in f else 0
-        camera = FileCamera(name, size, lens, Pose(pose[:3, :3], pose[:3, 3]).inverse())
+        camera = file_cameras.FileCamera(name, size, lens, file_cameras.Pose(pose[:3, :3], pose[:3, 3]).inverse())
         groups.setdefault(group, []).append(camera)
     # each group has a frame of its own: only one can be a rig
     largest = max(groups, key=lambda group: (len(groups[group]), -group), default=0)
     others = {c.id: f"is of group {g}, not linked" for g, own in groups.items() if g != largest for c in own}
-    return Reading(tuple(groups.get(largest, ())), others)
+    return file_cameras.Reading(tuple(groups.get(largest, ())), others)
 
 
-def _ids(rig: FileRig) -> list[str]:
+def _ids(rig: file_cameras.FileRig) -> list[str]:
     place = {camera.id: f"camera_{i}" for i, camera in enumerate(rig.reference_first())}
     return [place[camera.id] for camera in rig.cameras]
 
@@ -151,17 +145,17 @@ _OTHER_MODELS = ("tilted", "fix_k1", "fix_k2", "fix_k3", "fix_k4")
 _FISHEYE_LENGTH = 4
 
 
-def _names(rig: FileRig) -> list[str]:
+def _names(rig: file_cameras.FileRig) -> list[str]:
     """Names without "_to_", by which multical separates a transform's two cameras."""
     return [name.replace("_to_", "-to-") for name in rig.safe_names()]
 
 
-def _write_multical(rig: FileRig) -> Mapping[str, str]:
+def _write_multical(rig: file_cameras.FileRig) -> Mapping[str, str]:
     names = dict(zip(rig.ids(), _names(rig), strict=True))
     master = rig.reference
     cameras, poses = {}, {}
     for camera in rig.cameras:
-        coefficients = distortion(camera, tuple(_MODELS))
+        coefficients = file_cameras.distortion(camera, tuple(_MODELS))
         cameras[names[camera.id]] = {
             "model": _MODELS[len(coefficients)],
             "image_size": list(camera.size),
@@ -175,7 +169,7 @@ def _write_multical(rig: FileRig) -> Mapping[str, str]:
     return {"": json.dumps(document, indent=1, ensure_ascii=False) + "\n"}
 
 
-def _read_multical(path: Path) -> list[FileCamera]:
+def _read_multical(path: Path) -> list[file_cameras.FileCamera]:
     f = read_other_json(path).fields(("cameras",), ("camera_poses",))
     if "camera_poses" not in f:
         raise InputError(f"{path}: has lenses only.", "Name the calibration.json of all cameras together.")
@@ -184,7 +178,7 @@ def _read_multical(path: Path) -> list[FileCamera]:
         pose = value.fields(("R", "T"))
         camera, master = _of_and_from(name, known)
         masters |= {master} - {""}
-        poses[camera] = Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
+        poses[camera] = file_cameras.Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
     if len(masters) > 1:
         raise InputError(f"{path}: its poses are from several cameras ({', '.join(sorted(masters))}), not from one.")
     return [_camera(name, value, poses.get(name)) for name, value in f["cameras"].entries().items()]
@@ -198,15 +192,15 @@ def _of_and_from(name: str, known: Mapping[str, object]) -> tuple[str, str]:
     return next((cut for cut in cuts if set(cut) <= set(known)), (cuts or [(name, "")])[0])
 
 
-def _camera(name: str, value: JsonValue, pose: Pose | None) -> FileCamera:
+def _camera(name: str, value: JsonValue, pose: file_cameras.Pose | None) -> file_cameras.FileCamera:
     f = value.fields(("image_size", "K", "dist"), ("model",))
     width, height = (side.integer(1) for side in f["image_size"].items(2))
     if "model" in f and f["model"].text() not in (*_MODELS.values(), *_OTHER_MODELS):
         raise f["model"].error(f'is "{f["model"].text()}", a lens model that is not known here')
-    numbers = flat(f["dist"])
+    numbers = file_cameras.flat(f["dist"])
     fisheye = len(numbers) == _FISHEYE_LENGTH
-    lens = lens_vector(f["K"].matrix(3, 3), numbers, fisheye, f'{value.file}: camera "{name}"')
-    return FileCamera(name, (width, height), lens, pose)
+    lens = file_cameras.lens_vector(f["K"].matrix(3, 3), numbers, fisheye, f'{value.file}: camera "{name}"')
+    return file_cameras.FileCamera(name, (width, height), lens, pose)
 
 
 MULTICAL = Format("multical", "multical JSON", 12, ("mm", "m"), _write_multical, _read_multical, ids=_names)

@@ -14,14 +14,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_documents.export.file_cameras import (
-    FileCamera,
-    FileRig,
-    Pose,
-    distortion,
-    lens_vector,
-    numbers,
-)
+from spherecal_documents.export import file_cameras
+from spherecal_documents.export.file_cameras import numbers
 from spherecal_documents.export.format import Format
 
 # A camchain of 100 cameras has 100 kB and 9,000 values; 50,000 take 3 s to read.
@@ -136,24 +130,24 @@ def opencv_node(name: str, matrix: FloatArray, indent: str = "") -> str:
     return f"{indent}{name}: !!opencv-matrix\n{shape}{indent}   dt: d\n{indent}   data: [ {numbers(matrix)} ]\n"
 
 
-def _write(rig: FileRig) -> Mapping[str, str]:
+def _write(rig: file_cameras.FileRig) -> Mapping[str, str]:
     return {f"{name}.yml": _camera(camera, rig) for name, camera in zip(rig.safe_names(), rig.cameras, strict=True)}
 
 
-def _camera(camera: FileCamera, rig: FileRig) -> str:
+def _camera(camera: file_cameras.FileCamera, rig: file_cameras.FileRig) -> str:
     width, height = camera.size
     return (
         f"%YAML:1.0\n---\n# {rig.source}\n# x_camera = R x_world + T; (0, 0) is the centre of the first pixel\n"
         f'camera_name: "{camera.id}"\nlength_unit: "{rig.unit}"\nimage_width: {width}\nimage_height: {height}\n'
         + opencv_node("camera_matrix", camera_matrix(camera.intrinsics))
         + (f"{_FISHEYE}: 1\n" if camera.fisheye else "")
-        + opencv_node("distortion_coefficients", np.array([distortion(camera, _LENGTHS)]))
+        + opencv_node("distortion_coefficients", np.array([file_cameras.distortion(camera, _LENGTHS)]))
         + opencv_node("R", camera.placed.rotation)
         + opencv_node("T", camera.placed.translation[:, None])
     )
 
 
-def read_opencv_file(path: Path) -> FileCamera:
+def read_opencv_file(path: Path) -> file_cameras.FileCamera:
     """The camera of one file."""
     return _one_camera(_document(path), path.stem)
 
@@ -190,7 +184,7 @@ def _scalar(text: str) -> float | int | str:
     return text.strip('"')
 
 
-def _one_camera(value: JsonValue, name: str) -> FileCamera:
+def _one_camera(value: JsonValue, name: str) -> file_cameras.FileCamera:
     matrix_key, distortion_key = (_first_key(value, keys) for keys in (_MATRIX_KEYS, _DISTORTION_KEYS))
     if matrix_key is None:
         raise InputError(Phrase("error-no-camera-matrix", {"path": value.file}))
@@ -199,9 +193,11 @@ def _one_camera(value: JsonValue, name: str) -> FileCamera:
     f = {key: value.at(key, given[key]) for key in known if given.get(key) is not None}
     numbers = opencv_matrix(f[distortion_key]) if distortion_key in f else np.zeros(0)
     own = f["camera_name"].name() if "camera_name" in f else name
-    lens = lens_vector(opencv_matrix(f[matrix_key]), numbers, _is_fisheye(f), f'{value.file}: camera "{own}"')
+    lens = file_cameras.lens_vector(
+        opencv_matrix(f[matrix_key]), numbers, _is_fisheye(f), f'{value.file}: camera "{own}"'
+    )
     pose = _pose(f["R"], f["T"]) if "R" in f and "T" in f else None
-    return FileCamera(own, _image_size(f), lens, pose)
+    return file_cameras.FileCamera(own, _image_size(f), lens, pose)
 
 
 def _is_fisheye(f: Mapping[str, JsonValue]) -> bool:
@@ -232,14 +228,14 @@ def _first_key(value: JsonValue, keys: tuple[str, ...]) -> str | None:
     return next((key for key in keys if present.get(key) is not None), None)
 
 
-def _pose(rotation: JsonValue, translation: JsonValue) -> Pose:
+def _pose(rotation: JsonValue, translation: JsonValue) -> file_cameras.Pose:
     r, t = opencv_matrix(rotation), opencv_matrix(translation)
     if t.size != 3 or r.size not in (3, 9):
         raise rotation.error("and T must be a rotation matrix or vector and three numbers")
-    return Pose(exp_rotation(r.ravel()) if r.size == 3 else r.reshape(3, 3), t.ravel())
+    return file_cameras.Pose(exp_rotation(r.ravel()) if r.size == 3 else r.reshape(3, 3), t.ravel())
 
 
-def read_opencv(path: Path) -> list[FileCamera]:
+def read_opencv(path: Path) -> list[file_cameras.FileCamera]:
     """The cameras of a folder with one file each, or of one such file; or the pair of a stereo calibration."""
     files = [path]
     if path.is_dir():
@@ -258,7 +254,7 @@ def _of_pair(value: JsonValue, side: int) -> str | None:
     return _first_key(value, tuple(key.format(side) for key in _PAIR_MATRIX))
 
 
-def _pair(path: Path, documents: list[JsonValue]) -> list[FileCamera]:
+def _pair(path: Path, documents: list[JsonValue]) -> list[file_cameras.FileCamera]:
     """The two cameras of OpenCV's sample stereo_calib: M1 D1 M2 D2, and x2 = R x1 + T, in one file or two."""
     joined: dict[str, object] = {}
     for document in documents:

@@ -1,13 +1,6 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
-from spherecal.verify.verification_file import (
-    BUDGET_PARTS,
-    AcceptanceReport,
-    BarReport,
-    BudgetReport,
-    LengthRow,
-    ProcedureReport,
-)
+from spherecal.verify import verification_file
 from spherecal_documents.report.language import columns, label, word, written
 from spherecal_documents.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
 from spherecal_documents.report.residual_drawings import error_figures, lengths_in_order, name_of
@@ -77,7 +70,7 @@ def _section(key: str, title: str, text: str, *tables: Table) -> list[Section]:
     return [Section(key, title, (Paragraph(text, "note"), *tables))]
 
 
-def _statistics(bars: BarReport, verdict: Verdict) -> Section:
+def _statistics(bars: verification_file.BarReport, verdict: Verdict) -> Section:
     """The verdict and its rule, the errors drawn and by length."""
     rule = label("report-rule", rule=written(bars.rule))
     texts = [label("report-rule-verdict", rule=rule, verdict=word(_VERDICTS, bars.verdict))]
@@ -100,13 +93,13 @@ def _statistics(bars: BarReport, verdict: Verdict) -> Section:
     return Section("bar-errors", title, (verdict, *notes, *figures, Table(heads, tuple(rows))), new_page=True)
 
 
-def _by_length(bars: BarReport) -> list[LengthRow]:
+def _by_length(bars: verification_file.BarReport) -> list[verification_file.LengthRow]:
     """The statistics in the order of the drawing."""
     place = {key: i for i, key in enumerate(lengths_in_order(bars))}
     return sorted(bars.lengths, key=lambda x: (place.get(x.key, len(place)), x.key))
 
 
-def _cameras(bars: BarReport) -> list[Section]:
+def _cameras(bars: verification_file.BarReport) -> list[Section]:
     """What each camera saw of the marks, and how it fits."""
     if not bars.cameras:
         return []
@@ -116,7 +109,7 @@ def _cameras(bars: BarReport) -> list[Section]:
     return _section("bar-cameras", label("report-cameras-in-the-verification"), text, table)
 
 
-def _sources(bars: BarReport) -> list[Section]:
+def _sources(bars: verification_file.BarReport) -> list[Section]:
     """The parts of the means' uncertainties, where the file has no budget."""
     rows = []
     for x in _by_length(bars):
@@ -126,17 +119,17 @@ def _sources(bars: BarReport) -> list[Section]:
             rows.append((name_of(x.key), *cells))
     if not rows:
         return []
-    table = Table((*columns("length"), *(f"{part}\nmm" for part in BUDGET_PARTS)), tuple(rows))
+    table = Table((*columns("length"), *(f"{part}\nmm" for part in verification_file.BUDGET_PARTS)), tuple(rows))
     text = label("report-standard-uncertainties-k-1-of")
     return _section("budget", label("report-uncertainty-sources"), text, table)
 
 
-def doubts_in_words(acceptance: AcceptanceReport) -> str:
+def doubts_in_words(acceptance: verification_file.AcceptanceReport) -> str:
     """What casts doubt on a pass, in words."""
     return ", ".join(word(_DOUBTS, code) for code in acceptance.doubts)
 
 
-def _conformity(procedure: ProcedureReport) -> list[Section]:
+def _conformity(procedure: verification_file.ProcedureReport) -> list[Section]:
     acceptance = procedure.acceptance
     if acceptance is None:
         return []
@@ -152,14 +145,14 @@ def _conformity(procedure: ProcedureReport) -> list[Section]:
     return _section("conformity", label("report-conformity-with-the-limit"), text, table)
 
 
-def _budgets(procedure: ProcedureReport) -> list[Section]:
+def _budgets(procedure: verification_file.ProcedureReport) -> list[Section]:
     if not procedure.budgets:
         return []
     text = label("report-uncertainty-of-a-single-measured")
     return _section("budget", label("report-uncertainty-budget"), text, *map(_budget, procedure.budgets))
 
 
-def _budget(budget: BudgetReport) -> Table:
+def _budget(budget: verification_file.BudgetReport) -> Table:
     title = label(
         "report-budget",
         length=name_of((budget.bar, budget.start, budget.end)),
@@ -188,7 +181,7 @@ def _freedom(value: float | None) -> str:
     return f"{value:.0f}" if value < _MANY else f"> {count(_MANY)}"
 
 
-def _artefacts(procedure: ProcedureReport) -> list[Section]:
+def _artefacts(procedure: verification_file.ProcedureReport) -> list[Section]:
     if not procedure.bars:
         return []
     rows = []
@@ -207,7 +200,7 @@ def _artefacts(procedure: ProcedureReport) -> list[Section]:
     return _section("artefacts", title, text, Table(heads, tuple(rows), 6), certified)
 
 
-def _temperatures(procedure: ProcedureReport) -> list[Section]:
+def _temperatures(procedure: verification_file.ProcedureReport) -> list[Section]:
     if not procedure.poses:
         return []
     known = [pose.temperature_c for pose in procedure.poses if pose.temperature_c is not None]
@@ -219,7 +212,7 @@ def _temperatures(procedure: ProcedureReport) -> list[Section]:
     return _section("temperatures", label("report-temperatures"), text, table)
 
 
-def _departures(procedure: ProcedureReport) -> list[Section]:
+def _departures(procedure: verification_file.ProcedureReport) -> list[Section]:
     first = label("report-departs")
     if procedure.volume is not None:
         sides = " x ".join(f"{side:.0f}" for side in procedure.volume[0])
@@ -228,7 +221,7 @@ def _departures(procedure: ProcedureReport) -> list[Section]:
     return [Section("departures", label("report-procedure-title"), (Paragraph(first), *items))]
 
 
-def _measured(bars: BarReport) -> Section:
+def _measured(bars: verification_file.BarReport) -> Section:
     """Every measured length; its error in red where it is beyond the limit."""
     rows: list[tuple[Cell, ...]] = []
     for row in bars.measured:

@@ -14,26 +14,10 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.files.atomic import write_file_whole
+from spherecal_documents.report import style
 from spherecal_documents.report.model import svg_of
 from spherecal_documents.report.pdf import sheet_pdf
 from spherecal_documents.report.rig_view import OBLIQUE, TOP, Projection, choose_axes
-from spherecal_documents.report.style import (
-    ACCENT,
-    BAD,
-    BODY_PT,
-    HEADING_PT,
-    INK,
-    MARKS,
-    SERIES,
-    SMALL_PT,
-    SOFT,
-    TINY_PT,
-    PageBox,
-    Sheet,
-    report_style,
-    shortened,
-    significant,
-)
 from spherecal_rigs.next_placement import Guidance
 from spherecal_rigs.trend import Trend, TrendSeries
 
@@ -54,7 +38,7 @@ def write_trend_chart(trend: Trend, output: Path) -> None:
     ending = output.suffix.lower()
     if ending not in _ENDINGS:
         raise InputError(Phrase("error-chart-kind", {"file": output}))
-    with report_style():
+    with style.report_style():
         sheet = _draw(trend)
         data = (
             sheet_pdf(sheet)
@@ -64,16 +48,16 @@ def write_trend_chart(trend: Trend, output: Path) -> None:
     write_file_whole(output, data)
 
 
-def _draw(trend: Trend) -> Sheet:
+def _draw(trend: Trend) -> style.Sheet:
     rows = len(trend.series)
     height = 16.0 + rows * (_PANEL_MM + _GAP_MM) + _CAMERAS_MM + 18.0
-    sheet = Sheet(_WIDTH_MM, height)
+    sheet = style.Sheet(_WIDTH_MM, height)
     width = _WIDTH_MM - 2 * _MARGIN_MM
     sheet.text(
         _MARGIN_MM,
         7.0,
-        shortened(f"Rig {trend.profile}: {_TITLES[trend.kind]}", width, HEADING_PT, True),
-        HEADING_PT,
+        style.shortened(f"Rig {trend.profile}: {_TITLES[trend.kind]}", width, style.HEADING_PT, True),
+        style.HEADING_PT,
         bold=True,
     )
     since = f"calibration {trend.ids[0]}, {trend.times[0]:%Y-%m-%d %H:%M} UTC"
@@ -82,19 +66,19 @@ def _draw(trend: Trend) -> Sheet:
         _MARGIN_MM,
         12.0,
         f"{against}. Dashed: control limits (median ± 3.14 median moving ranges); crosses lie outside.",
-        SMALL_PT,
-        colour=SOFT,
+        style.SMALL_PT,
+        colour=style.SOFT,
     )
     y = 16.0
     for series in trend.series:
-        _panel(sheet, PageBox(_MARGIN_MM, y, width, _PANEL_MM + _GAP_MM), series, trend)
+        _panel(sheet, style.PageBox(_MARGIN_MM, y, width, _PANEL_MM + _GAP_MM), series, trend)
         y += _PANEL_MM + _GAP_MM
-    _cameras(sheet, PageBox(_MARGIN_MM, y, width, _CAMERAS_MM + 12.0), trend)
+    _cameras(sheet, style.PageBox(_MARGIN_MM, y, width, _CAMERAS_MM + 12.0), trend)
     return sheet
 
 
-def _axes(sheet: Sheet, box: PageBox, title: str, trend: Trend) -> Axes:
-    sheet.text(box.x, box.y + 3.5, title, BODY_PT, bold=True)
+def _axes(sheet: style.Sheet, box: style.PageBox, title: str, trend: Trend) -> Axes:
+    sheet.text(box.x, box.y + 3.5, title, style.BODY_PT, bold=True)
     axes = sheet.axes(box.inset(14.0, 5.5, 2.0, 10.0), xlim=(-0.4, len(trend.ids) - 0.6))
     step = max(1, -(-len(trend.ids) // 16))
     places = list(range(0, len(trend.ids), step))
@@ -102,33 +86,33 @@ def _axes(sheet: Sheet, box: PageBox, title: str, trend: Trend) -> Axes:
     return axes
 
 
-def _panel(sheet: Sheet, box: PageBox, series: TrendSeries, trend: Trend) -> None:
+def _panel(sheet: style.Sheet, box: style.PageBox, series: TrendSeries, trend: Trend) -> None:
     title = f"{series.name[0].upper()}{series.name[1:]} [{series.unit}]"
     axes = _axes(sheet, box, title, trend)
     x = np.arange(len(trend.ids))
     good = np.isfinite(series.values)
-    axes.plot(x[good], series.values[good], color=ACCENT, marker="o", markersize=2.8, linewidth=0.8)
+    axes.plot(x[good], series.values[good], color=style.ACCENT, marker="o", markersize=2.8, linewidth=0.8)
     outside = series.outside
-    axes.plot(x[outside], series.values[outside], color=BAD, marker="X", markersize=6.0, linestyle="none")
+    axes.plot(x[outside], series.values[outside], color=style.BAD, marker="X", markersize=6.0, linestyle="none")
     if series.limits is None:
         return
-    axes.axhline(series.limits.centre, color=SOFT, linewidth=0.6)
+    axes.axhline(series.limits.centre, color=style.SOFT, linewidth=0.6)
     for value, text in ((series.limits.low, "lower limit"), (series.limits.high, "upper limit")):
-        axes.axhline(value, color=BAD, linewidth=0.6, linestyle=(0, (4, 2)))
+        axes.axhline(value, color=style.BAD, linewidth=0.6, linestyle=(0, (4, 2)))
         axes.annotate(
-            f"{text} {significant(value, 3)}",
+            f"{text} {style.significant(value, 3)}",
             (0.005, value),
             xycoords=("axes fraction", "data"),
             xytext=(0, 1.5),
             textcoords="offset points",
             ha="left",
-            fontsize=TINY_PT,
-            color=BAD,
+            fontsize=style.TINY_PT,
+            color=style.BAD,
         )
     axes.margins(y=0.25)
 
 
-def _cameras(sheet: Sheet, box: PageBox, trend: Trend) -> None:
+def _cameras(sheet: style.Sheet, box: style.PageBox, trend: Trend) -> None:
     axes = _axes(sheet, box.inset(0.0, 0.0, 0.0, 6.0), _OF_CAMERAS[trend.kind], trend)
     # those whose rays moved most are named, the others stay grey
     known = [series for series in trend.cameras if np.isfinite(series.values).any()]
@@ -136,15 +120,15 @@ def _cameras(sheet: Sheet, box: PageBox, trend: Trend) -> None:
     x = np.arange(len(trend.ids))
     for series in trend.cameras:
         if series not in named:
-            axes.plot(x, series.values, color=SOFT, linewidth=0.4)
+            axes.plot(x, series.values, color=style.SOFT, linewidth=0.4)
     for i, series in enumerate(named):
-        colour = SERIES[i % len(SERIES)]
-        mark = MARKS[(i + i // len(SERIES)) % len(MARKS)]
+        colour = style.SERIES[i % len(style.SERIES)]
+        mark = style.MARKS[(i + i // len(style.SERIES)) % len(style.MARKS)]
         axes.plot(x, series.values, color=colour, marker=mark, markersize=2.5, linewidth=0.8, label=series.name)
         outside = series.outside
-        axes.plot(x[outside], series.values[outside], color=BAD, marker="X", markersize=6.0, linestyle="none")
+        axes.plot(x[outside], series.values[outside], color=style.BAD, marker="X", markersize=6.0, linestyle="none")
     if named:
-        axes.legend(loc="upper left", ncols=6, fontsize=TINY_PT, frameon=False, labelcolor=INK)
+        axes.legend(loc="upper left", ncols=6, fontsize=style.TINY_PT, frameon=False, labelcolor=style.INK)
         axes.set_ylim(0, 1.35 * float(np.nanmax(named[0].values)) or 1e-3)
 
 
@@ -165,7 +149,7 @@ def save_guidance_picture(rig: Rig, guidance: Guidance, radius_mm: float, path: 
     def flat(view: Projection, places: FloatArray) -> FloatArray:
         return view.flat((places - middle) @ axes.T)
 
-    with report_style():
+    with style.report_style():
         figure, panels = plt.subplots(1, 2, figsize=(12, 5.6), dpi=_DPI)
         figure.subplots_adjust(left=0.02, right=0.98, bottom=0.02, top=0.84, wspace=0.05)
         shown = None
@@ -177,13 +161,13 @@ def save_guidance_picture(rig: Rig, guidance: Guidance, radius_mm: float, path: 
             if guidance.candidates:
                 shown = _candidates(panel, guidance, flat, view, radius_mm)
             panel.set_aspect("equal")
-            panel.set_title(view.name, fontsize=12, color=INK)
+            panel.set_title(view.name, fontsize=12, color=style.INK)
             panel.autoscale_view()
             panel.set_axis_off()
         if shown is not None:
             bar = figure.colorbar(shown, ax=panels, shrink=0.7, pad=0.02)
             bar.set_label("a 500 mm length after it, k = 2, mm", fontsize=11)
-        figure.suptitle("\n".join(wrap(guidance.words(), 100)), fontsize=13, color=INK)
+        figure.suptitle("\n".join(wrap(guidance.words(), 100)), fontsize=13, color=style.INK)
         _save(figure, path)
 
 

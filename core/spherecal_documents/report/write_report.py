@@ -10,21 +10,10 @@ from spherecal.data.session import Session
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import json_bytes, software_entry
+from spherecal_documents.report import model
 from spherecal_documents.report.detections import choose_detections, detection_sections, find_session
 from spherecal_documents.report.html import html_bytes
 from spherecal_documents.report.language import label, speaking
-from spherecal_documents.report.model import (
-    Cell,
-    FindingText,
-    KeyFigures,
-    Paragraph,
-    Report,
-    Section,
-    Signature,
-    Strong,
-    Verdict,
-    finding_texts,
-)
 from spherecal_documents.report.pdf import PageSize, pdf_bytes
 from spherecal_documents.report.rig_drawing import Renderer, ScenePicture
 from spherecal_documents.report.sections_bars import bar_sections
@@ -44,26 +33,28 @@ def make_report(
     picture: ScenePicture | None = None,
     notice: str = "",
     note: str = "",
-) -> Report:
+) -> model.Report:
     """All that the report says of a result; with images of its session and a picture of the rig in space, if given."""
     verified = verification_verdict(result)
-    noted = [Paragraph(f"{label('report-note')}: {note}")] if note else []
+    noted = [model.Paragraph(f"{label('report-note')}: {note}")] if note else []
     summary = (calibration_verdict(result), verified, *noted, key_figures(result))
-    none = (Paragraph(label("report-none-there-is-nothing-to")),)
-    found = finding_texts(result.rig.quality.findings) or none
-    signed = Signature((label("report-assessed-by"), label("report-date"), label("report-signature")))
+    none = (model.Paragraph(label("report-none-there-is-nothing-to")),)
+    found = model.finding_texts(result.rig.quality.findings) or none
+    signed = model.Signature((label("report-assessed-by"), label("report-date"), label("report-signature")))
     reference, cameras = result.rig.reference_camera, cameras_in_words(len(result.rig.cameras))
     sections = (
-        Section("summary", "", summary),
-        Section("findings", label("report-findings"), found),
+        model.Section("summary", "", summary),
+        model.Section("findings", label("report-findings"), found),
         source_section(result),
         *rig_sections(result, picture),
         *bar_sections(result, verified),
         origin_section(result),
-        Section("assessment", label("report-assessment"), (Paragraph(label("report-this-report-was-made-by")), signed)),
+        model.Section(
+            "assessment", label("report-assessment"), (model.Paragraph(label("report-this-report-was-made-by")), signed)
+        ),
         *detection_sections(result, choose_detections(result, session)),
     )
-    return Report(
+    return model.Report(
         label("report-spherecal-calibration-report"),
         label("report-calibration-report"),
         label("report-cameras-world", cameras=cameras, camera=reference) if reference else cameras,
@@ -73,22 +64,22 @@ def make_report(
     )
 
 
-def report_json(report: Report, result: Result) -> dict[str, Any]:
+def report_json(report: model.Report, result: Result) -> dict[str, Any]:
     """The report as data: verdicts, key figures, findings, and every table with its numbers as printed."""
-    verdicts = report.blocks(Verdict)[:2]
+    verdicts = report.blocks(model.Verdict)[:2]
     return {
         "format": FORMAT,
         "version": VERSION,
         "verdicts": [{"of": v.title, "verdict": v.word, "sentence": v.sentence} for v in verdicts],
         "key_figures": [
             {"name": f.name, "value": f.value, "unit": f.unit, "note": f.note}
-            for f in report.blocks(KeyFigures)[0].figures
+            for f in report.blocks(model.KeyFigures)[0].figures
         ],
         "findings": [
             {**FINDING.entry(block.finding), "message": block.message, "hint": block.hint} | of
             for key, of in (("findings", {}), ("bar-findings", {"of": "verification"}))
             for block in getattr(report.section(key), "blocks", ())
-            if isinstance(block, FindingText)
+            if isinstance(block, model.FindingText)
         ],
         "sections": [
             {
@@ -112,8 +103,8 @@ def report_json(report: Report, result: Result) -> dict[str, Any]:
     }
 
 
-def _plain(cell: Cell) -> str:
-    return cell.text if isinstance(cell, Strong) else cell
+def _plain(cell: model.Cell) -> str:
+    return cell.text if isinstance(cell, model.Strong) else cell
 
 
 def write_report(

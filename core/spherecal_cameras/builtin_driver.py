@@ -67,10 +67,7 @@ def _lacks_to_build() -> tuple[Lack, ...]:
 
 
 def prepare(context: Context | None = None) -> Path:
-    """Bring the built-in driver into use, built where it was not shipped; its file. Takes some seconds the first time.
-
-    It is allowed like a driver that somebody has said yes to: calling this is that yes.
-    """
+    """Bring the built-in driver into use, built (some seconds) where it was not shipped, and allow it; its file."""
     found = state()
     if found.kind == "lacking":
         raise InputError(Phrase("error-builtin-driver", {"packages": found.install or "Linux"}))
@@ -137,10 +134,7 @@ def answering(network: bool = True) -> tuple[WireCamera, ...]:
 
 
 def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:
-    """What a camera says of itself on the network; None where it does not answer there.
-
-    Cameras of one serial number are told apart by what else the driver knows: address or hardware address.
-    """
+    """What a camera says of itself on the network, told by serial number and address; None where it does not answer."""
     alike = [one for one in wire if one.serial and info.serial.split(" (")[0] == one.serial]
     if len(alike) > 1:
         known = f"{info.serial} {info.device_id} {info.address}".lower()

@@ -198,10 +198,7 @@ def covered_camera(source: protocol.CameraSource, before: dict[str, float]) -> s
 
 
 def brightness(source: protocol.CameraSource, context: Context | None = None) -> dict[str, float]:
-    """The mean grey value of each camera's image over its darkest pixels, by serial.
-
-    The darkest pixels are the first percentile. Cameras without an image are left out.
-    """
+    """The mean grey of each camera's image over its darkest percentile, by serial; none without an image."""
     taken = source.capture_set(protocol.CaptureRequest(retries=1), context)
     means = {}
     for serial, frame in taken.frames.items():

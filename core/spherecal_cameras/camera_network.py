@@ -96,10 +96,7 @@ class PacketTest:
 
 @dataclass(frozen=True)
 class InterfaceFact:
-    """One thing about a network interface: what it is now, what is wrong with it, the command line that cures that.
-
-    `finding` is None where it is well. `cure` is empty where there is nothing to do, or no command does it.
-    """
+    """What a network interface is now, what is wrong (None: nothing), and the command that cures it, or empty."""
 
     name: FactName
     interface: str
@@ -225,10 +222,7 @@ def _somebody_at(address: str, interface: str) -> bool:
 
 
 def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persistent: bool = True) -> WireCamera:
-    """Give a camera an address (FORCEIP), also for its next starts if `persistent`; the camera as it then answers.
-
-    Blocking, some seconds. CameraError where the address is impossible or taken, or the camera does not take it.
-    """
+    """Give a camera an address (FORCEIP), also for its next starts if `persistent`; it as it then answers. Blocking."""
     local = local_addresses()
     there = answering_cameras(local)
     camera = next((one for one in there if one.mac == mac), None)
@@ -293,10 +287,7 @@ def _keep_address(ip: str, mask: str, gateway: str) -> bool:
 
 
 def largest_packet(camera: str, mtu: int) -> PacketTest:
-    """The largest packet that arrives whole from a camera that nobody has open, by the camera's own test packets.
-
-    `camera` is its IP address, `mtu` the interface's, bytes. CameraError where another program has it.
-    """
+    """The largest packet (bytes, at most `mtu`) that arrives whole from a camera that nobody has open, by tests."""
     with _asking(camera) as registers, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
         ear.connect((camera, 9))  # so that it has the address of the interface that leads there
         here = ear.getsockname()[0]
@@ -318,10 +309,7 @@ def largest_packet(camera: str, mtu: int) -> PacketTest:
 
 
 def cut_packets(wire: Iterable[WireCamera]) -> tuple[Finding, ...]:
-    """The cameras whose packets do not arrive whole though the network card takes them: a switch between does not.
-
-    Only of those that nobody has open and that send test packets; blocking, some seconds.
-    """
+    """Cameras that nobody has open whose packets a switch cuts, though the network card takes them. Blocking."""
     wire = tuple(wire)
     mtu = {line.interface: line.mtu for line in network_lines()}
     asked = [c for c in wire if c.subnet_ok and c.controlled_by_other is False and c.interface in mtu]
@@ -470,10 +458,7 @@ def can_apply(cure: str) -> bool:
 
 
 def apply_cure(cure: str) -> None:
-    """Run a cure's command line with an administrator's rights, for which the system asks; blocking.
-
-    CameraError where it is refused or fails, with what it said.
-    """
+    """Run a cure's command line with an administrator's rights, for which the system asks; blocking."""
     if sys.platform == "win32":
         said = _elevated(cure)
     else:

@@ -16,10 +16,7 @@ from spherecal_cameras.protocol import CameraSettings, Region, TriggerMode
 
 @dataclass(frozen=True)
 class CameraDescription:
-    """One camera: the name people know it by, its settings, and of its lens and sensor what a session needs.
-
-    None: the user has not said it. `in_rig` False: it is left out, whatever state it is in.
-    """
+    """A camera's name, settings, lens and sensor as far as the user has said; `in_rig` False: it is left out."""
 
     serial: str
     name: str | None = None

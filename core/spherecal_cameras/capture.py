@@ -39,10 +39,7 @@ class SessionCamera:
 
 
 class SessionFolder:
-    """A session folder being captured.
-
-    `start` makes a new one or continues an earlier capture; after every `add` the folder can be calibrated.
-    """
+    """A session folder being captured: begun by `start`, or gone on with; after every `add` it can be calibrated."""
 
     def __init__(
         self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource

@@ -98,10 +98,7 @@ class InProcessSource(ABC):
         """
 
     def triggered(self, exposed_s: Mapping[str, float]) -> None:  # noqa: B027 - a scene at rest needs nothing
-        """A set is to be taken, each camera's image (by serial) exposed at a moment of perf_counter (s).
-
-        For sources whose scene moves: `take_image` is called when a thread is free, which may be much later.
-        """
+        """A set is to be taken, each image exposed at a moment of perf_counter (s): for sources whose scene moves."""
 
     # --- the protocol ------------------------------------------------------------------------------------------------
 

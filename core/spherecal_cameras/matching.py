@@ -21,10 +21,7 @@ _JUMP_S = 5.0  # an image cannot be this much older than all before it: somebody
 
 
 class CameraClock:
-    """Brings a camera's time stamps (ns) to the computer's seconds.
-
-    Best by latched times (`latch`), else by the fastest arrivals seen: an image cannot arrive before it was exposed.
-    """
+    """Brings a camera's time stamps (ns) to the computer's seconds: by latched times, else the fastest arrivals."""
 
     def __init__(self) -> None:
         self._latch: tuple[float, float, float] | None = None  # host s, offset s, uncertainty s
@@ -57,10 +54,7 @@ class CameraClock:
         return self._latch is None or now_s - self._latch[0] > _LATCH_LIFE_S
 
     def host_time(self, stamp_ns: int | None, arrived_s: float) -> float:
-        """The computer's time (s) of a camera's time stamp; without a stamp that can be trusted, the arrival.
-
-        `stamp_ns` None or 0 where it has none.
-        """
+        """The computer's time (s) of a camera's time stamp; without one that can be trusted, the arrival."""
         if not stamp_ns or not self.trusted:
             return arrived_s
         stamp_s = stamp_ns * 1e-9
@@ -122,11 +116,7 @@ class RoundKeeper:
     def assign(
         self, taken_s: float, uncertainty_s: float, frame_id: int | None, stamp_ns: int | None = None
     ) -> int | None:
-        """The round of an image: the last one triggered before its exposure; None for live view and repetitions.
-
-        An image with the frame id and the time stamp of the one before is a repeated delivery. Where a driver has no
-        ids it may give every image the id 0.
-        """
+        """The round of an image: the last triggered before its exposure; None for live view and repeated deliveries."""
         now = (frame_id, stamp_ns)
         if now == self._last and (frame_id or stamp_ns):
             return None

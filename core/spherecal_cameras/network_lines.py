@@ -100,10 +100,7 @@ _USB_BYTES_OF_BIT = 360e6 / 5e9
 
 @dataclass(frozen=True)
 class NetworkLine:
-    """A network interface of this computer; `mbit_s` is None where it does not say its speed.
-
-    `reverse_path_filter`: 0 off, 1 strict, 2 loose. `receive_buffer_bytes` is the most a program can have.
-    """
+    """A network interface: Mbit/s (None: not said), reverse path filter (0 to 2), largest receive buffer, bytes."""
 
     interface: str
     address: str
@@ -116,10 +113,7 @@ class NetworkLine:
 
 @dataclass(frozen=True)
 class CameraLoad:
-    """What a camera is to send: bytes of an image, images a second, bytes of a packet, ticks a second of its clock.
-
-    `controls`: by which of our features it can be made to leave room for others.
-    """
+    """What a camera is to send: image bytes, images/s, packet bytes, ticks/s; and features that can slow it."""
 
     image_bytes: int
     rate_hz: float
@@ -134,10 +128,7 @@ _NO_LOAD = CameraLoad(0, 0.0, controls=frozenset())
 
 @dataclass(frozen=True)
 class Stagger:
-    """How a camera shares a line: delays after every packet and before a frame, in ticks of its clock, or bytes/s.
-
-    None is what it cannot do, or need not.
-    """
+    """How a camera shares a line: delays after packets and before a frame, in ticks, or bytes/s; None: not needed."""
 
     serial: str
     packet_delay: int | None = None
@@ -152,10 +143,7 @@ class Stagger:
 
 @dataclass(frozen=True)
 class LineExamination:
-    """One line with its cameras: bytes a second that they want and it carries, proposed delays, what is wrong.
-
-    `carried_bytes_s` is None where the line does not say its speed.
-    """
+    """One line with its cameras: bytes/s wanted and carried (None: not known), proposed delays, what is wrong."""
 
     line: NetworkLine
     cameras: tuple[NetworkCamera, ...]

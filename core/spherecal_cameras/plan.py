@@ -34,10 +34,7 @@ class PlannedSet:
 
 @dataclass(frozen=True)
 class CapturePlan:
-    """Sets in order, the target set, the fields of session.json that do not come from cameras, and cameras it knows.
-
-    `bars` are those of `fields` with their certified lengths, also where `fields` has the serial number alone.
-    """
+    """Sets in order, the target set, the other fields of session.json, bars with lengths, and cameras it knows."""
 
     sets: tuple[PlannedSet, ...]
     target_set: TargetSet | None
@@ -112,10 +109,7 @@ def _plan_in(path: Path) -> CapturePlan:
 
 
 def check_marks(plan: CapturePlan, path: Path) -> None:
-    """Check that every bar's mark is a target of the plan's set: no live camera could find another one.
-
-    Images may be taken for another program's targets all the same; hence read_plan does not ask.
-    """
+    """Check that every bar's mark is a target of the plan's set: no live camera could find another one."""
     if plan.target_set is None:
         return
     for bar in plan.bars:

@@ -95,10 +95,7 @@ class Velocities:
         return Motion(velocity, now, sd, change, jerk_now, dt)
 
     def keep(self, key: IntArray, value: FloatArray, at_s: FloatArray, motion: Motion) -> None:
-        """Remember a set with its motion for the next.
-
-        `key`, `value`, `at_s`: the values (n, w) with their numbers and times (n,), as in `of`.
-        """
+        """Remember a set with its motion for the next: values (n, w), their numbers and times (n,), as in `of`."""
         order = np.argsort(key, kind="stable")
         arrays = (motion.mean, motion.now, motion.sd, motion.change, motion._jerk, motion._passed)
         self._past = _Past(key[order], value[order], at_s[order], Motion(*(array[order] for array in arrays)))
@@ -112,10 +109,7 @@ _LEAST_SD = 0.1  # mm/s: less moves nothing in 5 ms
 
 @dataclass(frozen=True)
 class Timing:
-    """Each camera's moment after the set's, `late_s` (c,): exact, or 0 with a standard uncertainty `sd_s`.
-
-    `exposed` (c,) are the cameras whose mean moment is the set's.
-    """
+    """Each camera's moment after that of the `exposed`, `late_s` (c,): exact, or 0 with a standard uncertainty."""
 
     late_s: FloatArray
     sd_s: float
@@ -143,10 +137,7 @@ class _State:
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations for z alone, `matrix` (q, q) and `right` (q,), and how the rest follows from it.
-
-    `own` (n, 3, q): what view i sees move beyond its point's and its target's own answer to z.
-    """
+    """Normal equations for z, (q, q) and (q,), and what view i sees move beyond its point's answer, (n, 3, q)."""
 
     matrix: FloatArray
     right: FloatArray
@@ -258,10 +249,7 @@ def at_one_moment(
     expected_noise: float,
     rig: Rig,
 ) -> tuple[CheckedPoints, PointErrors, Motion]:
-    """The points of a set at its moment, with their errors and their motion.
-
-    `motion_of`: gives the motion of points (m, 3) mm by the sets before; `target`: the target of each point, (m,).
-    """
+    """A set's points at its moment, errors and motion; `motion_of`: by the sets before; `target` (m,) of each."""
     adjustment = _Adjustment(rough, plain, target, timing, expected_noise)
     x = rough.points.points
     motion, groups = motion_of(x), int(adjustment.target.max(initial=-1)) + 1

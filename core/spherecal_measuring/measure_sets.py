@@ -75,10 +75,7 @@ def run(
     table: TableKind = "csv",
     context: Context | None = None,
 ) -> int:
-    """Measure all sets, give each to `seen` and record them in `output`; how many there were.
-
-    What ends it early is raised again after the sets so far are written.
-    """
+    """Measure all sets, give each to `seen`, record them in `output`, also where it ends early; how many there were."""
     measured = measure_sets(sets, measurer, context)
     if output is not None:
         return write_series(measured, measurer, output, table, seen)

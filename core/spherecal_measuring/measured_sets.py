@@ -69,10 +69,7 @@ class BodyPose(ByValue):
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Views of one target that do not fit the other cameras': `views` of `of` views by this camera were left out.
-
-    `camera` None: the views of the target contradict each other and which is wrong cannot be decided.
-    """
+    """Views of a target by a camera that fit no other's and were left out; None: which is wrong stays open."""
 
     target: int
     camera: str | None

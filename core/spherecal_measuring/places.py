@@ -68,19 +68,13 @@ class LocatedPoints(ByValue):
         return joint
 
     def variance(self, rows: Sequence[int], derivative: FloatArray) -> float:
-        """Variance of a number that depends on some places.
-
-        `derivative`: derivatives of the number by them, (k, 3), in its own unit per mm.
-        """
+        """Variance of a number that depends on some places, by its derivatives (k, 3) per mm."""
         flat = derivative.ravel()
         return float(flat @ self.joint(rows) @ flat)
 
 
 class Layouts:
-    """The layouts of a target set as arrays, for observations that name their points as `points` does.
-
-    `target_set` None: no target has a layout.
-    """
+    """A target set's layouts as arrays, for observations that name their points as `points` does; None: none."""
 
     def __init__(self, target_set: TargetSet | None, points: tuple[str, ...]) -> None:
         self.points = points
@@ -94,10 +88,7 @@ class Layouts:
                     self.flat[row, column[name]] = place
 
     def of(self, target: IntArray, point: IntArray) -> FloatArray:
-        """Places (n, 2) in mm of points on their flat targets, NaN where the layouts have none.
-
-        `target`: each point's target, (n,); `point`: index of each point's name, (n,).
-        """
+        """Places (n, 2) mm on their flat targets, NaN without a layout, of targets (n,) and points' indices (n,)."""
         if not len(self.ids):
             return np.full((len(target), 2), np.nan)
         row = np.searchsorted(self.ids, target).clip(max=len(self.ids) - 1)
@@ -164,10 +155,7 @@ class _Centres:
 def _centres(
     target: IntArray, flat: FloatArray, usable: BoolArray, checked: CheckedPoints, layouts: Layouts
 ) -> _Centres:
-    """Targets' centres: the flat layout laid over the dots by least squares with equal weights, all targets at once.
-
-    The definition of targets/centre.py, vectorised, with its derivatives to first order.
-    """
+    """Targets' centres: flat layouts laid over the dots as in targets/centre.py, all at once, with derivatives."""
     candidates = np.flatnonzero(usable & np.isfinite(flat[:, 0]))
     candidates = candidates[np.argsort(target[candidates], kind="stable")]
     ids, slot, count = np.unique(target[candidates], return_inverse=True, return_counts=True)

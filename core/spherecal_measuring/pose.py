@@ -90,10 +90,7 @@ _STEPS = 4  # Gauss-Newton from the unweighted fit: the third changes nothing ab
 
 
 def measure_body(body: Body, places: LocatedPoints) -> BodyPose | Unmeasured:
-    """The pose that fits the body's measured points best, weighted by their own noise and the body file's sigmas.
-
-    The covariance counts what the points' errors have in common through the cameras.
-    """
+    """The pose that fits a body's points best, by their noise, the file's sigmas, and what cameras err in common."""
     seen = [i for i, point in enumerate(body.points) if point.name in places.rows]
     left_out: list[int] = []
     while True:

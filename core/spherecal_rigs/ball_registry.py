@@ -43,10 +43,7 @@ class RegisteredBall(ByValue):
 
 
 def longest_spacing(target_set: TargetSet) -> tuple[str, str, float] | None:
-    """The two dots that all targets share and that are farthest apart, and their distance in mm as designed.
-
-    Dots count only where all targets have them at the same places; None where there are no two.
-    """
+    """The farthest two dots that all targets share at the same places, and their distance in mm as designed."""
     layouts = list(target_set.layouts.values())
     names = [name for name in layouts[0] if all(name in one for one in layouts)]
     places = np.array([[one[name] for name in names] for one in layouts]).reshape(len(layouts), len(names), 2)

@@ -95,10 +95,7 @@ class LineProblem:
 
 @dataclass(frozen=True)
 class BarsTable:
-    """The bars of a table that are whole, in its order, and what is wrong with its other lines.
-
-    `ignored` are headings that are not known.
-    """
+    """The whole bars of a table in its order, what is wrong with its other lines, and headings that are not known."""
 
     bars: tuple[RegisteredBar, ...]
     problems: tuple[LineProblem, ...]

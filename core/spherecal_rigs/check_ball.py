@@ -26,10 +26,7 @@ class BallDots(ByValue):
 
 @dataclass(frozen=True)
 class BallCheck:
-    """The ball compared with the calibration: dots in common, excess of its size, standard uncertainty of the excess.
-
-    `shape_rms_mm` is what differs after the size; `changed` counts dots that moved on the ball.
-    """
+    """Dots in common, size against the calibration (ppm) with its sd, shape left after it, dots that moved."""
 
     placement: str
     dots: int
@@ -60,10 +57,7 @@ def read_known_ball(path: Path) -> BallDots | None:
 def check_ball(
     known: BallDots, placement: int, o: Observations, features: Features, errors: PointErrors
 ) -> BallCheck | None:
-    """Compare the ball at one placement with the placement of the calibration that shares most dots.
-
-    None where they share fewer than 12, or fewer than 12 of them have stayed in place.
-    """
+    """The ball at a placement against the calibration's that shares most dots; None below 12 in common or in place."""
     checked = errors.checked
     usable = np.isfinite(checked.points.points[:, 0]) & checked.points.in_front & ~checked.contradicting
     rows = np.flatnonzero(usable & (features.placement == placement))

@@ -53,10 +53,7 @@ class CheckedCamera:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(ByValue):
-    """The result of a check: verdict, cameras worst first, those not seen, balls and bars measured, findings.
-
-    `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.
-    """
+    """A check: verdict, cameras worst first, those not seen, balls, bars, findings; a move's tolerance in mm."""
 
     verdict: Verdict
     tolerance_mm: float | None
@@ -126,10 +123,7 @@ def check(
 def _check_balls(
     session: Session, rig: Rig, known: BallDots, own: Observations, camera: IntArray, consistency: Consistency
 ) -> list[BallCheck]:
-    """The ball at each placement by the cameras that have not moved.
-
-    One that moved bends what it sees: on the demo rig 9 px of one camera made the ball 720 ppm larger.
-    """
+    """The ball at each placement by cameras that have not moved: 9 px of one made it 720 ppm larger (demo rig)."""
     moved = [test.id for test in consistency.moved]
     stays = ~np.isin(np.array([c.id for c in rig.cameras])[camera], moved)
     own, camera = own.select(stays), camera[stays]

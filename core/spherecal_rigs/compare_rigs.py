@@ -45,10 +45,7 @@ def common_cameras(a: Rig, b: Rig) -> tuple[MatchedCamera, ...]:
 
 
 def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Which points (n, 3) the camera sees in the first calibration, (n,) bool, and their images (n, 2).
-
-    A distortion that folds over far outside the image maps points there into it: those are not seen.
-    """
+    """Which points (n, 3) a camera sees in the first calibration, (n,) bool, and their images (n, 2)."""
     x = points @ pair.a.rotation.T + pair.a.translation_mm
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         xy = x[:, :2] / x[:, 2:]
@@ -60,10 +57,7 @@ def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArr
 
 
 def shift_mm(pair: MatchedCamera, points: FloatArray, uv: FloatArray, b_from_a: Similarity) -> FloatArray:
-    """How far each point's image moves from one calibration to the other, in mm across the ray at the point, (n, 2).
-
-    `points`: points (n, 3) in the first world, mm.
-    """
+    """How far the image of each point (n, 3) mm moves, in mm across the ray at the point, (n, 2)."""
     x = b_from_a.apply(points) @ pair.b.rotation.T + pair.b.translation_mm
     depth = (points @ pair.a.rotation.T + pair.a.translation_mm)[:, 2:3]
     return (project(x, pair.b.intrinsics) - uv) * depth / pair.a.intrinsics[:2]
@@ -108,10 +102,7 @@ def align(pairs: tuple[MatchedCamera, ...], points: FloatArray, metric: bool) ->
 
 @dataclass(frozen=True)
 class _Rows:
-    """All sights of all cameras as rows: owner (n,), point (n, 3), its image in the first calibration (n, 2).
-
-    Then mm at the point for a pixel (n, 2) and the second calibration's camera; `count` is the rows a camera has.
-    """
+    """Sights as rows: owner (n,), point (n, 3), image (n, 2), mm per px (n, 2), camera there; rows a camera has."""
 
     owner: IntArray
     points: FloatArray
@@ -227,10 +218,7 @@ class Comparison(ByValue):
 
 
 def compare(a: Rig, b: Rig, volume: ComparisonVolume) -> tuple[Comparison, Comparison]:
-    """The comparison after the best similarity, and the metric one (no change of scale).
-
-    Lengths are measured with `b` in images as `a` predicts them.
-    """
+    """The comparison after the best similarity, and the metric one; lengths by `b` in images as `a` predicts them."""
     pairs = common_cameras(a, b)
     points = volume.grid()
     similarity = align(pairs, points, metric=False)
@@ -367,10 +355,7 @@ def _judged(changes: list[CameraChange]) -> list[CameraChange]:
 
 
 def seen_volume(rig: Rig) -> ComparisonVolume:
-    """Where most cameras look: a cube around the point nearest to all optical axes, half as wide as it is far away.
-
-    For rigs whose points are not known.
-    """
+    """Where most cameras look, for rigs without points: a cube about the optical axes, half as wide as it is far."""
     if len(rig.cameras) < 2:
         raise InputError(Phrase("error-no-volume"))
     axes = np.array([camera.rotation[2] for camera in rig.cameras])

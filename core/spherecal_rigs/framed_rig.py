@@ -82,10 +82,7 @@ _MOST_NAMED = 12
 
 @dataclass(frozen=True)
 class Place:
-    """A place in a rig's world, (3,) mm, with its covariance (3, 3) mm^2, NaN where it is not known.
-
-    `kind`: `ball` (the centre of the ball at a placement), `mark` (an end of a verified check bar) or `point`.
-    """
+    """A place (3,) mm with covariance (3, 3) mm^2, NaN if not known: a ball's centre, a bar's mark or a point."""
 
     name: str
     kind: str

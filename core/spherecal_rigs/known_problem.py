@@ -18,10 +18,7 @@ ENOUGH = 2500
 
 @dataclass(frozen=True)
 class PlacedBall:
-    """The ball where it was put: dots (k,3) as points `point` (k,), outward normals (k,3), centre (3,), radius, mm.
-
-    They are in the world of its root placement.
-    """
+    """The ball where it was put, in its root's world: dots (k,3) as points (k,), normals (k,3), centre, radius, mm."""
 
     point: IntArray
     dots: FloatArray

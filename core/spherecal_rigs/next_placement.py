@@ -102,10 +102,7 @@ class Guidance(ByValue):
 def advise(
     session: Session, calibration: Calibration, context: Context | None = None, enough_dots: int = ENOUGH_DOTS
 ) -> Guidance | None:
-    """Where to put the ball next, from a calibration with the placements recorded so far; None without a ball.
-
-    Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm.
-    """
+    """Where to put the ball next, by the placements so far and to first order, in mm; None without a ball."""
     context = context or Context()
     known = what_is_known(session, calibration)
     if known is None:
@@ -130,10 +127,7 @@ def advise(
 
 @on_one_blas_thread
 def first_guess(session: Session, calibration: Calibration, enough_dots: int = ENOUGH_DOTS) -> Guidance | None:
-    """A place that enough cameras see, as far as can be from those so far, turned about the volume's thin axis.
-
-    By geometry alone, for an answer at once; no length is predicted (`expanded_mm` NaN). None without a ball.
-    """
+    """A place that enough cameras see, turned about the volume's thin axis: by geometry alone, at once."""
     known = what_is_known(session, calibration)
     if known is None:
         return None

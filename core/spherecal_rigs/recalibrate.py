@@ -43,10 +43,7 @@ What = Literal["all", "pose", "intrinsics"]
 def followed_covariance(
     session: Session, rig: Rig, before: CameraCovariance, cameras: tuple[str, ...], what: What
 ) -> CameraCovariance:
-    """The covariance of all cameras: what is new has its own image noise, and the errors of the locked cameras.
-
-    `rig` with what is new of `cameras`; `what` of them was estimated.
-    """
+    """All cameras' covariance: what is new of `cameras` has its own noise and the locked cameras' errors."""
     o = session.observations
     assert o is not None
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
@@ -125,10 +122,7 @@ def recalibrate(
     settings: CalibrationSettings | None = None,
     context: Context | None = None,
 ) -> Calibration:
-    """The rig with the selected cameras recalibrated from a session; frame and scale are those of the locked ones.
-
-    A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
-    """
+    """The rig with the selected cameras recalibrated, frame and scale of the locked (else the first locked) ones."""
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     rig = _with_reference(rig, selection)
     _check(session, rig, selection)

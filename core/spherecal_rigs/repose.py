@@ -50,11 +50,7 @@ class _Fit:
 def refuse_unless_moved(
     session: Session, rig: Rig, cameras: tuple[str, ...], posed: Calibration, context: Context | None
 ) -> tuple[str, ...]:
-    """Raise where something else than the poses of these cameras has changed, with its name.
-
-    Returns the cameras of which a small change of focus explains as much as a move. `posed`: the calibration of their
-    poses alone.
-    """
+    """Raise where more than these poses has changed; the cameras of which a change of focus explains as much."""
     either = []
     for name in cameras:
         if (other := _in_place_of(rig, name, posed)) is not None:

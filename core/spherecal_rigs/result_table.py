@@ -16,10 +16,7 @@ _MOST_BYTES = 128 << 20  # two million residuals
 
 @dataclass(frozen=True)
 class CsvTable:
-    """The cells of a table by column name, all columns of one length.
-
-    Its methods return checked columns or raise InputError, which names file, line and column.
-    """
+    """A table's cells by column; its methods give checked columns, or InputError with file, line and column."""
 
     path: Path
     columns: dict[str, list[str]]

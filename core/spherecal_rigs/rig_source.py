@@ -57,10 +57,7 @@ def refuse_failed_rig(path: Path) -> Override | None:
 
 
 def corners_beside(path: Path) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest and highest corner (3,), mm, of the points beside a rig.json or in a result folder; None without them.
-
-    Wrong points are cut off: see `points_box`.
-    """
+    """The corners (3,), mm, of the box of points beside a rig.json or in a result folder (`points_box`), or None."""
     box = points_box((path if path.is_dir() else path.parent) / "points.csv")
     return None if box is None else (np.array(box[0]), np.array(box[1]))
 

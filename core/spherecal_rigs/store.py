@@ -251,10 +251,7 @@ def _number(path: Path) -> tuple[int, str]:
 
 
 def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits | None = None) -> Profile:
-    """Make an empty profile in a new or empty folder, or open the one that is there.
-
-    `name` None: the folder's; `limits` None: those delivered.
-    """
+    """Make an empty profile in a new or empty folder, or open the one there; its name is the folder's by default."""
     if is_profile(folder):
         return open_profile(folder)
     called = name or Path(os.path.abspath(folder)).name
@@ -314,10 +311,7 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
 
 
 def _sweep(history: Path) -> None:
-    """Remove what crashed processes have left half written; what was touched within an hour may be someone's work.
-
-    Also what lies more than an hour ahead: the clock was put back.
-    """
+    """Remove what crashed processes have left half written, older than an hour (or so far ahead: a clock put back)."""
     for path in history.glob(f".*{filesystem.PARTIAL}"):
         try:
             state = path.lstat()
@@ -369,10 +363,7 @@ def saying_what_is_in_use(folder: Path) -> Iterator[None]:
 
 
 def restore(profile: Profile, calibration: str | None = None, note: str = "") -> Profile:
-    """Put an earlier calibration back to use: the last good one, or the one named.
-
-    `calibration` None: the last valid one that was in use before.
-    """
+    """Put an earlier calibration back to use: the one named, else the last valid one that was in use before."""
     chosen = calibration or profile.last_good_id
     if chosen is None:
         raise InputError(Phrase("error-nothing-to-restore", {"folder": profile.folder}))

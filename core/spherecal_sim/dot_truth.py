@@ -19,10 +19,7 @@ _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 @dataclass(frozen=True)
 class TrueDots:
-    """Dots in the world: surface place (n, 3), outward normal (n, 3) and rim (n, RIM_POINTS, 3) of each, mm.
-
-    `sheets` (s, 4, 3) are the corners of their stickers, mm.
-    """
+    """Dots in the world, mm: places, outward normals (n, 3), rims (n, RIM_POINTS, 3); stickers' corners (s, 4, 3)."""
 
     target: IntArray
     point: IntArray
@@ -32,10 +29,7 @@ class TrueDots:
     sheets: FloatArray
 
     def moved(self, rotation: FloatArray, place: FloatArray) -> "TrueDots":
-        """The dots after `x' = rotation @ x + place`.
-
-        `rotation`: rotation, (3, 3); `place`: shift, (3,) mm.
-        """
+        """The dots after `x' = rotation (3, 3) @ x + place (3,) mm`."""
         return TrueDots(
             self.target,
             self.point,

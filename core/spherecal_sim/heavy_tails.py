@@ -9,8 +9,5 @@ _DEGREES = 5.0
 
 
 def heavy_noise(sd_px: FloatArray, rng: np.random.Generator, degrees: float = _DEGREES) -> FloatArray:
-    """Errors (n, 2) px of given standard deviations, distributed by Student's t.
-
-    `sd_px`: standard deviation per coordinate, (n,) px.
-    """
+    """Errors (n, 2) px of standard deviations (n,) px per coordinate, distributed by Student's t."""
     return sd_px[:, None] * np.sqrt((degrees - 2) / degrees) * rng.standard_t(degrees, (len(sd_px), 2))

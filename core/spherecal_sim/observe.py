@@ -13,10 +13,7 @@ from spherecal_sim.truth import CameraMove, camera_pose
 
 
 def lens_misfit(uv: FloatArray, size: FloatArray, phases: FloatArray, amplitude_px: float) -> FloatArray:
-    """A smooth field of about one period per image, (n, 2) px, of rms `amplitude_px` per axis.
-
-    `phases`: phases of each row's camera, (n, 4) rad.
-    """
+    """A smooth field of a period per image, (n, 2) px, of rms `amplitude_px`; phases (n, 4) rad of each camera."""
     turns = 2 * np.pi * uv / size
     du = np.sin(turns[:, 0] + phases[:, 0]) * np.cos(turns[:, 1] + phases[:, 1])
     dv = np.sin(turns[:, 1] + phases[:, 2]) * np.cos(turns[:, 0] + phases[:, 3])
@@ -83,10 +80,7 @@ def _exchange_ids(o: Observations, uv: FloatArray, wrong: BoolArray, goal: int, 
 
 @dataclass(frozen=True)
 class ObservingCameras:
-    """Simulated cameras ready to look: poses (n, 3, 3), (n, 3) mm, intrinsics (n, 16), image sizes (n, 2) px.
-
-    `reach` (n,) is the largest tan of the angle from the axis that can be in a frame, with a margin for distortion.
-    """
+    """Cameras: poses (n, 3, 3), (n, 3) mm, intrinsics (n, 16), sizes (n, 2) px, tan of the largest angle (n,)."""
 
     rotations: FloatArray
     translations: FloatArray
@@ -101,10 +95,7 @@ class ObservingCameras:
 
 
 def look(cameras: tuple[TrueCamera, ...], move: CameraMove | None = None, placement: int = 0) -> ObservingCameras:
-    """The simulated cameras as they are at a placement index.
-
-    `move` None: none was.
-    """
+    """The simulated cameras as they are at a placement index, after their move if there was one."""
     poses = [camera_pose(c, move, placement) for c in cameras]
     sizes = np.array([c.kind.image_size for c in cameras], dtype=float)
     intrinsics = np.array([c.intrinsics for c in cameras])

@@ -97,10 +97,7 @@ def gather(
     margin: int,
     image: NDArray[np.float32],
 ) -> None:
-    """Add to `image` the cells weighted by column x row around each pixel's centre.
-
-    `column`, `row`: weights along both directions, (k,), a `KernelTerm`; `image`: image to add to, (rows, columns).
-    """
+    """Add to an image the cells weighted by column x row, (k,) each, around each pixel's centre."""
     k = len(column)
     offset = margin * CELLS + CELLS // 2 - k // 2
     line = np.empty(cells.shape[1], np.float32)
@@ -119,10 +116,7 @@ def gather(
 
 
 def vignetting(intrinsics: FloatArray, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Natural vignetting cos^4 of the angle from the axis, (height, width).
-
-    `intrinsics`: intrinsics, (16,); `size`: image size (width, height), px.
-    """
+    """Natural vignetting cos^4 of the angle from the axis, (height, width), of a lens (16,)."""
     width, height = size
     x2 = ((np.arange(width) - intrinsics[2]) / intrinsics[0]) ** 2
     y2 = ((np.arange(height) - intrinsics[3]) / intrinsics[1]) ** 2

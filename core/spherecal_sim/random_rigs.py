@@ -21,10 +21,7 @@ _LENSES_MM = (2.8, 3.5, 4.0, 5.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0)
 
 @dataclass(frozen=True)
 class RandomRig:
-    """A rig as built: simulated cameras (c), which are fisheyes (c,), the measuring volume (2, 3) mm and the ball.
-
-    `ball_box_mm` (2, 3) is the box of the ball's centres. `arrangement` is how the cameras are placed.
-    """
+    """A rig as built: cameras, which are fisheyes (c,), volume and box of the ball's centres (2, 3) mm, the ball."""
 
     arrangement: Arrangement
     cameras: tuple[TrueCamera, ...]

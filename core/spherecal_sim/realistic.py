@@ -1,7 +1,4 @@
-"""Realistic recordings of random rigs: lenses that no model follows, point spreads, focus, drift, vibration, tails.
-
-Nothing is done wrong in them: no camera is knocked, no image exchanged. World: the rig's frame, millimetres.
-"""
+"""Realistic recordings of random rigs, nothing done wrong: lenses no model follows, focus, drift, vibration, tails."""
 
 from dataclasses import dataclass, field, replace
 from itertools import combinations

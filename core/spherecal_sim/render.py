@@ -37,10 +37,7 @@ def render_image(
     rng: np.random.Generator,
     context: Context | None = None,
 ) -> Rendered:
-    """The image that a simulated camera takes of a scene, and the truth about the scene's dots.
-
-    `context` None never stops.
-    """
+    """The image that a simulated camera takes of a scene, and the truth about the scene's dots."""
     context = context or Context()
     scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))
     outlines = outline_dots(dots, station)
@@ -89,10 +86,7 @@ def _tiles(pixels: int) -> int:
 def _pixel_marks(
     scene: TracedScene, station: Station, outlines: Outlines, sheets: FloatArray, margin: int
 ) -> NDArray[np.uint8]:
-    """Where finer sampling is needed, with `margin` px all around.
-
-    EDGE on blobs, DENSE around dots and on dirty stickers.
-    """
+    """Where finer sampling is needed, with `margin` px around: EDGE on blobs, DENSE on dots and dirty stickers."""
     width, height = station.size
     marks = np.zeros((_tiles(height) * TILE + 2 * margin, _tiles(width) * TILE + 2 * margin), np.uint8)
     places, radii = blob_places(scene)

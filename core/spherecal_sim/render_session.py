@@ -75,10 +75,7 @@ def render_placement(
     settings: RenderSettings | None = None,
     seed: int = 0,
 ) -> Rendered:
-    """One image of the ball, with the truth about its dots.
-
-    `settings` None is `CLUTTERED`.
-    """
+    """One image of the ball, with the truth about its dots; `settings` None is `CLUTTERED`."""
     settings = settings or CLUTTERED
     targets = _target_set(session)
     scene = lit_for(ball_scene(truth, targets, placement, settings), truth, camera, settings)
@@ -179,10 +176,7 @@ def _take(shot: _Shot) -> DotTruth:
 
 
 def write_png(path: Path, image: Image) -> None:
-    """Write a grey image of 8 or 16 bits as PNG.
-
-    `image`: the image, (height, width).
-    """
+    """Write a grey image (height, width) of 8 or 16 bits as PNG."""
     create(path, png_bytes(image))
 
 

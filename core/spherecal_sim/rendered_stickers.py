@@ -38,10 +38,7 @@ class StickerBall:
 
 @dataclass(frozen=True)
 class StickerCamera:
-    """A simulated camera: intrinsics (16,), size (width, height) px and pose.
-
-    The pose is `x_camera = rotation @ x_world + translation` in mm.
-    """
+    """A camera: intrinsics (16,), size (width, height) px, pose x_camera = rotation @ x_world + translation, mm."""
 
     id: str
     intrinsics: FloatArray
@@ -101,10 +98,7 @@ def render_stickers(
     blur_px: float = 0.6,
     noise_grey: float = 1.5,
 ) -> NDArray[np.uint8]:
-    """The grey image (h, w) of the ball.
-
-    `turn`: rotation ball to world, (3, 3); `place`: centre of the ball in the world, (3,) mm.
-    """
+    """The grey image (h, w) of the ball, turned by (3, 3) ball to world, its centre at (3,) mm."""
     width, height = camera.size
     steps = [np.arange(side * _RAYS) / _RAYS - 0.5 + 0.5 / _RAYS for side in camera.size]
     fine = np.full((height * _RAYS, width * _RAYS), _NOTHING, np.float32)
@@ -164,10 +158,7 @@ def camera_ring(
     random: np.random.Generator,
     arc_deg: float = 140.0,
 ) -> list[StickerCamera]:
-    """Simulated cameras on an arc about the volume, at two heights, each a little different.
-
-    `size`: image size (width, height), px.
-    """
+    """Cameras (width, height px) on an arc about the volume, at two heights, each a little different."""
     cameras = []
     for i in range(count):
         angle = np.radians(arc_deg * (i / max(count - 1, 1) - 0.5))
@@ -186,10 +177,7 @@ def camera_ring(
 def write_sticker_session(
     folder: Path, ball: StickerBall, cameras: list[StickerCamera], placements: int, random: np.random.Generator
 ) -> None:
-    """Write a session folder with rendered images; the scale is a long distance on each target.
-
-    It is that of the points A and E, or of 0 and 2 where a target has no point A.
-    """
+    """Write a session folder with rendered images; scale by points A and E of each target, or 0 and 2."""
     painted = painted_stickers(ball.targets)
     entries = []
     for p in range(placements):

@@ -1,7 +1,4 @@
-"""Simulated rigs: the two of [Tao21], halls and domes; where their cameras are and aim, and what their lenses do.
-
-The world is the rig's frame: x along the rig, y across, z up, millimetres. For the rest see docs/conventions.md.
-"""
+"""Simulated rigs, x along, y across, z up, mm: the two of [Tao21], halls, domes; where cameras are, aims, lenses."""
 
 from dataclasses import dataclass, replace
 from typing import Literal

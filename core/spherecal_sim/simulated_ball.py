@@ -1,7 +1,4 @@
-"""The imperfect ball: a sphere with smooth bumps, and flat stickers bent onto it with their arc lengths kept.
-
-Ball frame: origin at the ball's nominal centre, millimetres.
-"""
+"""The imperfect ball, mm about its nominal centre: a sphere with bumps, stickers bent onto it by arc length."""
 
 from dataclasses import dataclass
 
@@ -13,10 +10,7 @@ from spherecal.targets.target_set import TargetSet
 
 @dataclass(frozen=True)
 class Bumps:
-    """Smooth departures from the sphere: b(n) = sum over lobes k of the polynomial `coefficients[k]` in n . axes[k].
-
-    `axes` (k, 3) unit, `coefficients` (k, 6) in mm, ascending powers. The lobes are zonal harmonics.
-    """
+    """Smooth departures b(n) = sum of polynomials (k, 6), mm, in n . axes[k], (k, 3) unit: zonal harmonics."""
 
     axes: FloatArray
     coefficients: FloatArray

@@ -34,10 +34,7 @@ def make_bars(first_target: int, rng: np.random.Generator) -> tuple[TrueBar, ...
 
 
 def certify(bars: tuple[TrueBar, ...], scale_bar: str | None, rng: np.random.Generator) -> tuple[Bar, ...]:
-    """The bars as a session describes them: certificates with errors of their stated uncertainty.
-
-    `scale_bar` None: all bars check.
-    """
+    """The bars as a session describes them, with errors of their stated uncertainty; one the scale, or all check."""
     certified = []
     for bar in bars:
         lengths = []
@@ -54,10 +51,7 @@ def certify(bars: tuple[TrueBar, ...], scale_bar: str | None, rng: np.random.Gen
 
 
 def mark_places(bar: TrueBar, pose: TrueBarPose, flat_mm: FloatArray) -> FloatArray:
-    """World places of points of a bar's marks, (marks, points, 3) mm.
-
-    `flat_mm`: the points on their stickers, (marks, points, 2) mm.
-    """
+    """World places of points of a bar's marks, (marks, points, 3) mm, from those on their stickers, (.., 2) mm."""
     stretch = 1 + bar.expansion_per_kelvin * (pose.temperature_c - bar.reference_temperature_c)
     x = np.zeros((*flat_mm.shape[:2], 3))
     x[..., :2] = flat_mm
@@ -133,10 +127,7 @@ def _fitting_poses(
 
 @dataclass(frozen=True)
 class StudyBars:
-    """Bars for accuracy studies: true ends (n, 2, 3) mm in the rig's frame, true lengths (n,) mm and observations.
-
-    The observations name bar i as placement i; targets 1 and 2, point `centre`, are its ends.
-    """
+    """Bars for studies: true ends (n, 2, 3) mm, lengths (n,) mm; observed as placement i, targets 1 and 2, centre."""
 
     ends_mm: FloatArray
     lengths_mm: FloatArray

@@ -18,10 +18,7 @@ _VIEW_LIMIT_DEG = 65.0  # beyond, dots are too slender to be measured
 
 @dataclass(frozen=True)
 class SimulatedRecording:
-    """A session of observations, the simulated cameras as they are, and the true places of its features.
-
-    `points_mm` (placements, points, 3) in the rig's frame: board points in their order, or the bar's marks.
-    """
+    """A session of observations, the true cameras, and true features (placements, points, 3) mm, rig's frame."""
 
     session: Session
     cameras: tuple[TrueCamera, ...]

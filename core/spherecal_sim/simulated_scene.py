@@ -215,10 +215,7 @@ _WALL_CELLS = 100
 
 
 def _blobs(count: int, room: FloatArray, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, like bolts and labels.
-
-    They are where the cameras look past the ball, around `middle` (3,).
-    """
+    """White discs on the walls where cameras look past the ball, (count, 4): wall, two coordinates, radius."""
     wall = rng.integers(0, 6, count)
     first, second = np.where(wall < 2, 1, 0), np.where(wall >= 4, 1, 2)
     low, high = room

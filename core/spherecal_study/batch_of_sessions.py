@@ -133,10 +133,7 @@ def _check_output(output: Path) -> None:
 
 
 def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
-    """Calibrate all sessions below a folder; results go into `output/results`, a table page and CSV beside them.
-
-    A session that was done before, unchanged since, is not done again; those that failed are.
-    """
+    """Calibrate all sessions below a folder into `output/results`, but for those done and unchanged; page and CSV."""
     sessions = find_sessions(folder, output)
     _check_output(output)
     names = [path.relative_to(folder).as_posix() for path in sessions]
@@ -170,10 +167,7 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
 
 
 def fingerprint_of(folder: Path) -> str:
-    """A hash that changes whenever session.json does or any file of the session is replaced; reads no images.
-
-    A session.json that cannot be read, which `calibrate_session` will refuse, counts by its error.
-    """
+    """A hash that changes with session.json (or its error) and when a file is replaced; reads no images."""
     try:
         digest = hashlib.sha256(read_below(folder, SESSION.file, _MOST_BYTES))
     except InputError as error:
@@ -190,10 +184,7 @@ def fingerprint_of(folder: Path) -> str:
 
 
 def calibrate_session(session: str, output: str, fingerprint: str, settings: dict[str, Any]) -> Result:
-    """Calibrate one session folder and write its result, verified where it has check bars; a row (see COLUMNS).
-
-    Whatever goes wrong is the row's message.
-    """
+    """Calibrate a session folder, verify it by its check bars, write the result; a row (COLUMNS), also of errors."""
     del fingerprint
     try:
         return _calibrated(Path(session), Path(output), CalibrationSettings(**settings))

@@ -31,10 +31,7 @@ _SEARCHES: tuple[Search, ...] = ("opt", "dijkstra", "first", "first-listed")
 
 
 def published_cases(session: Session, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
-    """How the paper's adjustment ends from every variant of its start: OPT, Dijkstra, none-OPT; SPO, none-SPO.
-
-    `adjust_s` is the adjustment's processor time.
-    """
+    """How the paper's adjustment ends from its starts (OPT, Dijkstra, none-OPT; SPO, none-SPO), processor s."""
     cases: list[dict[str, Any]] = []
     best: dict[str, Any] | None = None
     whole = Recording.of(session)
@@ -70,10 +67,7 @@ def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) 
 def displaced_cases(
     session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int] = PERCENT
 ) -> dict[str, Any]:
-    """How adjustments end whose points are displaced by a share of the ball's radius, with SPO and without (22).
-
-    The start is the paper's, in millimetres: by the ball's true radius over that of the spheres fitted to the points.
-    """
+    """How adjustments end from the paper's start, in mm, displaced by shares of the radius, SPO and none (22)."""
     recording = Recording.of(session)
     recording, local, _ = tao2021.grouped_points(
         recording, tao2021.local_reconstruction(recording, settings, Context()), settings

@@ -25,10 +25,7 @@ class KeptPage:
 
 
 def pages(folder: Path) -> tuple[KeptPage, ...]:
-    """The pages in a folder that `spherecal study -o FOLDER` wrote, the comparison of methods first.
-
-    Empty where the folder is missing; a page whose files are incomplete or damaged is left out.
-    """
+    """The complete pages in a folder of `spherecal study -o FOLDER`, the comparison of methods first."""
     found = [page for path in sorted(folder.glob("*.json")) if (page := _read(path)) is not None]
     return tuple(sorted(found, key=lambda page: (_place(page.name), page.name)))
 

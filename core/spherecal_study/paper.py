@@ -81,10 +81,7 @@ def paper_table_text(kept: dict[str, KeptPage]) -> str:
 
 
 def _found(c: dict[str, Any], notes: list[str]) -> tuple[str, str]:
-    """Our figures, and whether they agree, by which test, with the number of the row's note below the table.
-
-    Means and standard errors are written as in GUM 7.2.2, `0.0465(47)` for `0.0465 +- 0.0047`.
-    """
+    """Our figures as in GUM 7.2.2, `0.0465(47)`, whether they agree by which test, and the number of the note."""
     ours = re.sub(r" \+- ([\d.]+)", lambda error: f"({int(error[1].replace('.', ''))})", c["ours"])
     words = f"{_AGREES[c['agrees']]} ({c['test']})" if c["agrees"] else ""
     return ours, f"{words} [{notes.index(c['why']) + 1}]".strip() if c["why"] else words or "-"

@@ -53,10 +53,7 @@ _WEAK: dict[str, Any] = {"th_pt": 8, "paths": [1.0, 1.0, 1e6, 1.1]}
 
 
 def _published(options: study_page.Options) -> list[tuple[str, bool, dict[str, Any]]]:
-    """Rigs, whether intrinsics are known, and settings from whose starts the paper's adjustment is run.
-
-    On the last rig with known intrinsics and by weak groups too: on rig A every start ends alike.
-    """
+    """Rigs, whether intrinsics are known, and settings to start from; weak groups tell only on the last rig."""
     rigs = [rig for rig in _rigs(options) if not rig_design(rig).walk]
     weak = [(rigs[-1], options.known, _WEAK)] if rigs and options.paths is None else []
     known = [(rigs[-1], True, {})] if rigs and not (options.known or options.images) else []

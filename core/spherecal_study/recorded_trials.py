@@ -87,10 +87,7 @@ def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> 
 
 
 def seen_along_the_thinnest(centres: dict[str, list[float]], ids: list[str]) -> FloatArray:
-    """Places (c, 2) of cameras in the plane in which they spread most; NaN for those that were not placed.
-
-    `centres`: centres (3,) by camera.
-    """
+    """Places (c, 2) of cameras' centres (3,) in the plane in which they spread most; NaN where not placed."""
     known = np.array(list(centres.values()))
     axes = np.linalg.svd(known - known.mean(axis=0))[2][:2]
     nowhere = [np.nan] * 3

@@ -82,10 +82,7 @@ def render(what: str, **settings: Any) -> dict[str, Any]:
 
 
 def rendered_ball(preset: str, seed: int, placements: int | None, layout: Layout) -> tuple[Session, Truth]:
-    """A session with images of the ball, whose dots' spacing gives the scale, and its truth (simulate_session).
-
-    `placements` None is the rig's own number.
-    """
+    """A session with rendered images of the ball, its dots' spacing the scale, and its truth."""
     options = SimulationOptions(placements=placements, layout=layout, bar_poses=0, mark_points="dots")
     return _by_the_product(preset, seed, options)
 
@@ -107,10 +104,7 @@ def _by_the_product(preset: str, seed: int, options: SimulationOptions) -> tuple
 
 
 def rendered_waved_bar(preset: str, seed: int, frames: int) -> Session:
-    """A session with images of a bar of four marks, its lengths certified: the 1-D method's recording.
-
-    Every frame is sharp; a real bar is not while it moves.
-    """
+    """A session with sharp images of a bar of four marks and certified lengths, for the 1-D method."""
     options = SimulationOptions(placements=1, bar_poses=frames, mark_points="dots", scale="bar")
 
     def build(folder: Path) -> None:

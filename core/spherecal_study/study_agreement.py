@@ -19,10 +19,7 @@ _BARS_SEED = 99
 
 
 def residual_figures(calibration: Calibration) -> dict[str, Any]:
-    """Mean absolute residuals and standard deviations in x and y, and their mean and root mean square length, px.
-
-    None where no observation was used.
-    """
+    """Mean absolute residuals and sds in x and y, mean and rms length, px; None where no observation was used."""
     du = calibration.residuals_px[calibration.used]
     quality = calibration.rig.quality
     if not len(du):
@@ -46,10 +43,7 @@ def outcome(calibration: Calibration, cpu_s: float) -> dict[str, Any]:
 
 
 def bar_figures(session: Session, calibration: Calibration) -> dict[str, Any]:
-    """Errors in mm of the check bars of a session by length, and the stated standard uncertainty of each length, mm.
-
-    The latter is the root mean square of the combined standard uncertainties of a length in all poses.
-    """
+    """Errors of a session's check bars in mm by length, and each length's rms combined standard uncertainty."""
     if not calibration.rig.cameras:
         return {"bars": {}, "bars_u_mm": {}}
     verification = verify(session, calibration.rig)

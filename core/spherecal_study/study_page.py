@@ -212,10 +212,7 @@ def curves(
     lines: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:
-    """Add curves over a number to a document, each with its own mark.
-
-    `height`: height of the plot, mm.
-    """
+    """Add curves over a number to a document, each with its own mark, `height` mm high."""
 
     def draw(sheet: Sheet, box: PageBox) -> None:
         axes = _axes(sheet, box)
@@ -244,10 +241,7 @@ def columns_by_group(
     paper: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:
-    """Add columns side by side for each group to a document.
-
-    `height`: height of the plot, mm.
-    """
+    """Add columns side by side for each group to a document, `height` mm high."""
 
     def draw(sheet: Sheet, box: PageBox) -> None:
         axes = _axes(sheet, box)
@@ -317,10 +311,7 @@ _LOCAL = ("local reconstruction", "start values", "each camera alone", "pairs of
 
 
 def local_and_global_s(results: Results) -> tuple[float, float]:
-    """Processor seconds of the local stage (each camera, pairs, triples) and of the rest: the medians of some trials.
-
-    The first trial of a worker also compiles, which the median leaves out.
-    """
+    """Processor s of the local stage (cameras, pairs, triples) and the rest: medians, as the first compiles."""
     parts = []
     for r in results:
         stages = r["seconds"]

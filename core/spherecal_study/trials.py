@@ -81,10 +81,7 @@ def board(
     joint: bool = True,
     known: bool = False,
 ) -> dict[str, Any]:
-    """One calibration of the same rig with a plane board, its bars those of the ball's session.
-
-    `sigma_px` None takes rendered images.
-    """
+    """One calibration of the rig with a plane board, bars those of the ball's session; `sigma_px` None: rendered."""
     if sigma_px is None:
         session = rendered_board(preset, seed, placements, print_sd_mm)
     else:
@@ -95,10 +92,7 @@ def board(
 def bar(
     preset: str, seed: int, sigma_px: float | None, frames: int, joint: bool = True, known: bool = False
 ) -> dict[str, Any]:
-    """One calibration of the same rig with a waved bar, its check bars those of the ball's session.
-
-    `sigma_px` None takes rendered images.
-    """
+    """One calibration of the rig with a waved bar, check bars of the ball's session; `sigma_px` None: rendered."""
     if sigma_px is None:
         session = rendered_waved_bar(preset, seed, frames)
     else:

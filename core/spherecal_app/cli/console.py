@@ -29,10 +29,7 @@ if TYPE_CHECKING:
 
 
 class _Output(Console):
-    """Standard output as a console; where it cannot be written any more, the command goes on to its end.
-
-    `lost`: why, unless whoever read it has had enough.
-    """
+    """Standard output as a console; where it cannot be written any more (`lost`: why), the command goes on."""
 
     lost: OSError | None = None
 

@@ -24,10 +24,7 @@ from spherecal_sim.render_session import demo_session
 
 
 def demo(options: argparse.Namespace) -> int:
-    """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say.
-
-    Without matplotlib or typst there is no report, and a sixth line says so.
-    """
+    """`spherecal demo`: five lines on what was found, one more without a report; all that is said with --verbose."""
     folder: Path = options.output
     if is_standard_output(folder):
         raise InputError(Phrase("error-folder-to-output"))

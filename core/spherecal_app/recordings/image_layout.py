@@ -45,10 +45,7 @@ _FIELD = re.compile(r"\{camera\}|\{placement\}|\*\*/|\*")
 
 @dataclass(frozen=True)
 class ImageLayout:
-    """Files by camera and placement (paths with "/" below the folder), what the layout is called, and its pattern.
-
-    Cameras and placements are ids in natural order; `left_out`: the files that are no part of it.
-    """
+    """Files ("/" below the folder) by camera and placement id, in natural order, and what is no part of it."""
 
     words: str
     pattern: str
@@ -156,10 +153,7 @@ def _known_program(found: list[str]) -> tuple[str, list[str], list[str]]:
 
 
 def _anipose_regex(folder: Path) -> re.Pattern[str] | None:
-    """How Anipose finds the camera in a video's name: `cam_regex` of config.toml in the folder or the two around it.
-
-    InputError where it cannot be taken: without a group, or such that matching it could take for ever.
-    """
+    """Anipose's `cam_regex` of config.toml in the folder or the two around it; InputError for one that is unsafe."""
     for one in (folder.resolve(), *folder.resolve().parents[:2]):
         file = one / "config.toml"
         try:
@@ -283,10 +277,7 @@ def _flat(stems: Sequence[str], videos: bool) -> list[str]:
 
 
 def _places_of(values: Sequence[Sequence[str]], camera: int, free: Sequence[int]) -> list[int]:
-    """The parts that name the placement: all that differ, or the last alone where only that is common to cameras.
-
-    Basler's names have the time of each camera's image before its number.
-    """
+    """The parts that name the placement: all that differ, or the last alone where only that is common to cameras."""
     places = [i for i in free if i != camera]
     for own in (places, places[-1:]):
         by_camera: dict[str, list[tuple[str, ...]]] = {}
@@ -447,10 +438,7 @@ def _sorted_out(
 def _by_time(
     files: Mapping[str, Mapping[str, str]], cameras: Sequence[str]
 ) -> tuple[dict[str, dict[str, str]], list[str], str] | None:
-    """The files of placements that are named by time, each placement under the first camera's name; None: they are not.
-
-    Returns files, placements in order, and how they were put together.
-    """
+    """Files of placements named by time, the placements in order, how they were put together; None where not so."""
     names = {camera: sorted(files[camera], key=natural) for camera in cameras}
     grouped = grouped_by_time(names)
     if grouped is None:

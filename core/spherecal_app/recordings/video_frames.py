@@ -60,10 +60,7 @@ class ChosenFrames:
 
 @dataclass(frozen=True)
 class _Watched:
-    """A video frame by frame: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px.
-
-    `rate`: frames a second as its file says, 0 where it does not.
-    """
+    """A video: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px, frames a second."""
 
     motion: FloatArray
     sharpness: FloatArray
@@ -116,10 +113,7 @@ def choose_frames(
 
 
 def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
-    """Frames of one moment (moments, cameras): of the slowest camera, each with the nearest frame of every other.
-
-    Moments at which a camera has no frame near are left out, and no frame belongs to two moments.
-    """
+    """Frames of one moment (moments, cameras): of the slowest camera, with the nearest of all others, each once."""
     usual = [float(np.median(np.diff(own))) for own in times]
     clock = times[int(np.argmax(usual))]
     moments, near = [], np.full(len(clock), True)
@@ -139,10 +133,7 @@ def grey_frames(path: Path, frames: Sequence[int]) -> list[NDArray[np.uint8]]:
 
 
 def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
-    """Pass some frames of a video on as grey PNG files, in ascending order.
-
-    `keep`: called with the number and the PNG's bytes of each frame.
-    """
+    """Pass some frames of a video on, ascending: `keep(number, bytes)` with each as a grey PNG file."""
     wanted = set(frames)
     for number, grey in enumerate(_frames(path)):
         if number in wanted:

@@ -148,10 +148,7 @@ class NodeFeatures:
         return value if node is None else _fit(node, value)
 
     def write(self, name: str, value: Any) -> Any:
-        """Write a node, in the camera's own words and steps (`meant`); the value that it then has.
-
-        A node that has the value already is not written, and so may be read-only.
-        """
+        """Write a node in the camera's own words and steps, unless it has the value; the value that it then has."""
         node = self.node(name)
         if node is None:
             raise FeatureError("the camera does not have it")

@@ -13,10 +13,7 @@ WIRE_VERSION = 4
 
 @dataclass(frozen=True)
 class RequestedCamera:
-    """A camera to keep open: the producer file that reaches it, what to load for it, its hash, and its settings.
-
-    `device_id` is the driver's name for it, by which it is known where others have its serial number.
-    """
+    """A camera to keep open: its producer file, what to load for it, its hash, the driver's name, its settings."""
 
     serial: str
     producer: str

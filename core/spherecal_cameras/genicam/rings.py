@@ -36,10 +36,7 @@ def _namespace() -> int:
 
 
 def remove_orphans() -> list[str]:
-    """Remove the shared memory of programs that were killed together with Python's own cleaner; the names removed.
-
-    Only on systems that list it in /dev/shm.
-    """
+    """Remove the shared memory of killed programs, where /dev/shm lists it; the names removed."""
     removed = []
     if not _FOLDER.is_dir():  # Windows frees it by itself, macOS does not list it
         return removed

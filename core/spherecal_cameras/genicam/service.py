@@ -41,10 +41,7 @@ Gate = Callable[[str], Admitted | Refusal]
 
 
 class CameraService:
-    """One camera process and what is known about its cameras. Thread-safe; `close` it.
-
-    `log_file` None: nowhere; `gate` None loads what was allowed before.
-    """
+    """One camera process and what is known about its cameras. Thread-safe; `close` it."""
 
     def __init__(self, log_file: Path | None = None, gate: Gate | None = None) -> None:
         self._gate = gate or (lambda file: admit_again(TrustStore(), file))
@@ -139,10 +136,7 @@ class CameraService:
             return dict(known.refused) if known else {}
 
     def listen(self, listener: Callable[[messages.FrameMeta], None] | None) -> None:
-        """Call a function in the service's thread with every image that arrives; it may copy it, nothing slower.
-
-        None: call nothing any more.
-        """
+        """Call a function, which may copy it and nothing slower, with every image that arrives; None: none any more."""
         self._listener = listener
 
     def trigger_modes(self) -> dict[str, protocol.TriggerMode]:

@@ -55,10 +55,7 @@ def _opened(path: str) -> int:
 
 
 def private_copy(real: str, sha256: str) -> str:
-    """The path of a copy of a driver file, with links to its neighbours; on Windows the file's own path.
-
-    On Windows a file that is held open (`hold`) cannot be exchanged.
-    """
+    """The path of a copy of a driver file, with links to its neighbours; on Windows its own, which `hold` keeps."""
     if os.name == "nt":
         return real
     made = _made.get((real, sha256))
@@ -244,10 +241,7 @@ class Admitted:
 
 
 def admit(store: TrustStore, file: str, ask: Ask | None) -> Admitted | Refusal:
-    """What to load for a driver file, a private copy of what was looked at and allowed; else why it is not loaded.
-
-    `ask` None: a new one is allowed and remembered, a changed one refused.
-    """
+    """A private copy of an allowed driver file, else why not; `ask` None: a new one is allowed and remembered."""
     driver = store.look(file)
     if (reason := _refusal(store, driver, ask)) is not None:
         return reason

@@ -39,10 +39,7 @@ Path = Callable[[float], tuple[Vector, Vector]]
 
 @dataclass(frozen=True)
 class StageView:
-    """How one simulated camera sees: blur (standard deviation, px), brightness (1 = as exposed well), a knock.
-
-    The knock is a turn (rotation vector, rad) and a shift (mm) in the camera's frame.
-    """
+    """How a simulated camera sees: blur (sd, px), brightness (1 = well exposed), a knock (rotation rad, shift mm)."""
 
     blur_px: float = SHARP_PX
     brightness: float = 1.0
@@ -66,10 +63,7 @@ class ArtefactPose:
 
 
 class Stage:
-    """A simulated rig with its ball and bars; `poses` names everything that can be shown.
-
-    `options` None is that of rendered sessions with two bar poses.
-    """
+    """A simulated rig with its ball and bars; `poses` names everything that can be shown."""
 
     def __init__(self, preset: str, seed: int = 1, options: SimulationOptions | None = None) -> None:
         self.preset = preset

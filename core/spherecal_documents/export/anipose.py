@@ -42,10 +42,7 @@ def read_toml(path: Path) -> JsonValue:
 
 
 def read_toml_camera(section: JsonValue, name: str) -> file_cameras.FileCamera | None:
-    """The camera of one section, pose world to camera, lengths as the file has them; None where it has no lens.
-
-    `rotation` may be a vector or, in caliscope's older files, a matrix.
-    """
+    """The camera of a section, world to camera; None without a lens. `rotation`: a vector, in old files a matrix."""
     f = section.fields(("size",), ("matrix", "distortions", "rotation", "translation", "fisheye"))
     if "matrix" not in f:
         return None

@@ -115,10 +115,7 @@ def read_colmap_lenses(folder: Path) -> list[FileCamera]:
 
 
 def read_colmap(folder: Path) -> Reading:
-    """The cameras of a model, posed by its rig, else by the images of one moment.
-
-    InputError where moments contradict each other, since then its images are not those of a rig.
-    """
+    """The cameras of a model, posed by its rig, else by the images of one moment; InputError where moments differ."""
     rows, images = colmap_model.read_model_cameras(folder, _COUNTS), list(colmap_model.read_model_images(folder))
     numbers = [row.number for row in rows]
     poses, why = _by_rig(folder, numbers, images) or _by_moments(folder, numbers, images)

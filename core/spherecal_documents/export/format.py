@@ -49,9 +49,6 @@ def exporter(name: str) -> Format | None:
 
 
 def importer(name: str) -> Format | ImportFormat | None:
-    """The format of an installed package that can be read: an importer, else an exporter that reads back.
-
-    None where no package has this name.
-    """
+    """The format of an installed package that can be read: an importer, else an exporter that reads back, or None."""
     found = load(IMPORTERS, name, (Format, ImportFormat))
     return exporter(name) if found is None else found

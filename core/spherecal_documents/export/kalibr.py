@@ -52,10 +52,7 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 
 def read_kalibr(path: Path) -> list[FileCamera]:
-    """The cameras of a camchain in its order, named after their ROS topic where there is one.
-
-    A camera that is not linked to the one before has no pose. The IMU's transforms serve where the chain has none.
-    """
+    """The cameras of a camchain by topic; linked by the one before or the IMU, else without a pose."""
     chain = read_yaml(path)
     entries = chain.value if isinstance(chain.value, dict) else {}
     numbered = sorted(int(name[3:]) for name in entries if re.fullmatch(r"cam\d{1,4}", name))
@@ -93,10 +90,7 @@ def _chained(
     first: FloatArray | None,
     from_imu: FloatArray | None,
 ) -> FloatArray | None:
-    """World to camera (4, 4) by the camera before, else by the IMU; None where the camera is not linked.
-
-    `first` and `from_imu`: IMU to cam0 and to this camera.
-    """
+    """World to camera (4, 4) by the camera before, else by the IMU's transforms; None where it is not linked."""
     linked = from_imu @ np.linalg.inv(first) if first is not None and from_imu is not None and not begins else None
     if "T_cn_cnm1" not in f:
         return np.eye(4) if begins else linked

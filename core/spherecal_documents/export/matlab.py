@@ -29,10 +29,7 @@ MatValue = FloatArray | list[dict[str, "MatValue | None"]] | None
 
 @dataclass(frozen=True)
 class MatFile:
-    """Its variables by name: numbers (in MATLAB's shape), the elements of a struct array, None for all else.
-
-    `objects`: the names of those that only MATLAB can read.
-    """
+    """Variables by name: numbers, elements of a struct array, else None; `objects`: those only MATLAB can read."""
 
     values: dict[str, MatValue]
     objects: tuple[str, ...]

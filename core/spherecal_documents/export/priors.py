@@ -73,10 +73,7 @@ def _check_size(spec: CameraSpec, camera: FileCamera) -> None:
 
 
 def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], output: Path) -> None:
-    """Write a copy of the session whole to `output` in which these cameras have these lenses as priors.
-
-    session.json keeps all its other contents.
-    """
+    """Write a copy of the session whole, in which these cameras have these lenses as priors; the rest as it was."""
     session = read_session(session_folder)
     document = json.loads((session_folder / SESSION_FILE).read_bytes().decode("utf-8-sig"))
     for entry in document["cameras"]:

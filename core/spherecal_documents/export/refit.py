@@ -78,20 +78,14 @@ def refit(
 
 
 def dropped(intrinsics: FloatArray, coefficients: int) -> tuple[str, ...]:
-    """The names of those distortion numbers that are in use and not among the first `coefficients`.
-
-    `intrinsics`: the lens (16,), not of the fisheye model.
-    """
+    """The distortion numbers of a lens (16,) in use that are not among the first `coefficients`, by name."""
     return tuple(
         name for name, value in list(zip(INTRINSIC_NAMES, intrinsics, strict=True))[4 + coefficients :] if value
     )
 
 
 def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int]) -> FloatArray:
-    """Image points (n, 2) px from edge to edge of the image, row by row.
-
-    `image_size` (width, height) in px; `grid`: how many (columns, rows).
-    """
+    """Image points (n, 2) px from edge to edge of an image (width, height), row by row; `grid`: (columns, rows)."""
     width, height = image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, grid[0]), np.linspace(-0.5, height - 0.5, grid[1]))
     return np.stack([u.ravel(), v.ravel()], axis=1)

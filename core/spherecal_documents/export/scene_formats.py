@@ -30,10 +30,7 @@ _FLOAT, _UINT, _LINES = 5126, 5125, 1
 
 @dataclass(frozen=True)
 class SceneFormat:
-    """A scene format: how it is called and written, and how its frusta (c, 5, 3) are read back in the file's world.
-
-    `world` turns the rig's world into the file's; `unit` is that of its lengths.
-    """
+    """A format of frusta (c, 5, 3): written and read back in the file's world, which `world` turns the rig's into."""
 
     name: str
     title: str

@@ -295,10 +295,7 @@ def _refit_entry(loss: Loss) -> dict[str, float]:
 
 
 def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
-    """Up to 1,000 points (n, 3) in mm in the world and their images (n, 2): all over the image, near and far.
-
-    Points where the lens cannot be inverted are left out. The same camera and rig give the same points.
-    """
+    """Up to 1,000 points (n, 3) mm and their images (n, 2), near and far, where the lens can be inverted."""
     random = np.random.default_rng(_SEED)
     width, height = camera.image_size
     uv = random.uniform((-0.5, -0.5), (width - 0.5, height - 0.5), (_CHECK_POINTS, 2))

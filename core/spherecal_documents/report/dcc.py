@@ -112,10 +112,7 @@ ISSUER = FileFormat(
 
 
 def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
-    """The certificate as XML; the same result and issuer give the same bytes.
-
-    Source: the published schema of DCC 3.2.1.
-    """
+    """The certificate as XML, by the published schema of DCC 3.2.1; the same result and issuer give the same bytes."""
     if not result.rig.cameras or not result.has_scale:
         raise InputError(Phrase("error-certificate-needs", {"folder": result.folder}))
     refuse_failed(result.folder)
@@ -146,10 +143,7 @@ def _add(parent: Xml.Element, name: str, text: str | None = None, **attributes: 
 
 
 def clean(text: str) -> str:
-    """Text without what XML 1.0 forbids, with single spaces; "-" where nothing is left.
-
-    The schema's texts are not empty and end in no space.
-    """
+    """Text without what XML 1.0 forbids, with single spaces; "-" where nothing is left."""
     kept = "".join(c if c >= " " and not 0xD800 <= ord(c) <= 0xDFFF and c not in "\ufffe\uffff" else " " for c in text)
     return " ".join(kept.split()) or "-"
 

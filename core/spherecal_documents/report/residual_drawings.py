@@ -112,10 +112,7 @@ def _draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
 
 
 def _draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
-    """One camera's residual vectors in its image frame.
-
-    Observations that were left out are crosses. Of very many residuals only some are drawn, evenly chosen.
-    """
+    """One camera's residual vectors in its image; left out ones are crosses, of very many some are drawn."""
     camera = result.rig.camera(name)
     assert camera is not None
     width, height = camera.image_size
@@ -145,10 +142,7 @@ def _draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: Ar
 
 
 def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale, px_per_mm: float) -> None:
-    """Lines with heads of a fixed size on paper, so that short arrows show their direction too; large ones on top.
-
-    All arrows of one shade are one path, which keeps the file small.
-    """
+    """Lines with heads of a fixed size on paper, large ones on top; one path for all of a shade keeps files small."""
     size = np.linalg.norm(du_dv, axis=1, keepdims=True)
     along = du_dv / np.maximum(size, 1e-12)
     across = np.column_stack([-along[:, 1], along[:, 0]])

@@ -124,10 +124,7 @@ def _add_own_fonts() -> None:
 
 @contextmanager
 def report_style() -> Iterator[None]:
-    """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards.
-
-    Letters that the font lacks become boxes without a warning, and the fonts' subsetting stays out of the log.
-    """
+    """Our settings on matplotlib's own, whatever its matplotlibrc says, and a quiet log; restored afterwards."""
     talkers = [logging.getLogger(name) for name in ("fontTools", "matplotlib.font_manager")]
     levels = [talker.level for talker in talkers]
     with matplotlib.rc_context(), warnings.catch_warnings():
@@ -155,10 +152,7 @@ def number(value: float | None, digits: int, sign: bool = False) -> str:
 
 
 def significant(value: float | None, digits: int = 2) -> str:
-    """A number with this many significant digits, without an exponent where it is of an everyday size.
-
-    An en dash where there is none.
-    """
+    """A number with so many significant digits, without an exponent where of everyday size; an en dash for none."""
     if value is None or not math.isfinite(value):
         return NONE
     if value == 0:
@@ -277,10 +271,7 @@ _APART_MM = 0.3  # between names
 
 
 class Labels:
-    """Puts names into axes whose unit is `mm_per_unit` on paper; names avoid each other and the places given.
-
-    Places and bounds are in the axes' unit.
-    """
+    """Puts names into axes whose unit is `mm_per_unit` on paper; they avoid each other and the places given."""
 
     def __init__(self, axes: Axes, mm_per_unit: float, obstacles: FloatArray, bounds: FloatArray) -> None:
         self._axes, self._mm = axes, mm_per_unit

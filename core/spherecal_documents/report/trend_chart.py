@@ -137,10 +137,7 @@ _DPI = 150
 
 
 def save_guidance_picture(rig: Rig, guidance: Guidance, radius_mm: float, path: Path) -> None:
-    """The candidates for the next placement, tilted and from above, coloured by what they give; the best one is drawn.
-
-    PNG, 1800 x 840 px.
-    """
+    """The next placement's candidates, tilted and from above, coloured by what they give: PNG, 1800 x 840 px."""
     centres = np.array([camera.centre_mm for camera in rig.cameras])
     every = np.vstack([centres, guidance.placements_mm])
     axes = choose_axes(rig.cameras, centres, every)[0]

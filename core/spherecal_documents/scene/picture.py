@@ -53,10 +53,7 @@ def named_places(data: SceneData) -> tuple[tuple[str, ...], FloatArray]:
 
 
 def last_images(session: Session) -> Mapping[str, NDArray[np.uint8]]:
-    """The last image of each camera by id, small (height, width) uint8.
-
-    One that cannot be read is left out, as nothing depends on it.
-    """
+    """The last image of each camera by id, small (height, width) uint8, but for those that cannot be read."""
     from spherecal.targets.images import read_image
 
     last = {camera: path for placement in session.placements for camera, path in placement.images.items()}

@@ -47,10 +47,7 @@ class SceneStyle:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles: `vertices` (n, 3), `faces` (m, 3), `colours` (n, 3) uint8; `smooth` normals, else one by face.
-
-    `plain`: not lit, as its colours mean something.
-    """
+    """Triangles: vertices (n, 3), faces (m, 3), colours (n, 3) uint8; normals smooth or by face; `plain`: not lit."""
 
     vertices: FloatArray
     faces: IntArray
@@ -231,10 +228,7 @@ def _picture(data: SceneData) -> Picture | None:
 
 
 def shrunk(image: Any, longest: int) -> ByteArray:
-    """The image with every k by k pixels averaged, (h, w) uint8.
-
-    `image`: the image, (height, width); `longest`: longer side of the result at most, px.
-    """
+    """An image (h, w) uint8 with every k by k pixels averaged, so that its longer side is at most `longest` px."""
     k = max(1, -(-max(image.shape) // longest))
     h, w = (side // k * k for side in image.shape)
     return image[:h, :w].reshape(h // k, k, w // k, k).mean(axis=(1, 3)).round().astype(np.uint8)

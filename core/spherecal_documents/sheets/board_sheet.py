@@ -17,10 +17,7 @@ BOARD_PAGES_MM: dict[str, tuple[float, float]] = {
 
 
 def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> None:
-    """Write a board at full size as a PDF, the page turned where it fits better so.
-
-    The same board gives the same bytes.
-    """
+    """Write a board at full size as a PDF, the page turned where it fits better; same board, same bytes."""
     if page not in BOARD_PAGES_MM:
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(BOARD_PAGES_MM)}))
     drawn = figure(pattern)

@@ -140,10 +140,7 @@ def _draw_marker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: f
 
 
 def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertical_mm: float) -> TargetSet:
-    """The target set as it came out of the printer whose 100 mm rulers measure given lengths.
-
-    Dot places are stretched in x and y, diameter and size by the (geometric) mean of both.
-    """
+    """The target set as a printer whose 100 mm rulers measure this made it; sizes by the geometric mean of both."""
     across, down = measured_horizontal_mm / RULER_MM, measured_vertical_mm / RULER_MM
     for name, factor in (("horizontal", across), ("vertical", down)):
         if not abs(factor - 1) <= _LARGEST_SCALE_ERROR:
@@ -250,10 +247,7 @@ class LatitudeRing:
 
 
 def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) -> list[LatitudeRing]:
-    """Rings from the equator to the pole that spread stickers evenly over a ball.
-
-    Rings are as far apart as the stickers on them; all but the equator's are used twice, north and south.
-    """
+    """Rings from the equator to the pole that spread stickers evenly over a ball; all but one on both halves."""
     radius = diameter_mm / 2
     spacing = math.sqrt(4 * math.pi * radius**2 / targets)
     steps = round(math.pi * radius / 2 / spacing)

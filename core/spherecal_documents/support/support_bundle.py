@@ -62,10 +62,7 @@ class BundleOptions:
 
 @dataclass(frozen=True)
 class BundleContents:
-    """What a bundle holds: its files with their sizes in bytes, and what was taken out of them, in words.
-
-    `names` has a line for each name that was replaced; it is shown, and never written into the bundle.
-    """
+    """A bundle's files with their sizes in bytes, what was taken out, and the names replaced, never written."""
 
     files: Mapping[str, int]
     redacted: tuple[str, ...]

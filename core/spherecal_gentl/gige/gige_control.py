@@ -107,11 +107,7 @@ class GigeRig:
         return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._computers[computer]}", *command]
 
     def shell(self, command: str) -> list[str]:
-        """The command that runs a shell's command on the rig's computer; all of it ends when its starter ends.
-
-        It has process numbers of its own, where this machine allows that: then the processes that it has started end
-        too.
-        """
+        """The command that runs a shell's on the rig's computer; all of it ends when its starter ends."""
         alone = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc"]
         try:
             tried = subprocess.run(self.inside([*alone, "true"]), capture_output=True, timeout=_END_S, check=False)
@@ -124,10 +120,7 @@ class GigeRig:
 
     @contextmanager
     def entered(self, computer: str = "client") -> Iterator[None]:
-        """The calling thread, and what it starts meanwhile, is on a computer of the rig; only as root.
-
-        The computers are `client` and `second`.
-        """
+        """The calling thread, and what it starts, is on the rig's computer `client` or `second` meanwhile; as root."""
         network = NetworkNamespace(
             os.open(f"/proc/{self.pid}/fd/{self._computers[computer]}", os.O_RDONLY | os.O_CLOEXEC)
         )

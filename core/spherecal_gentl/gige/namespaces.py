@@ -36,10 +36,7 @@ def missing_packages() -> list[str]:
 
 
 def isolated(command: Sequence[str]) -> list[str]:
-    """`command` with a network and process numbers of its own; all its processes end with it.
-
-    Without root, in a user namespace too.
-    """
+    """`command` with a network and process numbers of its own, without root too; all its processes end with it."""
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
     return ["unshare", *user, "--net", "--pid", "--fork", "--kill-child", *command]
 

@@ -92,10 +92,7 @@ class RigFeed:
         return self._scenes.names
 
     def show(self, scene: str) -> None:
-        """Let every camera see this scene from its next exposure on; one without an image of it sees black.
-
-        All images are read before the first is shown, so that the scene changes within milliseconds.
-        """
+        """Let every camera see this scene from its next exposure on, all at once; black where it has none."""
         images = self._scenes.images(scene)
         self.control.set_images(images)
         self.scene = scene

@@ -136,8 +136,9 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal_cameras.genicam.trust import TrustStore
     from spherecal_cameras.protocol import CameraSettings
     from spherecal_documents.report.dcc import read_issuer
+    from spherecal_rigs.check_file import check_json
     from spherecal_rigs.check_rig import check
-    from spherecal_rigs.kept_checks import check_json, keep_check, read_checks
+    from spherecal_rigs.kept_checks import keep_check, read_checks
     from spherecal_rigs.limits_file import Limits, read_limits, write_limits
     from spherecal_rigs.save_entry import save_result
     from spherecal_rigs.store import apply, create_profile, open_profile

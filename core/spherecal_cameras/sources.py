@@ -113,8 +113,6 @@ def open_source(
 
         return GenicamSource(producers, ask=ask)
     if kind == "replay" and what:
-        from spherecal_cameras.replay import ReplaySource
-
         return ReplaySource(Path(what))
     if kind == "simulated":
         from spherecal_cameras.simulated.simulated_source import SimulatedSource, parse_fault

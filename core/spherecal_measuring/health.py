@@ -15,8 +15,8 @@ from spherecal.files.json_file import finite
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
 from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal_measuring.measured_sets import CameraHealth, Health
+from spherecal_rigs.check_file import camera_entry, keep
 from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
-from spherecal_rigs.kept_checks import camera_entry, keep
 
 FAST_SETS = 5  # half a second at 10 Hz
 SLOW_SETS = 100

@@ -134,10 +134,8 @@ class Limits:
     unverified_use: bool = True
 
     @property
-    def validity(self) -> "ValidityLimits":
+    def validity(self) -> ValidityLimits:
         """Those of a calibration's age and temperature, as a profile has them."""
-        from spherecal_rigs.calibration_age import ValidityLimits
-
         return ValidityLimits(self.ageing_hours, self.stale_hours, self.ageing_kelvin, self.stale_kelvin)
 
 

@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from spherecal_documents.report.sheet import PageBox, Sheet
 
-from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT
+from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT, PageBox, Sheet
 from spherecal_sim.rigs import rig_design
 from spherecal_study import study_page
 from spherecal_study.executor import Trial

@@ -7,12 +7,24 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
-from spherecal_documents.report.sheet import PageBox, Sheet
 
 from spherecal import __version__
 from spherecal_documents.report.model import Cell, Figure, Paragraph, Report, Section, Strong, Table
 from spherecal_documents.report.pdf import page_pictures, pdf_bytes
-from spherecal_documents.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
+from spherecal_documents.report.style import (
+    BAD,
+    CAUTION,
+    GOOD,
+    INK,
+    MARKS,
+    NONE,
+    SERIES,
+    SMALL_PT,
+    SOFT,
+    PageBox,
+    Sheet,
+    significant,
+)
 from spherecal_sim.rigs import rig_design
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import LEAST_RUNS, TESTS, Verdict

@@ -415,8 +415,8 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
     from spherecal.files.read_session import read_session
     from spherecal_rigs.check_ball import read_known_ball
+    from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
-    from spherecal_rigs.kept_checks import check_json, keep
     from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)

@@ -10,7 +10,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal.data.findings import Finding, as_written
 from spherecal.files.json_file import JsonValue, read_json
-from spherecal_rigs.kept_checks import FORMAT, VERSION
+from spherecal_rigs.check_file import FORMAT, VERSION
 
 FILE = "check.json"
 

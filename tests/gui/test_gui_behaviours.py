@@ -46,7 +46,7 @@ from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
-from spherecal_rigs.kept_checks import FORMAT, VERSION
+from spherecal_rigs.check_file import FORMAT, VERSION
 from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from tests.gui_walking import pump, settle

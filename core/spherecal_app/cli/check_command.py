@@ -23,9 +23,9 @@ from spherecal_app.cli.console import answer, kept_in_profile, out, say, show_fi
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.check_ball import read_known_ball
+from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import Check
 from spherecal_rigs.check_rig import check as run
-from spherecal_rigs.kept_checks import check_json, keep
 from spherecal_rigs.repose import repose
 from spherecal_rigs.rig_source import points_file, read_source
 from spherecal_rigs.store import is_profile, open_profile

@@ -79,8 +79,6 @@ def write_sheet(
 
     `start_id` None begins with the first of the set; `count` None writes all from there on.
     """
-    from spherecal_documents.sheets.sheet_instructions import draw_instructions
-
     if page not in PAGE_SIZES_MM:
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
     ids = _chosen_ids(target_set, start_id, count)

@@ -51,10 +51,7 @@ MAKERS = (
         "Vimba X",
         ("VimbaGigETL.cti", "VimbaUSBTL.cti"),
         ("/opt/VimbaX*/cti", "/opt/VimbaGigETL/CTI/x86_64bit", "/opt/Vimba_*/Vimba*TL/CTI/x86_64bit"),
-        (
-            r"C:\Program Files\Allied Vision\Vimba X\cti",
-            r"C:\Program Files\Allied Vision\Vimba_*\Vimba*TL\Bin\Win64",
-        ),
+        (r"C:\Program Files\Allied Vision\Vimba X\cti", r"C:\Program Files\Allied Vision\Vimba_*\Vimba*TL\Bin\Win64"),
         source="Linux: docs.alliedvision.com/installation.html ([InstallDir]/cti); titusjan/peprc, vimbax.sh (/opt). "
         "Windows: text, 1 program for Vimba X, 3 for Vimba 3.1 and 4.0",
         aliases=("alliedvision", "avt", "prosilica"),

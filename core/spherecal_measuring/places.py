@@ -100,11 +100,7 @@ class Layouts:
 
 
 def triangulate_places(
-    target: IntArray,
-    point: IntArray,
-    layouts: Layouts,
-    wanted: frozenset[PointName],
-    errors: PointErrors,
+    target: IntArray, point: IntArray, layouts: Layouts, wanted: frozenset[PointName], errors: PointErrors
 ) -> LocatedPoints:
     """The places of all targets and wanted points, in mm in the rig's world, sorted by name.
 

@@ -109,10 +109,7 @@ def check(
     consistency = examine_cameras(views, rig, expected)
     lengths, findings = _measure_bars(session, rig, limit, context)
     if len(consistency.cameras) < _LEAST_CAMERAS and not lengths:
-        raise InputError(
-            Phrase("error-too-little-seen", {"folder": str(session.where)}),
-            Phrase("error-show-more"),
-        )
+        raise InputError(Phrase("error-too-little-seen", {"folder": str(session.where)}), Phrase("error-show-more"))
     context.report("check", 0.5, Phrase("measuring"))
     balls = [] if known is None else _check_balls(session, rig, known, own, camera, consistency)
     if known is not None and not balls and not lengths:
@@ -186,15 +183,7 @@ def _judged(
     by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
     words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
     worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
-    return Check(
-        worst,
-        tolerance,
-        tuple(cameras),
-        consistency.untested,
-        tuple(balls),
-        lengths,
-        tuple(found),
-    )
+    return Check(worst, tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths, tuple(found))
 
 
 def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:

@@ -280,14 +280,7 @@ class _Effect:
 def _effect(true: list[RigCamera], used: list[RigCamera], lengths: _Lengths) -> _Effect:
     """The largest error of a point and of a length when images that `true` makes are measured with `used`."""
     feature, camera, uv = _seen_by(true, lengths.points)
-    measured = triangulate(
-        feature,
-        camera,
-        uv,
-        np.ones(len(uv)),
-        len(lengths.points),
-        posed(used),
-    ).points
+    measured = triangulate(feature, camera, uv, np.ones(len(uv)), len(lengths.points), posed(used)).points
     off = np.linalg.norm(measured - lengths.points, axis=1)
     if not np.isfinite(off).any():
         return _Effect()
@@ -310,11 +303,7 @@ def _seen_by(cameras: list[RigCamera], points: FloatArray) -> tuple[IntArray, In
 
 
 def _change(
-    pair: MatchedCamera,
-    after: RigCamera,
-    points: FloatArray,
-    b_from_a: Similarity,
-    effect: _Effect,
+    pair: MatchedCamera, after: RigCamera, points: FloatArray, b_from_a: Similarity, effect: _Effect
 ) -> CameraChange:
     inside, uv = sights(pair, points)
     shift = shift_mm(pair, points[inside], uv[inside], b_from_a)

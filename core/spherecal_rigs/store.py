@@ -23,14 +23,7 @@ from spherecal.data.rig import Rig
 from spherecal.files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
 from spherecal.files.json_file import JsonValue
 from spherecal.files.lock import LOCK, locked
-from spherecal_rigs.entry import (
-    ENTRY_FILE,
-    RIG_FILE,
-    Entry,
-    checked_rig,
-    entry_bytes,
-    read_entry,
-)
+from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, entry_bytes, read_entry
 from spherecal_rigs.kept_checks import FOLDER as CHECKS
 from spherecal_rigs.kept_checks import last_check
 from spherecal_rigs.limits_file import Validity, ValidityLimits, validity
@@ -183,10 +176,7 @@ PROFILE = FileFormat(
         _profile,
         field("name", name("Name of the rig.")),
         optional("validity", replace(_STATED, read=_read_limits), "limits"),
-        field(
-            "applied",
-            _EVENTS,
-        ),
+        field("applied", _EVENTS),
         software(),
     ),
     more="profiles.md",

@@ -68,12 +68,7 @@ def render_session(
 
 
 def render_placement(
-    session: Session,
-    truth: Truth,
-    placement: int,
-    camera: int,
-    settings: RenderSettings | None = None,
-    seed: int = 0,
+    session: Session, truth: Truth, placement: int, camera: int, settings: RenderSettings | None = None, seed: int = 0
 ) -> Rendered:
     """One image of the ball, with the truth about its dots; `settings` None is `CLUTTERED`."""
     settings = settings or CLUTTERED

@@ -38,7 +38,7 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
         [
             f"{options.rig_words('rigA')}: four or seven nearest to the middle, and all; the ball at four "
             "places. The bar is A3A4 (200 mm) in up to 20 poses; poses whose marks fewer than two cameras see "
-            "drop out.",
+            "drop out."
         ],
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]

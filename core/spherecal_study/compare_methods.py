@@ -323,13 +323,7 @@ def _rivals(found: _Found) -> list[study_page.PaperComparison]:
         return []
     lines = []
     for what, value, unit, why, said in (
-        (
-            "mean error of bars",
-            _size_of_mean,
-            "mm",
-            "the ball's is the arc that (18) takes for a line.",
-            "smaller",
-        ),
+        ("mean error of bars", _size_of_mean, "mm", "the ball's is the arc that (18) takes for a line.", "smaller"),
         ("uncertainty of a mean of 20 poses (type A)", _type_a, "mm", "", "smaller"),
     ):
         steps = [

@@ -41,7 +41,7 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
             f"{options.rig_words('rigA')} is calibrated with the ball at one, two, four or seven places. "
             "Reprojection errors tell how well the model fits, errors of bars how well the rig measures: 20 poses "
             "each of two bars, three lengths each. Free: every dot at every placement is a point of its own, as in the "
-            "paper. Rigid: the ball is one object.",
+            "paper. Rigid: the ball is one object."
         ],
     )
     px, bars, exact = {}, {}, {}

@@ -68,7 +68,7 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
             "start is the paper's own (`--method tao2021`: poses and points chained along OPT's paths). The adjustment "
             "is plain, all unknowns at once, 200 steps at most: damped by the identity with lengths in millimetres "
             "(Levenberg), or by the diagonal (Marquardt). Rig B has wide baselines and weak groups. Converged: the "
-            "optimum's rms within 5 %.",
+            "optimum's rms within 5 %."
         ],
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
@@ -189,13 +189,7 @@ def _against_paper(document: study_page.Document, cases: Any, options: study_pag
         document,
         [
             study_page.PaperComparison(
-                "with SPO, 10 and 25 %",
-                "always converges",
-                f"in {spo} of {n} runs",
-                always(spo, n),
-                "",
-                "share",
-                n,
+                "with SPO, 10 and 25 %", "always converges", f"in {spo} of {n} runs", always(spo, n), "", "share", n
             ),
             study_page.PaperComparison(
                 "without SPO, 25 %",

@@ -81,7 +81,7 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
             "weigh the triples' reprojection error and one over the common points. OPT takes the path with the least "
             "b^m g by A*; none-OPT grows from the reference by the first triple that reaches a camera. All of this "
             "page is the paper's own pipeline (`--method tao2021`): every group of TH_pt = 12 common points, poses and "
-            "points chained as they are, SPO or not, then one Levenberg-Marquardt adjustment of everything.",
+            "points chained as they are, SPO or not, then one Levenberg-Marquardt adjustment of everything."
         ],
     )
     rigs = _rigs(options)

@@ -27,7 +27,7 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
         [
             "Twelve cameras with 12 mm lenses on two opposed planes of a 1290 x 1150 x 990 mm frame, beside the ten "
             "of rig A. Half of the cameras hardly see the other half's side of the ball. The paper gives no sensor "
-            "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated.",
+            "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated."
         ],
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]

@@ -67,12 +67,7 @@ def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
         return {"exact_errors_mm": []}
     point = 2 * o.placement[rows] + o.target[rows] - 1
     found = triangulate(
-        point,
-        index[o.camera[rows]],
-        o.uv[rows],
-        np.ones(len(rows)),
-        2 * len(exact.lengths_mm),
-        posed(rig.cameras),
+        point, index[o.camera[rows]], o.uv[rows], np.ones(len(rows)), 2 * len(exact.lengths_mm), posed(rig.cameras)
     )
     ends = found.points.reshape(-1, 2, 3)
     error = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) - exact.lengths_mm

@@ -70,7 +70,7 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
             "A bar of two marks 300 mm apart (certified to 0.004 mm, k = 2) is waved through the volume. "
             f"{options.rig_words('rigA')} sees it. Intrinsics start from the data sheets and are estimated with "
             "everything else. Errors are those against the truth, after the similarity that no image can tell; the "
-            "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat.",
+            "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat."
         ],
     )
     by_frames = {n: [r for t, r in zip(listed, results, strict=True) if t.settings["frames"] == n] for n in _FRAMES}
@@ -93,16 +93,7 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
     )
     study_page.table(
         document,
-        (
-            "frames",
-            "marks mm",
-            "bound mm",
-            "centres mm",
-            "bound mm",
-            "focal px",
-            "bound px",
-            "CPU s",
-        ),
+        ("frames", "marks mm", "bound mm", "centres mm", "bound mm", "focal px", "bound px", "CPU s"),
         [
             [
                 str(n),

@@ -207,9 +207,7 @@ def plan(options: argparse.Namespace) -> int:
 
 def _plan_text(plan: PosePlan) -> list[str]:
     half = 2 * plan.box.half
-    lines = [
-        f"Volume {half[0]:.0f} x {half[1]:.0f} x {half[2]:.0f} mm, space diagonal {plan.box.diagonal_mm:.0f} mm.",
-    ]
+    lines = [f"Volume {half[0]:.0f} x {half[1]:.0f} x {half[2]:.0f} mm, space diagonal {plan.box.diagonal_mm:.0f} mm."]
     for pose in plan.poses:
         start, end = (", ".join(f"{x:.0f}" for x in place) for place in (pose.start_mm, pose.end_mm))
         weak = "" if pose.good else "  (two cameras only at a mark)"

@@ -33,10 +33,7 @@ def demo(options: argparse.Namespace) -> int:
     with shown_progress() as context, demo_kernels(context):
         session = demo_session(context)
     quiet = out.quiet
-    steps = [
-        ["calibrate", session, "-o", result],
-        ["verify", session, "--rig", result / "rig.json", "-o", result],
-    ]
+    steps = [["calibrate", session, "-o", result], ["verify", session, "--rig", result / "rig.json", "-o", result]]
     report = folder / "report.pdf" if find_spec("matplotlib") and find_spec("typst") else None
     if report is not None:
         steps.append(["report", result, "-o", report, "--session", session])

@@ -20,15 +20,7 @@ from spherecal_rigs.kept_checks import read_checks
 from spherecal_rigs.limits_file import NAMES, Limits, Validity, ValidityLimits, limits_in_use, limits_path, read_limits
 from spherecal_rigs.rig_source import read_source, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
-from spherecal_rigs.store import (
-    Profile,
-    add_entry,
-    copy_is_right,
-    create_profile,
-    is_profile,
-    open_profile,
-    set_limits,
-)
+from spherecal_rigs.store import Profile, add_entry, copy_is_right, create_profile, is_profile, open_profile, set_limits
 from spherecal_rigs.store import apply as put_to_use
 from spherecal_rigs.store import restore as put_back
 from spherecal_rigs.trend import Trend, TrendSeries, make_check_trend, make_trend, trend_table

@@ -34,11 +34,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "common clock": ("PtpEnable", "PtpMode", "GevIEEE1588"),
     "clock latch": ("PtpDataSetLatch", "GevIEEE1588DataSetLatch"),
     "clock state": ("PtpStatus", "GevIEEE1588Status"),
-    "clock offset": (
-        "PtpOffsetFromMaster",
-        "GevIEEE1588OffsetFromMaster",
-        "GevIEEE1588OffsetFromMasterLatched",
-    ),
+    "clock offset": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster", "GevIEEE1588OffsetFromMasterLatched"),
 }
 
 # Words for yes and no where one camera has a switch, another an enumeration, and makers differ in its entries.

@@ -13,14 +13,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal_documents.export import colmap_model
-from spherecal_documents.export.file_cameras import (
-    FileCamera,
-    FileRig,
-    Pose,
-    Reading,
-    distortion,
-    numbers,
-)
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, Reading, distortion, numbers
 from spherecal_documents.export.format import Format
 
 # Ours (the centre of the first pixel is 0) to COLMAP's (it is 0.5).

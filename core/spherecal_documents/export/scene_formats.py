@@ -116,22 +116,12 @@ def _gltf(rig: FileRig) -> str:
         "cameras": cameras,
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": _LINES}]}],
         "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": _FLOAT,
-                "count": len(points),
-                "type": "VEC3",
-                "min": low,
-                "max": high,
-            },
+            {"bufferView": 0, "componentType": _FLOAT, "count": len(points), "type": "VEC3", "min": low, "max": high},
             {"bufferView": 1, "componentType": _UINT, "count": lines.size, "type": "SCALAR"},
         ],
         "bufferViews": views,
         "buffers": [
-            {
-                "byteLength": len(data),
-                "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
-            }
+            {"byteLength": len(data), "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode()}
         ],
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

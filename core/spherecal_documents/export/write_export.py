@@ -202,12 +202,7 @@ def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses, override: Override | None) 
 
 
 def _write_scene(
-    form: SceneFormat,
-    rig: Rig,
-    output: Path,
-    unit: Unit | None,
-    frame: UserFrame | None,
-    override: Override | None,
+    form: SceneFormat, rig: Rig, output: Path, unit: Unit | None, frame: UserFrame | None, override: Override | None
 ) -> Exported:
     """Write the rig as a scene and read its frusta back."""
     if unit not in (None, form.unit):

@@ -24,16 +24,12 @@ _PACKAGES = {"libaravis": "libaravis-0.8-0", "libaravis-dev": "libaravis-dev pkg
 
 @dataclass(frozen=True)
 class BuiltinDriver:
-    """Whether the built-in driver can be used: its file where there is one, what it lacks where not.
+    """Whether the built-in driver can be used: its file where there is one, what it lacks where not."""
 
-    `installed`: a file is there that came with SphereCal or that `prepare` built, and searches for cameras find it.
-    `install` is the command line that brings what is lacking (Debian, Ubuntu); empty where nothing can.
-    """
-
-    kind: Literal["installed", "can-be-built", "lacking"]
+    kind: Literal["installed", "can-be-built", "lacking"]  # installed: SphereCal's, or from `prepare`
     file: Path | None = None
     lacks: tuple[Lack, ...] = ()
-    install: str = ""
+    install: str = ""  # the command that brings what is lacking (Debian, Ubuntu); empty where nothing can
 
 
 def state() -> BuiltinDriver:

@@ -59,22 +59,18 @@ class LocalAddress:
 
 @dataclass(frozen=True)
 class WireCamera:
-    """A camera that answers a broadcast, as it names itself.
-
-    `subnet_ok`: this computer reaches its address on that interface. `controlled_by_other`: a program holds it, None
-    where it could not be asked. Its `mask` belongs to `ip_address`.
-    """
+    """A camera that answers a broadcast, as it names itself."""
 
     mac: str
     ip_address: str
-    mask: str
+    mask: str  # of `ip_address`
     maker: str
     model: str
     serial: str
     user_name: str
     interface: str
-    subnet_ok: bool
-    controlled_by_other: bool | None
+    subnet_ok: bool  # this computer reaches its address on that interface
+    controlled_by_other: bool | None  # a program holds it, None where it could not be asked
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Maker:
-    """A maker, its driver's package, file names and folders (with `*` for versions) on Linux, Windows and macOS.
-
-    `variables` are folders or files below an environment variable that its installer sets, such as `{VARIABLE}/cti`.
-    `aliases` are other words by which its cameras name their maker, in small letters.
-    """
+    """A maker, its driver's package, file names and folders (with `*` for versions) on Linux, Windows and macOS."""
 
     name: str
     driver: str
@@ -26,8 +22,8 @@ class Maker:
     windows: tuple[str, ...] = ()
     macos: tuple[str, ...] = ()
     source: str = ""
-    variables: tuple[str, ...] = ()
-    aliases: tuple[str, ...] = ()
+    variables: tuple[str, ...] = ()  # folders or files below a variable that its installer sets: `{VARIABLE}/cti`
+    aliases: tuple[str, ...] = ()  # other words by which its cameras name their maker, in small letters
 
     def folders(self, system: str) -> tuple[str, ...]:
         """The folders on a system, by Python's name of it (`linux`, `win32`, `darwin`)."""

@@ -23,19 +23,15 @@ _USB3_MBIT_S = 5000.0
 
 @dataclass(frozen=True)
 class UsbCamera:
-    """A USB3 Vision camera as its plug names it.
-
-    `mbit_s` is its bus's speed, below 5000 where it hangs on a USB 2 port or cable; None where that is not known.
-    `allowed`: this user may open it, else a udev rule is missing. Cameras of one `bus` share what it carries.
-    """
+    """A USB3 Vision camera as its plug names it; cameras of one `bus` share what it carries."""
 
     vendor_id: str
     product_id: str
     maker: str
     model: str
     serial: str
-    mbit_s: float | None
-    allowed: bool
+    mbit_s: float | None  # of its bus: below 5000 on a USB 2 port or cable; None: not known
+    allowed: bool  # this user may open it, else a udev rule is missing
     bus: str = ""
 
     @property

@@ -28,20 +28,16 @@ _BENT = 4.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LocatedPoints(ByValue):
-    """Places (n, 3) mm of named points: `noise` (n, 3, 3) of their own image points, `gradient` (n, 3, p) by cameras.
-
-    `cameras` (p, p) is the covariance of the cameras' parameters; `views` (n,) counts cameras.
-    `dots` and `by_dot` say of each place on which features it rests, (k,) and (k, 3, 3).
-    """
+    """Places (n, 3) mm of named points, with what their uncertainties come from."""
 
     names: tuple[PointName, ...]
     places_mm: FloatArray
-    noise: FloatArray
-    gradient: FloatArray
-    cameras: FloatArray
-    views: IntArray
-    dots: tuple[IntArray, ...]
-    by_dot: tuple[FloatArray, ...]
+    noise: FloatArray  # (n, 3, 3) of their own image points
+    gradient: FloatArray  # (n, 3, p) by the cameras' parameters
+    cameras: FloatArray  # (p, p) covariance of these
+    views: IntArray  # (n,) cameras
+    dots: tuple[IntArray, ...]  # (k,) of each place: the features it rests on
+    by_dot: tuple[FloatArray, ...]  # (k, 3, 3)
 
     def __len__(self) -> int:
         return len(self.names)

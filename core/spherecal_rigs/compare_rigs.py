@@ -171,27 +171,19 @@ class ComparisonVolume:
 
 @dataclass(frozen=True)
 class CameraChange:
-    """What has changed of one camera, after alignment.
-
-    `centre_mm` (3,) is in the first world, `rotation_deg` (3,) about the camera's axes, `focal_px` in px. `replaced`:
-    whether its serial number is another.
-
-    `ray_rms_mm`, `ray_max_mm`, `ray_max_px`: how far the rays of the volume's points have moved, pose and lens
-    together. `point_mm`, `length_mm`: the largest error of a point on the volume's surface, and of a length between two
-    such points, if nothing else had changed. They are None where too few cameras see them.
-    """
+    """What has changed of one camera, after alignment; None where too few cameras see the volume's points."""
 
     id: str
-    replaced: bool
+    replaced: bool  # it has another serial number
     moved: bool
-    centre_mm: FloatArray
-    rotation_deg: FloatArray
+    centre_mm: FloatArray  # (3,) in the first world
+    rotation_deg: FloatArray  # (3,) about the camera's axes
     focal_px: float
-    ray_rms_mm: float
+    ray_rms_mm: float  # how far the rays of the volume's points have moved, pose and lens together
     ray_max_mm: float
     ray_max_px: float
-    point_mm: float | None
-    length_mm: float | None
+    point_mm: float | None  # largest error of a point on the volume's surface, had nothing else changed
+    length_mm: float | None  # and of a length between two such points
 
 
 @dataclass(frozen=True, eq=False, repr=False)

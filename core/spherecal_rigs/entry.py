@@ -42,11 +42,7 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class Entry:
-    """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world.
-
-    `care`: what it is to be used with care for, in words; empty where nothing is. `verdict` is that of the bars;
-    `failed` says that they show the rig to be wrong, `override` who uses it all the same.
-    """
+    """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world."""
 
     saved_at: datetime
     calibrated_at: datetime
@@ -63,13 +59,13 @@ class Entry:
     scale_artefact: str | None = None
     scale_relative_uncertainty: float | None = None
     volume_mm: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    verdict: str | None = None
+    verdict: str | None = None  # of the bars
     bar_mean_error_mm: float | None = None
     bar_max_error_mm: float | None = None
     written_by: str = ""
-    care: str = ""
-    failed: bool = False
-    override: Override | None = None
+    care: str = ""  # what it is to be used with care for, in words; empty where nothing is
+    failed: bool = False  # the bars show the rig to be wrong
+    override: Override | None = None  # who uses it all the same
 
     @property
     def calibration_verdict(self) -> Verdict:

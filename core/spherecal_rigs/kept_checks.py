@@ -22,20 +22,16 @@ Verdict = Literal["ok", "watch", "recalibrate"]
 
 @dataclass(frozen=True)
 class KeptCheck:
-    """One check: when, of which calibration, its verdict, and what it measured; None where it was not measured.
-
-    `point_mm` gives by camera the largest error of a point that its move causes. `scale_ppm` is the ball's size against
-    the calibration, `bar_error_mm` the mean error of the bars' lengths.
-    """
+    """One check: when, of which calibration, its verdict, and what it measured; None where it was not measured."""
 
     at: datetime
     calibration: str
     verdict: Verdict
     sentence: str
-    point_mm: Mapping[str, float]
+    point_mm: Mapping[str, float]  # by camera, the largest error of a point by its move
     rms_px: float | None
-    scale_ppm: float | None
-    bar_error_mm: float | None
+    scale_ppm: float | None  # the ball's size against the calibration
+    bar_error_mm: float | None  # mean of the bars' lengths
     temperature_c: float | None
 
 

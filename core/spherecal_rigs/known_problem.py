@@ -29,25 +29,19 @@ class PlacedBall:
 
 @dataclass(frozen=True)
 class KnownNetwork:
-    """A calibration's network in millimetres: observations with their weights, state, and the ball.
-
-    - `size` (c,2): the cameras' image sizes, px.
-    - `sigma_px`: noise of one image coordinate, the same of all cameras.
-    - `scale_relative`: relative standard uncertainty of the scale.
-    - `centres` (t,3) and `turns` (t,3,3): where the ball was, against its root.
-    """
+    """A calibration's network in millimetres: observations with their weights, state, and the ball."""
 
     network: Network
     state: State
     places: Places
     body: PlacedBall
-    size: FloatArray
+    size: FloatArray  # (c,2) images, px
     camera_ids: tuple[str, ...]
     placement_ids: tuple[str, ...]
-    sigma_px: float
-    scale_relative: float
-    centres: FloatArray
-    turns: FloatArray
+    sigma_px: float  # of one image coordinate, the same of all cameras
+    scale_relative: float  # standard uncertainty of the scale
+    centres: FloatArray  # (t,3) where the ball was, against its root
+    turns: FloatArray  # (t,3,3)
 
 
 def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | None:

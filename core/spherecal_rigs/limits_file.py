@@ -113,25 +113,16 @@ Value = int | float | str | bool
 
 @dataclass(frozen=True)
 class Limits:
-    """What somebody responsible allows; as made here, they are those that the program is delivered with.
+    """What somebody responsible allows; as made here, they are those that the program is delivered with."""
 
-    `needed_dots`: dots that a camera should see at a placement. The demo's and rig A's cameras see 270 to 420; a
-    quarter of that gives twice the standard deviation of everything that is estimated from it. The four of validity:
-    profile.validity.
-
-    `verification_limit`: A + L/K of a new project's length errors, empty for none. `verification_limit_open`: whether a
-    project may have another. `unverified_use`: whether a calibration that was not verified may be put to use, with a
-    reason.
-    """
-
-    needed_dots: int = 100
-    ageing_hours: float = 5.0
+    needed_dots: int = 100  # of 270 to 420 seen by the demo's and rig A's cameras; a quarter gives twice the sd of all
+    ageing_hours: float = 5.0  # of a calibration, as in `ValidityLimits`
     stale_hours: float = 12.0
     ageing_kelvin: float = 1.0
     stale_kelvin: float = 2.0
-    verification_limit: str = ""
-    verification_limit_open: bool = True
-    unverified_use: bool = True
+    verification_limit: str = ""  # A + L/K of a new project's length errors, empty for none
+    verification_limit_open: bool = True  # a project may have another
+    unverified_use: bool = True  # a calibration that was not verified may be put to use, with a reason
 
     @property
     def validity(self) -> ValidityLimits:

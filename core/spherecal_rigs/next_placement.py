@@ -46,21 +46,15 @@ FOUND = 0.85
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidate(ByValue):
-    """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement.
-
-    - `axis` (3,) is a unit vector in the rig's frame, None where it is not turned.
-    - `expanded_mm` is what a length of 500 mm would be measured to (k = 2, median over the volume).
-    - `nearest` is the camera that the ball would be closest to.
-    - `fewest_dots` is what the camera that sees least of it is sure to find.
-    """
+    """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement."""
 
     centre_mm: FloatArray
     turn_deg: float
-    axis: FloatArray | None
-    expanded_mm: float
+    axis: FloatArray | None  # (3,) unit vector in the rig's frame, None where it is not turned
+    expanded_mm: float  # what a length of 500 mm would be measured to (k = 2, median over the volume)
     cameras: int
-    nearest: str
-    fewest_dots: int
+    nearest: str  # the camera that the ball would be closest to
+    fewest_dots: int  # what the camera that sees least of it is sure to find
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -52,19 +52,15 @@ class TrendSeries:
 
 @dataclass(frozen=True)
 class Trend:
-    """A profile's history: ids and times, series of the rig, and one for each camera, NaN where it is missing.
-
-    A camera's series is in mm. Of calibrations it is the rms shift of its rays in the volume against the first one. Of
-    checks it is the shift of a point by its move against the calibration then in use. `verdicts` are those of checks.
-    """
+    """A profile's history: ids and times, series of the rig, and one for each camera, NaN where it is missing."""
 
     profile: str
     ids: tuple[str, ...]
     times: tuple[datetime, ...]
     series: tuple[TrendSeries, ...]
-    cameras: tuple[TrendSeries, ...]
+    cameras: tuple[TrendSeries, ...]  # mm: rms shift of rays in the volume against the first one, of checks of a point
     kind: Literal["calibration", "check"] = "calibration"
-    verdicts: tuple[str, ...] = ()
+    verdicts: tuple[str, ...] = ()  # of checks
 
 
 def make_trend(profile: Profile) -> Trend:

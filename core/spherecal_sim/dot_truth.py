@@ -42,26 +42,19 @@ class TrueDots:
 
 @dataclass(frozen=True)
 class DotTruth:
-    """What an image shows of its dots, row by row; image points in px.
-
-    `uv` (n, 2): the surface point at the dot's centre. `uv_rim` (n, 2): the centre of the rim's plane, which on a ball
-    is r^2 / 2R deeper. `uv_cen` (n, 2): the centroid of the dot's outline in the image. `view_deg` (n,): angle between
-    the surface normal and the line of sight. `fully_visible` (n,): the whole rim shows. `gap_px` (n,): distance to the
-    nearest other outline. `moments_px2` (n, 2, 2): the outline's central moments per area; `axes_px` (n, 2): its long
-    and short diameter. `bound_px` (n,): Cramer-Rao bound, 2-D, NaN where it is not computed.
-    """
+    """What an image shows of its dots, row by row; image points in px."""
 
     target: IntArray
     point: IntArray
-    uv: FloatArray
-    uv_rim: FloatArray
-    uv_cen: FloatArray
-    moments_px2: FloatArray
-    view_deg: FloatArray
-    fully_visible: BoolArray
-    gap_px: FloatArray
-    axes_px: FloatArray
-    bound_px: FloatArray
+    uv: FloatArray  # (n, 2) the surface point at the dot's centre
+    uv_rim: FloatArray  # (n, 2) the centre of the rim's plane, which on a ball is r^2 / 2R deeper
+    uv_cen: FloatArray  # (n, 2) the centroid of the dot's outline in the image
+    moments_px2: FloatArray  # (n, 2, 2) the outline's central moments per area
+    view_deg: FloatArray  # (n,) between the surface normal and the line of sight
+    fully_visible: BoolArray  # (n,) the whole rim shows
+    gap_px: FloatArray  # (n,) to the nearest other outline
+    axes_px: FloatArray  # (n, 2) the outline's long and short diameter
+    bound_px: FloatArray  # (n,) Cramer-Rao bound, 2-D, NaN where it is not computed
 
     def __len__(self) -> int:
         return len(self.target)

@@ -15,24 +15,17 @@ _GRID = (28, 22)
 
 @dataclass(frozen=True)
 class TrueLens:
-    """A lens and what it does to a point: Brown's or a fisheye's image, a fixed field, and shifts that go with depth.
-
-    `intrinsics` (16,): OpenCV's model. With `fisheye` (4,) only f and the principal point of them count, and the angle
-    from the axis follows Kannala and Brandt. `field` (k, 2) px are coefficients of Chebyshev products over the `region`
-    (2, 2) of the normalised image. `coma_px` shifts a centre away from the axis at the image's corner, `astigmatism_px`
-    across it. They grow with the distance from the focused distance `focus_mm`. `defocus` is the relative growth of
-    noise at twice the focused distance.
-    """
+    """A lens and what it does to a point: Brown's or a fisheye's image, a fixed field, shifts that go with depth."""
 
     size: tuple[int, int]
-    intrinsics: FloatArray
-    field: FloatArray
-    region: FloatArray
-    fisheye: FloatArray | None = None
-    coma_px: float = 0.0
-    astigmatism_px: float = 0.0
+    intrinsics: FloatArray  # (16,) OpenCV's model; with `fisheye` only f and the principal point count
+    field: FloatArray  # (k, 2) px, coefficients of Chebyshev products over the region
+    region: FloatArray  # (2, 2) of the normalised image
+    fisheye: FloatArray | None = None  # (4,) Kannala and Brandt
+    coma_px: float = 0.0  # shift of a centre away from the axis at the image's corner, away from the focus
+    astigmatism_px: float = 0.0  # across it
     focus_mm: float = 1000.0
-    defocus: float = 0.0
+    defocus: float = 0.0  # relative growth of noise at twice the focused distance
 
     def image(self, x_camera: FloatArray) -> FloatArray:
         """Image points (n, 2) px of points (n, 3) mm in the camera's frame."""

@@ -24,11 +24,7 @@ KINDS = ("targets", "building", "sheet")
 
 @dataclass(frozen=True)
 class TrueNetwork:
-    """The truth behind a network: one lens (16,), poses (c, 3, 3), (c, 3), points (p, 3) mm by target id minus 1.
-
-    `wrong` (n,): the gross errors among the observations. `weak` (c,): stations with few points. `noise_px` is the
-    standard deviation of a coordinate. `size_mm` is the largest extent of the scene.
-    """
+    """The truth behind a network: one lens (16,), poses (c, 3, 3), (c, 3), points (p, 3) mm by target id minus 1."""
 
     kind: str
     seed: int
@@ -36,9 +32,9 @@ class TrueNetwork:
     rotation: FloatArray
     translation_mm: FloatArray
     points_mm: FloatArray
-    wrong: BoolArray
-    weak: BoolArray
-    noise_px: float
+    wrong: BoolArray  # (n,) gross errors among the observations
+    weak: BoolArray  # (c,) stations with few points
+    noise_px: float  # sd of a coordinate
 
     @property
     def centres_mm(self) -> FloatArray:

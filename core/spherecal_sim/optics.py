@@ -16,29 +16,22 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class Psf:
-    """A lens's point-spread function; its centroid is zero, so that it moves no image.
-
-    `size_px` is the standard deviation of `gaussian` or the radius of `disc` (defocus). For `coma` it is the standard
-    deviation of a core with a flare of twice the width and one sixth of the light to one side.
-    """
+    """A lens's point-spread function; its centroid is zero, so that it moves no image."""
 
     kind: Literal["gaussian", "disc", "coma"] = "gaussian"
+    # sd of gaussian and coma's core (flare: twice the width, a sixth of the light), radius of disc
     size_px: float = 0.65
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """How a sensor counts: electrons at full scale, read noise, digits; 0 and full scale clip.
+    """How a sensor counts: electrons at full scale, read noise, digits, as a 3.45 um CMOS; 0 and full scale clip."""
 
-    The figures are those of a 3.45 um CMOS sensor. `gain` multiplies electrons before counting, `black` is the
-    offset as a part of full scale. More than 8 bits go into 16-bit pixels, in the high bits if `high_bits`.
-    """
-
-    bits: int = 8
+    bits: int = 8  # more than 8 go into 16-bit pixels
     full_well_e: float = 10_500.0
     read_noise_e: float = 2.5
-    black: float = 0.01
-    gain: float = 1.0
+    black: float = 0.01  # offset, part of full scale
+    gain: float = 1.0  # of electrons, before counting
     noise: bool = True
     high_bits: bool = False
 

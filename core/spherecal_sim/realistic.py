@@ -25,36 +25,29 @@ Body = Literal["ball", "half", "plane"]
 
 @dataclass(frozen=True)
 class RealisticOptions:
-    """What a recording suffers from; `draw_options` draws them. Sizes are those of one recording.
-
-    `misfit_px`: median over the cameras of the field that no model follows. `coma_px`, `astigmatism_px`: at the image's
-    corner. `defocus`: growth of noise away from the focused distance. `noise_px`: of a dot of 12 px; smaller dots have
-    more. `tail_degrees`: degrees of freedom of Student's t. `drift_mm`, `drift_rad`, `drift_focal`: from the first to
-    the last placement. `vibration_mm`, `vibration_rad`: from placement to placement. `flex_mm`: change of the ball's
-    shape. `few_cameras` see 8 to 20 dots in all. `body`: a ball, a ball with stickers on one half, or a plane.
-    """
+    """What a recording suffers from; `draw_options` draws them. Sizes are those of one recording."""
 
     lenses: Lenses = "usual"
-    body: Body = "ball"
+    body: Body = "ball"  # a ball, one with stickers on a half, or a plane
     placements: int = 4
     turned: bool = True
     targets: int = 200
-    noise_px: float = 0.05
-    tail_degrees: float = 5.0
-    misfit_px: float = 0.05
+    noise_px: float = 0.05  # of a dot of 12 px; smaller dots have more
+    tail_degrees: float = 5.0  # of freedom, Student's t
+    misfit_px: float = 0.05  # median over the cameras of the field that no model follows
     radial_share: float = 0.3
-    coma_px: float = 0.02
-    astigmatism_px: float = 0.02
-    defocus: float = 2.0
-    drift_mm: float = 0.005
+    coma_px: float = 0.02  # at the image's corner
+    astigmatism_px: float = 0.02  # there too
+    defocus: float = 2.0  # growth of noise away from the focused distance
+    drift_mm: float = 0.005  # from the first to the last placement
     drift_rad: float = 5e-6
     drift_focal: float = 1e-5
-    vibration_mm: float = 0.001
+    vibration_mm: float = 0.001  # from placement to placement
     vibration_rad: float = 2e-6
-    flex_mm: float = 0.0
+    flex_mm: float = 0.0  # change of the ball's shape
     print_sd_mm: float = 0.02
     wrong_share: float = 0.005
-    few_cameras: int = 0
+    few_cameras: int = 0  # see 8 to 20 dots in all
     prior_focal_error: float = 0.02
     bar_scale: bool = True
 
@@ -94,24 +87,19 @@ def draw_options(rng: np.random.Generator) -> RealisticOptions:
 
 @dataclass(frozen=True)
 class RealisticTruth:
-    """All that a realistic recording was made from: the rig and its lenses, body, placements, noise.
-
-    `uv_true_px` (n, 2): image points without noise; `outlier` (n,): which were spoilt. Camera poses are those in the
-    middle of the recording. `sigma_px` (c,): each camera's noise of a sharp dot of 12 px. `few` (c,): cameras that see
-    little.
-    """
+    """All that a realistic recording was made from; cameras as in the middle of the recording."""
 
     seed: int
     options: RealisticOptions
     rig: RandomRig
     lenses: tuple[TrueLens, ...]
-    sigma_px: FloatArray
+    sigma_px: FloatArray  # (c,) noise of a sharp dot of 12 px
     ball: Ball
     placements: tuple[str, ...]
     ball_rotations: FloatArray
     ball_places_mm: FloatArray
     shape_changes_mm: FloatArray | None
-    few: BoolArray
+    few: BoolArray  # (c,) cameras that see little
     uv_true_px: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     outlier: BoolArray = field(default_factory=lambda: np.empty(0, dtype=bool))
 

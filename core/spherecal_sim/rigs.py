@@ -38,21 +38,17 @@ SMALL = CameraKind("simulated 1.3 MP", (1280, 1024), 4.8, 8.0)
 
 @dataclass(frozen=True)
 class RigDesign:
-    """A rig as drawn: camera places and aims (n, 3) mm, the image's upward direction (3,), and the volumes in use.
-
-    `volume_mm` (2, 3) is the measuring volume's lowest and highest corner, `ball_box_mm` (2, 3) that of the ball's
-    centres. `walk`: the ball is walked along x instead of put on a grid.
-    """
+    """A rig as drawn: camera places and aims (n, 3) mm, the image's upward direction (3,), and the volumes in use."""
 
     name: str
     kind: CameraKind
     places_mm: FloatArray
     aims_mm: FloatArray
     up: FloatArray
-    volume_mm: FloatArray
-    ball_box_mm: FloatArray
+    volume_mm: FloatArray  # (2, 3) lowest and highest corner
+    ball_box_mm: FloatArray  # (2, 3) of the ball's centres
     placements: int = STANDARD_PLACEMENTS
-    walk: bool = False
+    walk: bool = False  # the ball is walked along x instead of put on a grid
 
 
 @dataclass(frozen=True)

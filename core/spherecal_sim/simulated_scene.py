@@ -15,27 +15,21 @@ from spherecal_sim.truth import TrueBarPose, Truth
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How images are made; the defaults are a well-kept rig.
-
-    `exposure` 1 brings a white surface at the ball's usual distance to 80 % of full scale. `blobs` white discs are on
-    the room's walls, `specks` and `scratches` are mean counts a sticker, `gloss` is the height of the highlight (a
-    white dot has 0.85). `psf_of` gives single simulated cameras a point-spread function of their own. `bounds` adds
-    each dot's Cramer-Rao bound to the truth about it (about 1 ms a dot).
-    """
+    """How images are made; the defaults are a well-kept rig."""
 
     psf: Psf = field(default_factory=Psf)
-    psf_of: dict[str, Psf] = field(default_factory=dict)
+    psf_of: dict[str, Psf] = field(default_factory=dict)  # of single simulated cameras
     sensor: Sensor = field(default_factory=Sensor)
-    exposure: float = 1.0
+    exposure: float = 1.0  # 1: a white surface at the ball's usual distance has 80 % of full scale
     lighting: Literal["rings", "flat"] = "rings"
     ambient: float = 0.02
-    gloss: float = 0.05
+    gloss: float = 0.05  # height of the highlight; a white dot has 0.85
     vignetting: bool = True
-    blobs: int = 0
+    blobs: int = 0  # white discs on the room's walls
     arm: bool = False
-    specks: float = 0.0
+    specks: float = 0.0  # mean count a sticker
     scratches: float = 0.0
-    bounds: bool = False
+    bounds: bool = False  # add each dot's Cramer-Rao bound to its truth, 1 ms a dot
 
     def psf_at(self, camera: str) -> Psf:
         """The point-spread function of a camera."""

@@ -10,18 +10,14 @@ ORDER = ("compare", "layouts", "path", "noise", "cameras", "rigB", "bar")
 
 @dataclass(frozen=True)
 class KeptPage:
-    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options.
-
-    `compared` has rows `what`, `paper`, `ours`, `agrees` (None: no matter of agreeing), `why`. `options` has `runs`,
-    `sigma_px` (None: rendered images), `seed`, `preset` (None: the paper's rig), or a recorded `session`.
-    """
+    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options."""
 
     name: str
     title: str
     pdf: Path
     pictures: tuple[Path, ...]
-    compared: tuple[dict[str, Any], ...]
-    options: dict[str, Any]
+    compared: tuple[dict[str, Any], ...]  # `what`, `paper`, `ours`, `agrees` (or None), `why`
+    options: dict[str, Any]  # `runs`, `sigma_px` (None: images), `seed`, `preset` (None: the paper's), or `session`
 
 
 def pages(folder: Path) -> tuple[KeptPage, ...]:

@@ -79,18 +79,14 @@ Results = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Options:
-    """What all studies have as options: repetitions (seeds), image noise, the first seed, another rig.
-
-    `sigma_px` None takes rendered images, by default of the demo's small rig. `known`: intrinsics are known before, as
-    in Algorithm 1 of [Tao21], instead of the data sheets'. `paths`: xi1, xi2, TH_er in px, b.
-    """
+    """What all studies have as options: repetitions (seeds), image noise, the first seed, another rig."""
 
     runs: int
-    sigma_px: float | None = 0.04
+    sigma_px: float | None = 0.04  # None: rendered images, by default of the demo's small rig
     seed: int = 1
     preset: str | None = None
-    known: bool = False
-    paths: tuple[float, float, float, float] | None = None
+    known: bool = False  # intrinsics are, as in Algorithm 1 of [Tao21]
+    paths: tuple[float, float, float, float] | None = None  # xi1, xi2, TH_er px, b
 
     @property
     def images(self) -> bool:
@@ -128,19 +124,16 @@ class Options:
 
 @dataclass(frozen=True)
 class PaperComparison:
-    """A line of the table paper / ours: `agrees` None where it is no matter of agreeing; `why` says the rest.
-
-    `test` is one of agreement.TESTS and `runs` the number of runs behind the line; `pipeline`: which method it is of.
-    """
+    """A line of the table paper / ours."""
 
     what: str
     paper: str
     ours: str
-    agrees: Verdict | None
+    agrees: Verdict | None  # None where it is no matter of agreeing
     why: str = ""
-    test: str = ""
-    runs: int = 0
-    pipeline: str = ""
+    test: str = ""  # one of study_agreement.TESTS
+    runs: int = 0  # behind the line
+    pipeline: str = ""  # which method it is of
 
 
 def begin(title: str, options: Options, text: Sequence[str]) -> Document:

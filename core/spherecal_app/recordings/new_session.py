@@ -48,33 +48,25 @@ class StatedCameras:
 
 @dataclass(frozen=True)
 class Contents:
-    """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter.
+    """What the session holds besides images."""
 
-    `spacing_mm`: what the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2).
-    `seen_board`: `board` lacks rows and columns, which its images show.
-    """
-
-    board: Mapping[str, Any] | None = None
+    board: Mapping[str, Any] | None = None  # the entry `board` of session.json
     targets: TargetSet | None = None
     sphere_diameter_mm: float | None = None
-    spacing_mm: tuple[float, float] | None = None
-    seen_board: bool = False
+    spacing_mm: tuple[float, float] | None = None  # of targets, on the print, U (k = 2)
+    seen_board: bool = False  # `board` lacks rows and columns, which its images show
 
 
 @dataclass(frozen=True)
 class NewCamera:
-    """A camera of a new session: how many images, their size, its focal length and where that comes from.
-
-    `focal_px` is in px. `focal_from` says in words where it comes from: given, EXIF or assumed. `model` and `serial`
-    are EXIF's, None where the images do not agree on one.
-    """
+    """A camera of a new session: how many images, their size, its focal length and where that comes from."""
 
     id: str
     images: int
     image_size: tuple[int, int]
     focal_px: float
-    focal_from: str
-    model: str | None = None
+    focal_from: str  # in words: given, EXIF or assumed
+    model: str | None = None  # EXIF's, None where the images do not agree on one; so is the serial number
     serial: str | None = None
 
 

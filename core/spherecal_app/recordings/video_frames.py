@@ -46,16 +46,12 @@ _NEAR = 0.6
 
 @dataclass(frozen=True)
 class ChosenFrames:
-    """Frames of common moments: each camera's ascending frame numbers, a moment each, and its image size (px).
-
-    `apart_s`: how far apart the frames of a moment are at most, where their times are known. `rates`: the frames a
-    second of the videos where they differ, else empty.
-    """
+    """Frames of common moments: each camera's ascending frame numbers, a moment each, and its image size (px)."""
 
     numbers: Mapping[str, list[int]]
     sizes: Mapping[str, tuple[int, int]]
-    apart_s: float | None
-    rates: Mapping[str, float]
+    apart_s: float | None  # how far apart the frames of a moment are at most, where their times are known
+    rates: Mapping[str, float]  # frames a second of the videos where they differ, else empty
 
 
 @dataclass(frozen=True)

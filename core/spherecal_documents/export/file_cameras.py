@@ -76,15 +76,11 @@ class FileCamera:
 
 @dataclass(frozen=True)
 class Reading(Sequence[FileCamera]):
-    """The cameras of a file, and what else it says.
-
-    `left_out`: cameras by name with why they are no part of the rig. `unit`: that of lengths, where the file itself
-    shows it. `notes`: what else is to be said.
-    """
+    """The cameras of a file, and what else it says."""
 
     cameras: tuple[FileCamera, ...]
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    unit: Unit | None = None
+    left_out: Mapping[str, str] = field(default_factory=dict)  # by name with why they are no part of the rig
+    unit: Unit | None = None  # of lengths, where the file itself shows it
     notes: tuple[str, ...] = ()
 
     @overload

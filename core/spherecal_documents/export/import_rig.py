@@ -33,20 +33,16 @@ _LEAST_MM, _MOST_MM = 20.0, 50_000.0
 
 @dataclass(frozen=True)
 class Imported:
-    """A rig, and what was taken for it: the unit with where it is from, lens models, distances, what was left out.
-
-    `lenses`: camera ids by lens model in words. `nearest_mm`, `farthest_mm`: of two cameras' centres, None of one
-    camera. `left_out`: cameras by name with the reason. `warnings`: what is hardly right.
-    """
+    """A rig, and what was taken for it: the unit with where it is from, lens models, distances, what was left out."""
 
     rig: Rig
     unit: Unit
     unit_from: Literal["given", "the file", "the format"]
-    lenses: Mapping[str, tuple[str, ...]]
-    nearest_mm: float | None
+    lenses: Mapping[str, tuple[str, ...]]  # camera ids by lens model in words
+    nearest_mm: float | None  # of two cameras' centres, None of one camera
     farthest_mm: float | None
-    left_out: Mapping[str, str]
-    warnings: tuple[str, ...]
+    left_out: Mapping[str, str]  # cameras by name with the reason
+    warnings: tuple[str, ...]  # what is hardly right
 
 
 def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Imported:

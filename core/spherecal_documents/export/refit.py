@@ -28,16 +28,12 @@ _LEVELLINGS = 10  # the demo rig's largest loss goes from 0.107 to 0.032 px in a
 
 @dataclass(frozen=True)
 class Loss:
-    """What a refit changed: rms and largest difference over the image, and by how much the camera was turned.
-
-    Fitted over a volume, both are over the image points that see it, and `image_px` is the largest one over the image.
-    Otherwise `image_px` is None.
-    """
+    """What a refit changed over the image, or the image points that see a volume, and the turn of the camera."""
 
     rms_px: float
     max_px: float
     turned_deg: float
-    image_px: float | None = None
+    image_px: float | None = None  # the largest difference over the image where it was fitted over a volume, else None
 
 
 def refit(

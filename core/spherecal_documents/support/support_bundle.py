@@ -46,18 +46,14 @@ _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip file knows: when it
 
 @dataclass(frozen=True)
 class BundleOptions:
-    """What to add: a result folder, the cameras.json, logs, the images too; and how the session was calibrated.
-
-    `settings` matter only where the session has images and no observations: they are then made as `calibrate` makes
-    them. With `names` users, hosts and serial numbers stay as they are.
-    """
+    """What to add: a result folder, the cameras.json, logs, the images too; and how the session was calibrated."""
 
     result: Path | None = None
     camera_settings: Path | None = None
     logs: tuple[Path, ...] = ()
     images: bool = False
-    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
-    names: bool = False
+    settings: CalibrationSettings = field(default_factory=CalibrationSettings)  # for images without observations
+    names: bool = False  # users, hosts and serial numbers stay as they are
 
 
 @dataclass(frozen=True)

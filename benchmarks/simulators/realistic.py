@@ -7,15 +7,15 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.simulators.heavy_tails import heavy_noise
+from benchmarks.simulators.lens_errors import TrueLens, random_field
+from benchmarks.simulators.random_rigs import RandomRig, random_rig
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.family import make_target_set
-from spherecal_sim.heavy_tails import heavy_noise
-from spherecal_sim.lens_errors import TrueLens, random_field
 from spherecal_sim.observe import shape_changes, spoil
-from spherecal_sim.random_rigs import RandomRig, random_rig
 from spherecal_sim.rigs import TrueCamera, ball_turns, nominal_intrinsics, random_rotations
 from spherecal_sim.simulated_ball import Ball, make_ball
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.simulators.heavy_tails import heavy_noise
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
 from spherecal.geometry.camera import N_INTRINSICS, image_reach, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_sim.heavy_tails import heavy_noise
 from spherecal_sim.rigs import look_at
 
 KINDS = ("targets", "building", "sheet")

@@ -292,16 +292,9 @@ def calibrate_points(
         Where the context says so.
     """
     session = Session.from_arrays(
-        observations,
-        cameras,
-        image_size,
-        fisheye=fisheye,
-        scale=scale,
-        bars=bars,
-        bar_poses=bar_poses,
-        target_set=target_set,
-        sphere_diameter_mm=sphere_diameter_mm,
-    )
+        observations, cameras, image_size, fisheye=fisheye, scale=scale, bars=bars, bar_poses=bar_poses,
+        target_set=target_set, sphere_diameter_mm=sphere_diameter_mm,
+    )  # fmt: skip
     _tell_of_compiling()
     return calibrate(session, settings, context)
 

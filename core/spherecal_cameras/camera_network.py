@@ -162,17 +162,9 @@ def _on_wire(camera: gvcp.NetworkCamera, in_reach: bool) -> WireCamera:
             privilege = registers.read(gvcp.CONTROL_REGISTER, _ASK_S)
         held = None if privilege is None else privilege != 0
     return WireCamera(
-        camera.mac,
-        camera.address,
-        camera.mask,
-        camera.vendor,
-        camera.model,
-        camera.serial,
-        camera.user_name,
-        camera.interface,
-        in_reach,
-        held,
-    )
+        camera.mac, camera.address, camera.mask, camera.vendor, camera.model, camera.serial, camera.user_name,
+        camera.interface, in_reach, held,
+    )  # fmt: skip
 
 
 @contextmanager

@@ -57,15 +57,10 @@ def _camera(device: Path, nodes: Path) -> UsbCamera:
         speed = float(_said(device, "speed"))
     node = nodes / _said(device, "busnum").zfill(3) / _said(device, "devnum").zfill(3)
     return UsbCamera(
-        _said(device, "idVendor"),
-        _said(device, "idProduct"),
-        _said(device, "manufacturer"),
-        _said(device, "product"),
-        _said(device, "serial"),
-        speed,
-        os.access(node, os.R_OK | os.W_OK),
+        _said(device, "idVendor"), _said(device, "idProduct"), _said(device, "manufacturer"),
+        _said(device, "product"), _said(device, "serial"), speed, os.access(node, os.R_OK | os.W_OK),
         _said(device, "busnum"),
-    )
+    )  # fmt: skip
 
 
 def _said(folder: Path, name: str) -> str:

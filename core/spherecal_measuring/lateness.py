@@ -188,17 +188,9 @@ class _Adjustment:
         flat = own.reshape(3 * len(own), own.shape[2])
         right = flat.T @ b.ravel() + np.einsum("tiq,ti->q", off_by_z, held[:, :, 0])
         return _Normal(
-            flat.T @ (m @ by_z).reshape(flat.shape),
-            right,
-            own,
-            -(cofactor @ self._by_point(b))[:, :, 0],
-            x_by_off,
-            x_by_z,
-            off_step[:, :, 0],
-            off_by_z,
-            off_covariance,
-            own_by_off,
-        )
+            flat.T @ (m @ by_z).reshape(flat.shape), right, own, -(cofactor @ self._by_point(b))[:, :, 0], x_by_off,
+            x_by_z, off_step[:, :, 0], off_by_z, off_covariance, own_by_off,
+        )  # fmt: skip
 
     def late_s(self, state: _State, sd_s: float) -> FloatArray:
         """The moments (c,) s."""

@@ -41,16 +41,9 @@ def one_set(o: Observations, mine: np.ndarray) -> Observations:
     own = o.select(mine)
     name = o.placements[int(own.placement[0])] if len(own) else ""
     return Observations(
-        (name,),
-        o.cameras,
-        o.points,
-        np.zeros(len(own), dtype=np.int64),
-        own.camera,
-        own.target,
-        own.point,
-        own.uv,
+        (name,), o.cameras, o.points, np.zeros(len(own), dtype=np.int64), own.camera, own.target, own.point, own.uv,
         own.sigma,
-    )
+    )  # fmt: skip
 
 
 def _times(captured: CapturedSet | None, begin: datetime | None) -> tuple[float | None, dict[str, float] | None]:

@@ -213,15 +213,9 @@ def _places(
     p = len(views.rotation) * width
     if not n:
         return LocatedPoints(
-            (),
-            places,
-            np.zeros((0, 3, 3)),
-            np.zeros((0, 3, len(errors.cameras))),
-            errors.cameras,
-            np.zeros(0, int),
-            (),
-            (),
-        )
+            (), places, np.zeros((0, 3, 3)), np.zeros((0, 3, len(errors.cameras))), errors.cameras, np.zeros(0, int),
+            (), (),
+        )  # fmt: skip
     of_dot = np.repeat(np.arange(n), [len(d) for d in dots])
     dot, derivative = np.concatenate(dots), np.concatenate(by_dot)
     noise = np.zeros((n, 3, 3))

@@ -148,13 +148,6 @@ def _joined(parts: list[Detections]) -> Detections:
         return np.concatenate([getattr(p, name) for p in parts])[by_id]
 
     return Detections(
-        parts[0].points,
-        target[order],
-        dots("point"),
-        dots("uv"),
-        dots("sigma_uv"),
-        ids[by_id],
-        targets("misfit"),
-        targets("tilt_deg"),
-        targets("blur_px"),
-    )
+        parts[0].points, target[order], dots("point"), dots("uv"), dots("sigma_uv"), ids[by_id], targets("misfit"),
+        targets("tilt_deg"), targets("blur_px"),
+    )  # fmt: skip

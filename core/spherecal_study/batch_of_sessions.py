@@ -67,18 +67,11 @@ def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> D
 def _row(row: dict[str, Any]) -> list[Cell]:
     cameras = NONE if row["cameras"] is None else f"{row['cameras_placed']} of {row['cameras']}"
     return [
-        row["session"],
-        _WORDS[row["outcome"]],
-        row["form"] or NONE,
-        (row["scale"] or NONE).replace("_", " "),
-        _VERDICTS.get(row["verification"] or "", NONE),
-        cameras,
-        significant(row["rms_px"], 3),
-        str(row["lengths"]) if row["lengths"] else NONE,
-        significant(row["mean_error_mm"], 3),
-        significant(row["sd_mm"], 3),
-        significant(row["max_abs_error_mm"], 3),
-    ]
+        row["session"], _WORDS[row["outcome"]], row["form"] or NONE, (row["scale"] or NONE).replace("_", " "),
+        _VERDICTS.get(row["verification"] or "", NONE), cameras, significant(row["rms_px"], 3),
+        str(row["lengths"]) if row["lengths"] else NONE, significant(row["mean_error_mm"], 3),
+        significant(row["sd_mm"], 3), significant(row["max_abs_error_mm"], 3),
+    ]  # fmt: skip
 
 
 def _word(value: Any) -> str:

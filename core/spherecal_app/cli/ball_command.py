@@ -57,16 +57,10 @@ def _say(options: argparse.Namespace, profile: BallProfile, path: Path) -> None:
     size_ppm = 1e6 * (shape.scale.relative_uncertainty or 0.0)
     day = "" if profile.calibrated is None else f", calibrated on {profile.calibrated.isoformat()}"
     record = {
-        "file": path,
-        "name": profile.name,
-        "calibrated": profile.calibrated,
-        "dots": len(sd),
-        "targets": len(np.unique(shape.target)),
-        "sd_mm": np.median(sd),
-        "scale": shape.scale,
-        "radius_mm": sphere and sphere.radius,
-        "radial_sd_mm": sphere and sphere.radial_sd,
-    }
+        "file": path, "name": profile.name, "calibrated": profile.calibrated, "dots": len(sd),
+        "targets": len(np.unique(shape.target)), "sd_mm": np.median(sd), "scale": shape.scale,
+        "radius_mm": sphere and sphere.radius, "radial_sd_mm": sphere and sphere.radial_sd,
+    }  # fmt: skip
     answer(options, record)
     say(
         f"{name}: {counted(len(sd), 'dot')} of {counted(len(np.unique(shape.target)), 'target')}{day}; "

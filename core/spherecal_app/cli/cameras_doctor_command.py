@@ -48,18 +48,10 @@ def doctor(options: argparse.Namespace) -> int:
         wanted = "-" if counted.wanted_hz is None else f"{counted.wanted_hz:.1f}"
         warm = "-" if link.temperature_c is None else f"{link.temperature_c:.1f}"
         table.add_row(
-            escape(names[link.serial]),
-            link.state.value,
-            str(counted.delivered),
-            str(counted.incomplete),
-            str(counted.underrun),
-            f"{counted.rate_hz:.1f}",
-            wanted,
-            link.packet_size or "-",
-            link.packets_missing or "-",
-            link.packets_resent or "-",
-            warm,
-        )
+            escape(names[link.serial]), link.state.value, str(counted.delivered), str(counted.incomplete),
+            str(counted.underrun), f"{counted.rate_hz:.1f}", wanted, link.packet_size or "-",
+            link.packets_missing or "-", link.packets_resent or "-", warm,
+        )  # fmt: skip
     out.print(table)
     trigger = examination.trigger
     out.print(

@@ -18,19 +18,10 @@ def new(options: argparse.Namespace) -> int:
     """`spherecal session new`."""
     with shown_progress() as context:
         made = new_session(
-            options.folder,
-            options.images,
-            pattern=options.pattern,
-            board=options.board,
-            targets=options.targets,
-            sphere_diameter_mm=options.sphere,
-            spacing_mm=options.spacing,
-            focal_length_mm=options.focal_length,
-            pixel_pitch_um=options.pixel_pitch,
-            lens_model=options.lens,
-            frames=options.frames,
-            context=context,
-        )
+            options.folder, options.images, pattern=options.pattern, board=options.board, targets=options.targets,
+            sphere_diameter_mm=options.sphere, spacing_mm=options.spacing, focal_length_mm=options.focal_length,
+            pixel_pitch_um=options.pixel_pitch, lens_model=options.lens, frames=options.frames, context=context,
+        )  # fmt: skip
     answer(options, _summary(made))
     _show(made, options.folder)
     return DONE

@@ -78,15 +78,10 @@ def _of_session(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
 def batch(options: argparse.Namespace) -> int:
     """`spherecal batch`: 3 where any session failed or is not valid. A batch that was stopped goes on where it was."""
     settings = {
-        "method": options.method,
-        "search": search_of(options),
-        "spherical_projection": not options.no_spo,
-        "th_pt": options.th_pt,
-        "damping": options.damping,
-        "intrinsics": options.intrinsics,
-        "own_intrinsics": options.own_intrinsics,
-        "seed": options.seed,
-    }
+        "method": options.method, "search": search_of(options), "spherical_projection": not options.no_spo,
+        "th_pt": options.th_pt, "damping": options.damping, "intrinsics": options.intrinsics,
+        "own_intrinsics": options.own_intrinsics, "seed": options.seed,
+    }  # fmt: skip
     with shown_progress() as context:
         compile_first(context)
         workers = workers_for(options.workers, options.cluster)

@@ -209,20 +209,10 @@ class FrameStore:
             return None
         image.flags.writeable = False
         return Frame(
-            meta.serial,
-            image,
-            meta.bits,
-            meta.pixel_format,
-            meta.taken_s,
-            meta.arrived_s,
-            meta.frame_id,
-            meta.time_stamp_ns,
-            meta.round,
-            meta.exposure_us,
-            meta.gain_db,
-            meta.temperature_c,
+            meta.serial, image, meta.bits, meta.pixel_format, meta.taken_s, meta.arrived_s, meta.frame_id,
+            meta.time_stamp_ns, meta.round, meta.exposure_us, meta.gain_db, meta.temperature_c,
             common_clock=meta.common_clock,
-        )
+        )  # fmt: skip
 
     def latest(self, serial: str) -> Frame | None:
         """The newest image of a camera, copied once however often it is requested; None if there was none yet."""

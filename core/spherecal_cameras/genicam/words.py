@@ -9,29 +9,12 @@ from spherecal_cameras.protocol import CameraState
 
 # The errors of GenTL by their codes, as genicam names their classes; what is not among them was never implemented.
 _MEANT = {
-    -1001: "Error",
-    -1002: "NotInitialized",
-    -1003: "NotImplemented",
-    -1004: "ResourceInUse",
-    -1005: "AccessDenied",
-    -1006: "InvalidHandle",
-    -1007: "InvalidId",
-    -1008: "NoData",
-    -1009: "InvalidParameter",
-    -1010: "Io",
-    -1011: "Timeout",
-    -1012: "Abort",
-    -1013: "InvalidBuffer",
-    -1014: "NotAvailable",
-    -1015: "InvalidAddress",
-    -1016: "BufferTooSmall",
-    -1017: "InvalidIndex",
-    -1018: "ParsingChunkData",
-    -1019: "InvalidValue",
-    -1020: "ResourceExhausted",
-    -1021: "OutOfMemory",
-    -1022: "Busy",
-}
+    -1001: "Error", -1002: "NotInitialized", -1003: "NotImplemented", -1004: "ResourceInUse", -1005: "AccessDenied",
+    -1006: "InvalidHandle", -1007: "InvalidId", -1008: "NoData", -1009: "InvalidParameter", -1010: "Io",
+    -1011: "Timeout", -1012: "Abort", -1013: "InvalidBuffer", -1014: "NotAvailable", -1015: "InvalidAddress",
+    -1016: "BufferTooSmall", -1017: "InvalidIndex", -1018: "ParsingChunkData", -1019: "InvalidValue",
+    -1020: "ResourceExhausted", -1021: "OutOfMemory", -1022: "Busy",
+}  # fmt: skip
 
 
 def error_id(text: str) -> int | None:

@@ -177,19 +177,9 @@ class SimulatedSource(InProcessSource):
         arrived = time.perf_counter()
         temperature = _WARM_C + 0.5 * float(np.sin(arrived / 900 + self._index[serial]))  # at most 0.03 K a minute
         return Frame(
-            serial,
-            image,
-            bits,
-            f"Mono{bits}",
-            began,
-            arrived,
-            self.next_frame_id(serial),
-            self.stamp_ns(),
-            None,
-            settings.exposure_us,
-            settings.gain_db,
-            round(temperature, 2),
-        )
+            serial, image, bits, f"Mono{bits}", began, arrived, self.next_frame_id(serial), self.stamp_ns(), None,
+            settings.exposure_us, settings.gain_db, round(temperature, 2),
+        )  # fmt: skip
 
     def _picture(self, serial: str, view: StageView, artefact: ArtefactPose) -> NDArray[np.float32]:
         """The noise-free image, kept while nothing changes."""

@@ -215,13 +215,6 @@ def _refuse_contradiction(
 
 
 COLMAP = Format(
-    "colmap",
-    "COLMAP text model with rig",
-    8,
-    ("mm", "m"),
-    _write,
-    read_colmap,
-    folder=True,
-    ids=FileRig.safe_names,
+    "colmap", "COLMAP text model with rig", 8, ("mm", "m"), _write, read_colmap, folder=True, ids=FileRig.safe_names,
     fisheye=True,
-)
+)  # fmt: skip

@@ -118,13 +118,7 @@ def _signature(block: model.Signature) -> str:
 
 
 _BLOCKS: dict[type, Callable[[Any], str]] = {
-    model.Paragraph: _paragraph,
-    model.Verdict: _verdict,
-    model.KeyFigures: _key_figures,
-    model.FindingText: _finding,
-    model.KeyValues: _key_values,
-    model.Table: _table,
-    model.Figure: model.Figure.svg,
-    model.Panels: _panels,
+    model.Paragraph: _paragraph, model.Verdict: _verdict, model.KeyFigures: _key_figures, model.FindingText: _finding,
+    model.KeyValues: _key_values, model.Table: _table, model.Figure: model.Figure.svg, model.Panels: _panels,
     model.Signature: _signature,
-}
+}  # fmt: skip

@@ -20,16 +20,10 @@ _VERDICTS = {
 _STATES = {"verified": "state-verified", "not seen": "state-not-seen", "rejected": "state-rejected"}
 _DISTRIBUTIONS = {"normal": "distribution-normal", "rectangular": "distribution-rectangular"}
 _SHARES = {
-    "certificate": "share-certificate",
-    "thermometer": "share-thermometer",
-    "expansion": "share-expansion",
-    "temperature": "share-temperature",
-    "calibration": "share-calibration",
-    "scale": "share-scale",
-    "centring": "share-centring",
-    "repeatability": "share-repeatability",
-    "resolution": "share-resolution",
-}
+    "certificate": "share-certificate", "thermometer": "share-thermometer", "expansion": "share-expansion",
+    "temperature": "share-temperature", "calibration": "share-calibration", "scale": "share-scale",
+    "centring": "share-centring", "repeatability": "share-repeatability", "resolution": "share-resolution",
+}  # fmt: skip
 _DOUBTS = {
     "camera-moved": "doubt-camera-moved",
     "certificate-expired": "doubt-certificate-expired",

@@ -100,15 +100,9 @@ def _panel(sheet: style.Sheet, box: style.PageBox, series: TrendSeries, trend: T
     for value, text in ((series.limits.low, "lower limit"), (series.limits.high, "upper limit")):
         axes.axhline(value, color=style.BAD, linewidth=0.6, linestyle=(0, (4, 2)))
         axes.annotate(
-            f"{text} {style.significant(value, 3)}",
-            (0.005, value),
-            xycoords=("axes fraction", "data"),
-            xytext=(0, 1.5),
-            textcoords="offset points",
-            ha="left",
-            fontsize=style.TINY_PT,
-            color=style.BAD,
-        )
+            f"{text} {style.significant(value, 3)}", (0.005, value), xycoords=("axes fraction", "data"),
+            xytext=(0, 1.5), textcoords="offset points", ha="left", fontsize=style.TINY_PT, color=style.BAD,
+        )  # fmt: skip
     axes.margins(y=0.25)
 
 

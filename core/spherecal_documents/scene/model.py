@@ -260,16 +260,9 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = ()) -> SceneDat
     places = (xyz[keep] - middle) @ scene.axes.T
     names = tuple((points.placement[i], int(points.target[i]), points.point[i]) for i in keep.tolist())
     shown = SceneData(
-        scene,
-        places,
-        sizes[keep] / (usual or 1.0),
-        links=links,
-        normals=_normals(scene, places, names),
-        names=names,
-        most_px=usual,
-        figures=_figures(result.rig),
-        origin_mm=middle,
-    )
+        scene, places, sizes[keep] / (usual or 1.0), links=links, normals=_normals(scene, places, names), names=names,
+        most_px=usual, figures=_figures(result.rig), origin_mm=middle,
+    )  # fmt: skip
     shown = replace(shown, **_ellipsoids(result, scene.axes, middle))
     lengths = result.rig.length_map
     if lengths is None:

@@ -157,20 +157,11 @@ class GigeRig:
 
 # Faults: what the words mean. A camera is named by its serial number.
 FAULTS = {
-    "loss": "CAMERA PERCENT",
-    "burst": "CAMERA LENGTH EVERY",
-    "thin": "CAMERA|line MBIT_S",
-    "latency": "CAMERA MS JITTER_MS",
-    "unplug": "CAMERA",
-    "plug": "CAMERA",
-    "power_off": "CAMERA",
-    "power_on": "CAMERA",
-    "seize": "CAMERA",
-    "release": "CAMERA",
-    "conflict": "CAMERA OTHER",
-    "subnet": "CAMERA",
+    "loss": "CAMERA PERCENT", "burst": "CAMERA LENGTH EVERY", "thin": "CAMERA|line MBIT_S",
+    "latency": "CAMERA MS JITTER_MS", "unplug": "CAMERA", "plug": "CAMERA", "power_off": "CAMERA",
+    "power_on": "CAMERA", "seize": "CAMERA", "release": "CAMERA", "conflict": "CAMERA OTHER", "subnet": "CAMERA",
     "home": "CAMERA",
-}
+}  # fmt: skip
 
 
 class _Pictures:

@@ -34,39 +34,17 @@ def _record(size: int, **fields: tuple[Any, int]) -> np.dtype[Any]:
 
 
 HEADER = _record(
-    PAGE,
-    magic=("u4", 0),
-    layout_version=("u4", 4),
-    device_count=("u4", 8),
-    owner_pid=("u4", 12),
-    slot_bytes=("u8", 16),
-    total_bytes=("u8", 24),
-    line_pulses=("u8", 32),
-    line_pulse_ns=("u8", 40),
-)
+    PAGE, magic=("u4", 0), layout_version=("u4", 4), device_count=("u4", 8), owner_pid=("u4", 12),
+    slot_bytes=("u8", 16), total_bytes=("u8", 24), line_pulses=("u8", 32), line_pulse_ns=("u8", 40),
+)  # fmt: skip
 
 REGISTERS = _record(
-    256,
-    width=("u4", 0),
-    height=("u4", 4),
-    offset_x=("u4", 8),
-    offset_y=("u4", 12),
-    pixel_format=("u4", 16),
-    acquisition_mode=("u4", 20),
-    acquisition_frame_count=("u4", 24),
-    frame_rate_enable=("u4", 28),
-    frame_rate_hz=("f8", 32),
-    exposure_us=("f8", 40),
-    gain_db=("f8", 48),
-    trigger_delay_us=("f8", 56),
-    trigger_selector=("u4", 64),
-    trigger_mode=("u4", 68),
-    trigger_source=("u4", 72),
-    packet_size=("u4", 96),
-    packet_delay_ns=("u4", 100),
-    indicator=("u4", 108),
-    user_id=("S64", 128),
-)
+    256, width=("u4", 0), height=("u4", 4), offset_x=("u4", 8), offset_y=("u4", 12), pixel_format=("u4", 16),
+    acquisition_mode=("u4", 20), acquisition_frame_count=("u4", 24), frame_rate_enable=("u4", 28),
+    frame_rate_hz=("f8", 32), exposure_us=("f8", 40), gain_db=("f8", 48), trigger_delay_us=("f8", 56),
+    trigger_selector=("u4", 64), trigger_mode=("u4", 68), trigger_source=("u4", 72), packet_size=("u4", 96),
+    packet_delay_ns=("u4", 100), indicator=("u4", 108), user_id=("S64", 128),
+)  # fmt: skip
 
 # What a camera counts since its region was made; `last_image` is the number of the picture last sent.
 Counters = namedtuple(

@@ -92,9 +92,10 @@ def plain(value: object) -> object:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def plain_fields(record: "DataclassInstance") -> dict[str, object]:
-    """The fields of a dataclass by name, each as `plain` makes it."""
-    return {field.name: plain(getattr(record, field.name)) for field in dataclasses.fields(record)}
+def plain_fields(record: "DataclassInstance", names: str = "") -> dict[str, object]:
+    """The fields of a dataclass by name, or only those of a text of names, each as `plain` makes it."""
+    wanted = names.split() or [field.name for field in dataclasses.fields(record)]
+    return {name: plain(getattr(record, name)) for name in wanted}
 
 
 _COLOUR = {"error": "red", "warning": "yellow", "info": "blue"}

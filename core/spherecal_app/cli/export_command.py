@@ -11,7 +11,7 @@ from spherecal.files.atomic import SESSION
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame
-from spherecal_app.cli.console import answer, check_output_folder, out, output_file, say, to_output
+from spherecal_app.cli.console import answer, check_output_folder, out, output_file, plain_fields, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_documents.export.import_rig import Imported
 from spherecal_documents.export.import_rig import import_rig as run
@@ -145,10 +145,7 @@ def import_rig(options: argparse.Namespace) -> int:
     to_output(output, rig_bytes(rig))
     cameras = [camera.id for camera in rig]
     taken = {
-        "unit": done.unit,
-        "unit_from": done.unit_from,
-        "nearest_mm": done.nearest_mm,
-        "farthest_mm": done.farthest_mm,
+        **plain_fields(done, "unit unit_from nearest_mm farthest_mm"),
         "lenses": {words: list(own) for words, own in done.lenses.items()},
         "left_out": dict(done.left_out),
         "warnings": list(done.warnings),

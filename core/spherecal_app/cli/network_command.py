@@ -17,7 +17,7 @@ from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal_app.cli.calibrate_command import calibration_summary, show_calibration
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import answer, check_output_folder, out
+from spherecal_app.cli.console import answer, check_output_folder, out, plain_fields
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.next_placement import Guidance, advise
@@ -80,10 +80,7 @@ def _as_json(guidance: Guidance) -> dict[str, object]:
                 "centre_mm": [round(float(x), 3) for x in c.centre_mm],
                 "turn_deg": c.turn_deg,
                 "axis": None if c.axis is None else [round(float(x), 6) for x in c.axis],
-                "expanded_mm": c.expanded_mm,
-                "cameras": c.cameras,
-                "nearest": c.nearest,
-                "fewest_dots": c.fewest_dots,
+                **plain_fields(c, "expanded_mm cameras nearest fewest_dots"),
             }
             for c in guidance.candidates
         ],

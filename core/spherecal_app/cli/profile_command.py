@@ -126,6 +126,9 @@ def show(options: argparse.Namespace) -> int:
     return DONE
 
 
+_OF_ENTRY = "calibrated_at valid calibration_verdict care rms_px temperature_c verdict note"
+
+
 def _summary(profile: Profile, state: Validity) -> dict[str, object]:
     return {
         "name": profile.name,
@@ -135,20 +138,7 @@ def _summary(profile: Profile, state: Validity) -> dict[str, object]:
         "temperature_change_kelvin": state.change_kelvin,
         "active": profile.active_id,
         "last_good": profile.last_good_id,
-        "calibrations": [
-            {
-                "id": key,
-                "calibrated_at": entry.calibrated_at.isoformat(),
-                "valid": entry.valid,
-                "calibration_verdict": entry.calibration_verdict,
-                "care": entry.care,
-                "rms_px": entry.rms_px,
-                "temperature_c": entry.temperature_c,
-                "verdict": entry.verdict,
-                "note": entry.note,
-            }
-            for key, entry in profile.entries.items()
-        ],
+        "calibrations": [{"id": key, **plain_fields(entry, _OF_ENTRY)} for key, entry in profile.entries.items()],
         "checks": [
             {"checked_at": one.at.isoformat(), "calibration": one.calibration, "verdict": one.verdict}
             for one in read_checks(profile.folder)[0]
@@ -226,31 +216,16 @@ def _mm(value: float | None, digits: int = 3, sign: str = "") -> str:
     return "-" if value is None else f"{value:{sign}.{digits}f} mm"
 
 
+_OF_CAMERA = "id moved replaced centre_mm rotation_deg focal_px ray_rms_mm ray_max_mm ray_max_px point_mm length_mm"
+
+
 def _compared(c: Comparison) -> dict[str, object]:
     return {
         "scale_ppm": finite(c.scale_ppm),
         "volume_mm": [finite(c.volume.low_mm), finite(c.volume.high_mm)],
-        "point_mm": finite(c.point_mm),
-        "length_mm": finite(c.length_mm),
-        "of_length_mm": finite(c.of_length_mm),
-        "cameras": [
-            {
-                "id": x.id,
-                "moved": x.moved,
-                "replaced": x.replaced,
-                "centre_mm": finite(x.centre_mm),
-                "rotation_deg": finite(x.rotation_deg),
-                "focal_px": finite(x.focal_px),
-                "ray_rms_mm": finite(x.ray_rms_mm),
-                "ray_max_mm": finite(x.ray_max_mm),
-                "ray_max_px": finite(x.ray_max_px),
-                "point_mm": finite(x.point_mm),
-                "length_mm": finite(x.length_mm),
-            }
-            for x in c.cameras
-        ],
-        "only_in_a": list(c.only_in_a),
-        "only_in_b": list(c.only_in_b),
+        **plain_fields(c, "point_mm length_mm of_length_mm"),
+        "cameras": [plain_fields(x, _OF_CAMERA) for x in c.cameras],
+        **plain_fields(c, "only_in_a only_in_b"),
     }
 
 

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from spherecal.data.findings import counted
 from spherecal_app.api import new_session
-from spherecal_app.cli.console import answer, out, say
+from spherecal_app.cli.console import answer, out, plain_fields, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_app.recordings.new_session import NewSession
@@ -33,13 +33,9 @@ def _summary(made: NewSession) -> dict[str, object]:
         "pattern": made.pattern,
         "cameras": [
             {
-                "id": camera.id,
-                "images": camera.images,
-                "image_size": list(camera.image_size),
+                **plain_fields(camera, "id images image_size"),
                 "focal_px": round(camera.focal_px, 3),
-                "focal_from": camera.focal_from,
-                "model": camera.model,
-                "serial": camera.serial,
+                **plain_fields(camera, "focal_from model serial"),
             }
             for camera in made.cameras
         ],

@@ -18,7 +18,16 @@ from spherecal.verify.verification import Verification
 from spherecal.verify.verify_bars import VerifySettings
 from spherecal.verify.verify_bars import verify as run
 from spherecal.verify.write_verification import write_verification
-from spherecal_app.cli.console import answer, check_output_folder, log_findings, number, out, say, show_findings
+from spherecal_app.cli.console import (
+    answer,
+    check_output_folder,
+    log_findings,
+    number,
+    out,
+    plain_fields,
+    say,
+    show_findings,
+)
 from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.result_folder import answer_for
@@ -142,12 +151,8 @@ def _verification_summary(verification: Verification) -> dict[str, object]:
     return {
         "verdict": verification.decision.verdict,
         "failed": verification.failed,
-        "chi_square": verification.decision.chi_square,
-        "most_chi_square": verification.decision.most_chi_square,
-        "n": verification.overall.n,
-        "mean_error_mm": verification.overall.mean_error_mm,
-        "sd_mm": verification.overall.sd_mm,
-        "max_abs_error_mm": verification.overall.max_abs_error_mm,
+        **plain_fields(verification.decision, "chi_square most_chi_square"),
+        **plain_fields(verification.overall, "n mean_error_mm sd_mm max_abs_error_mm"),
         "acceptance": _accepted(verification),
         "cameras": {c.id: c.state for c in verification.cameras},
         "findings": [FINDING.entry(finding) for finding in verification.findings],

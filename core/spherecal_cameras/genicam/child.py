@@ -199,7 +199,7 @@ class _Service:
         self._send(messages.Working(f"opening camera {slot.serial}", _OPEN_S))
         producer = self._producer(slot)
         if producer.problem:
-            return self._cannot(slot, words.no_producer(producer.file, producer.problem))
+            return self._cannot(slot, words.state_in_words("no producer", file=producer.file, why=producer.problem))
         self._touch.set(slot.number, OPENING)
         listed = producer.find(slot.serial, slot.device_id)
         if listed is None or slot.tries:
@@ -207,10 +207,10 @@ class _Service:
                 producer.rescan()
             listed = producer.find(slot.serial, slot.device_id)
         if listed is None:
-            return self._cannot(slot, words.not_listed())
+            return self._cannot(slot, words.state_in_words("not listed"))
         access = access_of(listed)
         if access == "busy":
-            return self._cannot(slot, words.busy())
+            return self._cannot(slot, words.state_in_words("busy", why=""))
         try:
             device = Device(producer, listed, slot.serial, slot.settings)
         except Exception as error:
@@ -237,7 +237,7 @@ class _Service:
         except DeviceLost as error:
             device.close()
             slot.device = None
-            return self._cannot(slot, words.lost(str(error)))
+            return self._cannot(slot, words.state_in_words("lost", why=error))
         slot.tries, slot.failure = 0, None
         self._say(slot, CameraState.STREAMING if device.acquiring else CameraState.CONNECTED)
         return [report]
@@ -263,7 +263,7 @@ class _Service:
             slot.device = None
         slot.tries = 0
         slot.wait_longer()
-        self._say(slot, *words.lost(plain(error)))
+        self._say(slot, *words.state_in_words("lost", why=plain(error)))
 
     def _say(self, slot: Slot, state: CameraState, cause: str = "", remedy: str = "") -> None:
         report = messages.StateIs(slot.serial, state, cause, remedy)

@@ -308,7 +308,7 @@ class CameraService:
             self._crashes[culprit] += 1
             if self._crashes[culprit] >= _CRASHES:
                 self._left_out[culprit] = time.perf_counter() + _LEFT_OUT_S
-                self.status_log.set_state(culprit, *words.left_out(self._crashes[culprit]))
+                self.status_log.set_state(culprit, *words.state_in_words("left out", times=self._crashes[culprit]))
         if self._crashes.total() > _CRASHES:
             self._changed.wait(_PAUSE_S)
 

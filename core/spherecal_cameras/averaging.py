@@ -55,11 +55,7 @@ def take_averaged(
     request: CaptureRequest | None = None,
     context: Context | None = None,
 ) -> AveragedSet:
-    """Take `count` sets and average them; taken again, as often as the request allows, if the scene moved.
-
-    The images are 16 bits deep (see `average`), but those of a single set as they are. A camera that is missing in one
-    of the sets is missing in the average.
-    """
+    """Take `count` sets and average them (16 bits), again if the scene moved; one missing in a set is missing."""
     request, context = request or CaptureRequest(), context or Context()
     tries = 0
     while True:

@@ -368,10 +368,7 @@ _FACT_OF: dict[str, FactName] = {
 def interface_facts(
     wire: Iterable[WireCamera], loads: Mapping[str, CameraLoad] | None = None
 ) -> tuple[InterfaceFact, ...]:
-    """What of this computer's network matters to these cameras, good or wrong, of every interface where one answers.
-
-    `loads`: what each is to send, by serial number; None: as cameras of 2 MP. Windows: only the firewall is looked at.
-    """
+    """What of this computer's network matters to these cameras; `loads`: what each sends, else as of 2 MP."""
     wire = tuple(wire)
     if sys.platform == "win32":
         return (_windows_firewall(),) if wire else ()

@@ -181,11 +181,7 @@ class SessionFolder:
 
 
 def session_ids(names: Mapping[str, str]) -> dict[str, str]:
-    """The ids that cameras get in a session, by serial, from the names they are to have.
-
-    A camera's own name may have any characters: those that an id may not have are replaced. Where two cameras would get
-    one id, their serial numbers are used.
-    """
+    """The ids of cameras by serial: their names with other characters replaced, serial numbers where they are alike."""
     ids = {serial: filesystem.as_id(name, filesystem.as_id(serial, "camera")) for serial, name in names.items()}
     return {s: one if list(ids.values()).count(one) == 1 else filesystem.as_id(s, one) for s, one in ids.items()}
 

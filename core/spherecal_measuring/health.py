@@ -62,11 +62,7 @@ class RigHealth:
     def add(
         self, number: int, views: Views, checked: CheckedPoints, key: IntArray, take: BoolArray, expected_noise: float
     ) -> None:
-        """Take in one set; the cameras are tested every 5 sets over these, and every 100 sets over all of them.
-
-        `key`: number of each point, (m,), the same in every set; `take`: which points count for the tests, (m,): those
-        that did not move.
-        """
+        """Take in a set, points by key (m,), those that did not move tested; every 5 sets, and over all every 100."""
         self.sets += 1
         c = len(self._rig.cameras)
         kept = checked.kept

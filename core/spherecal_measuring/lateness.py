@@ -61,11 +61,7 @@ class Velocities:
         self._past: _Past | None = None
 
     def of(self, key: IntArray, value: FloatArray, at_s: FloatArray) -> Motion:
-        """The motion of some values by the sets kept before; unknown for values that were not in the last set.
-
-        `key`: number of each value, (n,), all different; `value`: the values, (n, w); `at_s`: when each was measured,
-        (n,) s.
-        """
+        """The motion of values (n, w) with keys (n,) at times (n,) s by the sets before; unknown for new ones."""
         n, w = value.shape
         x, mean, acceleration = (np.full((n, w), np.nan) for _ in range(3))
         at, jerk, passed = (np.full(n, np.nan) for _ in range(3))

@@ -98,12 +98,7 @@ class Layouts:
 def triangulate_places(
     target: IntArray, point: IntArray, layouts: Layouts, wanted: frozenset[PointName], errors: PointErrors
 ) -> LocatedPoints:
-    """The places of all targets and wanted points, in mm in the rig's world, sorted by name.
-
-    A target with a layout has its centre; one without has each of its points.
-
-    `target`, `point` (m,).
-    """
+    """Places of all targets (centres by layout, else points) and wanted points (m,), mm, sorted by name."""
     checked, points = errors.checked, errors.checked.points
     usable = np.isfinite(points.points[:, 0]) & points.in_front & ~checked.contradicting
     flat = layouts.of(target, point)

@@ -187,11 +187,7 @@ def write_series(
     table: TableKind = "csv",
     seen: Callable[[MeasuredSet], None] | None = None,
 ) -> int:
-    """Write all sets into a series folder, whole or not at all; how many there were.
-
-    What ends the measurement early, Ctrl-C or a lost camera, is raised again once all sets so far are written. Before
-    the first set nothing is written.
-    """
+    """Write all sets into a series folder whole, also where the measurement ends early; how many there were."""
     check_table_kind(table)
     count = 0
     ended: BaseException | None = None

@@ -95,11 +95,7 @@ def check(
     limit: LengthLimit | None = None,
     context: Context | None = None,
 ) -> Check:
-    """Whether the rig is still as it was calibrated, by all data of the session; nothing is calibrated.
-
-    A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
-    docs/verification.md says what OK, watch and recalibrate mean.
-    """
+    """Whether the rig is still as calibrated, by all data of the session (docs/verification.md)."""
     context = context or Context()
     session = observed(session, context)
     context.report("check", 0.0, Phrase("comparing"))
@@ -200,12 +196,7 @@ def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
 
 
 def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CheckedCamera:
-    """A camera's verdict, with the reason.
-
-    A camera that moved is to be recalibrated or watched, by how far; one whose residuals have doubled is to be watched.
-
-    `tolerance_mm` None: one of more than 0.
-    """
+    """A camera's verdict, with the reason: moved by more than the tolerance, or residuals doubled."""
     placed = rig.camera(test.id)
     before = placed.rms_px if placed is not None else None
     if test.moved:

@@ -64,13 +64,7 @@ def shift_mm(pair: MatchedCamera, points: FloatArray, uv: FloatArray, b_from_a: 
 
 
 def align(pairs: tuple[MatchedCamera, ...], points: FloatArray, metric: bool) -> Similarity:
-    """The similarity (rigid motion where `metric`) from the first world to the second.
-
-    It minimises the sum over the cameras of the rms shift of the volume's points in the images. A few cameras that have
-    moved do not pull it, as the sum of squares would let them.
-
-    `points`: points (n, 3) all over the volume in the first world, mm.
-    """
+    """The similarity (rigid where `metric`) of least rms shifts in the images, of points (n, 3) all over the volume."""
     seen = [(pair, inside, uv) for pair in pairs for inside, uv in [sights(pair, points)] if inside.sum() >= 4]
     if len(seen) < 2:
         raise InputError(Phrase("error-few-see-volume"))

@@ -91,11 +91,7 @@ class Place:
 
 
 def result_places(folder: Path, requested: Collection[str] = ()) -> dict[str, Place]:
-    """The places of a result folder by name, ball centres first.
-
-    `P1` is the ball's centre at placement P1. `A-01/A1` is the mark A1 of a bar verified in the pose A-01: its longest
-    length's ends, without covariance. `B-01/901/centre` is a point of points.csv.
-    """
+    """The places of a result by name: P1 (ball centre), A-01/A1 (mark of a verified bar), B-01/901/centre (a point)."""
     table = read_csv(folder / "points.csv", POINT_COLUMNS)
     xyz = np.column_stack([table.numbers(axis) for axis in _AXES]).reshape(-1, 3)
     sigma = np.column_stack([table.lengths(f"sigma_{axis}", may_be_empty=True) for axis in _AXES]).reshape(-1, 3)
@@ -213,11 +209,7 @@ def _places_there(places: Mapping[str, Place]) -> str:
 
 
 def in_frame(rig: Rig, frame: UserFrame) -> Rig:
-    """The rig with its world exchanged for the user's frame; without a reference camera, whose frame the world was.
-
-    The cameras' covariance and rotation sigmas are about their own axes and stay. Centres' sigmas are turned, with the
-    correlations of the covariance; without it, as if there were none. Findings keep their words.
-    """
+    """The rig with the user's frame for its world: centres' sigmas are turned, those about the cameras stay."""
     if frame.reference_camera != rig.reference_camera:
         names = {"camera": frame.reference_camera or "-", "own": rig.reference_camera or "-"}
         raise InputError(Phrase("error-other-reference", names))

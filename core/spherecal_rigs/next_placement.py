@@ -59,11 +59,7 @@ class Candidate(ByValue):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guidance(ByValue):
-    """What stopping now would give (k = 2, 500 mm, median over the volume), and the candidates, best first.
-
-    A candidate at which a camera would not see enough dots comes after all at which every camera does.
-    `placements_mm` (t,3): where the ball has been; `volume` what the cameras see.
-    """
+    """What stopping now would give (k = 2, 500 mm, median over the volume), and the candidates, best first."""
 
     now_mm: float | None
     candidates: tuple[Candidate, ...]

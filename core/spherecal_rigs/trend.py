@@ -126,11 +126,7 @@ def _series(name: str, unit: str, values: Sequence[float], least: float = -np.in
 
 
 def control_limits(values: FloatArray) -> ControlLimits | None:
-    """Median and limits of a chart of single values (n,), NaN left out; None for fewer than four, or no spread.
-
-    The limits are the median +- 3 sd with sd = median moving range / 0.954 (D. J. Wheeler, Understanding Statistical
-    Process Control).
-    """
+    """Median +- 3 sd, sd = median moving range / 0.954 (Wheeler), of values (n,); None for fewer than four."""
     finite = values[np.isfinite(values)]
     if len(finite) < _LEAST_VALUES:
         return None

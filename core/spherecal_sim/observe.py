@@ -37,13 +37,7 @@ _POOR_PX = (0.5, 3.0)
 def spoil(
     observations: Observations, sizes: FloatArray, fraction: float, rng: np.random.Generator
 ) -> tuple[Observations, BoolArray]:
-    """Observations of which a fraction is wrong, and which are, (n,).
-
-    Half of the wrong ones come from targets that exchanged their ids in one image (all dots of both). 30 % are 0.5 to 3
-    px off in any direction, 20 % are anywhere in the frame.
-
-    `sizes`: image sizes by camera, (cameras, 2) px.
-    """
+    """Observations of which a fraction is wrong, and which (n,): exchanged ids, 0.5 to 3 px off, anywhere."""
     n = len(observations)
     uv = observations.uv.copy()
     wrong = np.zeros(n, dtype=bool)
@@ -115,14 +109,7 @@ class Seen:
 def observe(
     view: ObservingCameras, points: FloatArray, normals: FloatArray | None, view_limit_deg: float = 60.0
 ) -> Seen:
-    """Which of the points each simulated camera sees, and where.
-
-    A point is seen where it is in front of the camera and its image in the frame. On a convex body the angle's limit
-    implies that nothing hides it.
-
-    `points`: points in the world, (m, 3) mm; `normals`: outward normals of the surface there, (m, 3); None: points are
-    seen from all around.
-    """
+    """Which points (m, 3) mm each simulated camera sees, and where: in the frame, normals towards it."""
     camera, point = np.nonzero(_facing(view, points, normals, view_limit_deg))
     x = np.einsum("nij,nj->ni", view.rotations[camera], points[point]) + view.translations[camera]
     ahead = (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < view.reach[camera] * x[:, 2])

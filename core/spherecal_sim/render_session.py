@@ -46,12 +46,7 @@ def render_session(
     options: SimulationOptions | None = None,
     settings: RenderSettings | None = None,
 ) -> Truth:
-    """Render a session folder with images, truth.json and truth_dots.csv, whole or not at all; its truth.
-
-    The same seed gives the same images, however many threads there are.
-
-    `context` None does neither; `options` None is `RENDERED`; `settings` None is `CLUTTERED`.
-    """
+    """Render a session folder with images, truth.json and truth_dots.csv, whole, same on any threads; its truth."""
     context = context or Context()
     options, settings = options or RENDERED, settings or CLUTTERED
     if options.shape_change_mm or options.mark_points != "dots" or options.misfit_px:

@@ -68,11 +68,7 @@ class TrueCamera:
 
 
 def rig_design(preset: str) -> RigDesign:
-    """The drawing of a preset.
-
-    A preset is also any `hallN` (N even, >= 6), `domeN` (N >= 3) and `wideN` (lenses with a field of N degrees, 60 to
-    160).
-    """
+    """The drawing of a preset, also any `hallN` (N even, >= 6), `domeN` (>= 3), `wideN` (field 60 to 160 degrees)."""
     if preset == "rigA":
         return _rig_a()
     if preset == "rigB":
@@ -219,11 +215,7 @@ def build_cameras(design: RigDesign, rng: np.random.Generator) -> tuple[TrueCame
 
 
 def look_at(place: FloatArray, aim: FloatArray, up: FloatArray) -> FloatArray:
-    """World-to-camera rotation (3, 3) of a camera that looks at a place.
-
-    `place`: where the camera is, (3,) mm; `aim`: what it looks at, (3,) mm; `up`: direction of the image's top, (3,),
-    not along the line of sight.
-    """
+    """World-to-camera rotation (3, 3) of a camera at a place (3,) that looks at another, `up` not along the way."""
     z = (aim - place) / np.linalg.norm(aim - place)
     x = np.cross(z, up)
     x /= np.linalg.norm(x)

@@ -19,13 +19,7 @@ _N_MARKS = 8  # two bars of four
 
 
 def simulate_session(preset: str, seed: int, options: SimulationOptions | None = None) -> tuple[Session, Truth]:
-    """A session of observations on a simulated rig and the truth behind it; the same seed gives the same session.
-
-    Rig, ball, placements, bars, noise and faults draw from streams of their own, so that, say, more noise leaves the
-    rig as it was. The world of the truth is the rig's frame.
-
-    `options` None is the standard session.
-    """
+    """A session of observations and its truth, in the rig's frame; rig, noise, ... draw from streams of their own."""
     options = options or SimulationOptions()
     design = rigs.rig_design(preset)
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)]

@@ -138,13 +138,7 @@ _NODES = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 
 
 def wrap(radius_mm: float, bumps: Bumps, frames: FloatArray, flat_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit directions (n, 3) and places (n, 3) mm in the ball frame of flat sticker places bent onto the ball.
-
-    A dot at distance d from its sticker's centre is carried along the ball's normal section in the dot's direction
-    until the arc there is d long (exponential map).
-
-    `frames`: axes of each dot's sticker, (n, 3, 3), as in `Ball`; `flat_mm`: places on the stickers, (n, 2) mm.
-    """
+    """Directions (n, 3) and places (n, 3) mm of flat places (n, 2) on stickers (n, 3, 3) bent onto the ball by arc."""
     length = np.hypot(flat_mm[:, 0], flat_mm[:, 1])
     along = flat_mm / np.where(length > 0, length, 1.0)[:, None]
     tangent = along[:, :1] * frames[:, 0] + along[:, 1:] * frames[:, 1]

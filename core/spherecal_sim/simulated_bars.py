@@ -67,13 +67,7 @@ def pose_bars(
     view_limit_deg: float | None,
     rng: np.random.Generator,
 ) -> tuple[TrueBarPose, ...]:
-    """`count` poses of each bar over the volume, every mark inside it and in at least 3 views.
-
-    There are fewer poses where the volume does not have room for them.
-
-    `volume_mm`: the measuring volume's lowest and highest corner, (2, 3) mm; `view_limit_deg` None: they are seen from
-    all around.
-    """
+    """At most `count` poses of each bar over the volume (2, 3) mm, every mark inside it and in at least 3 views."""
     poses = []
     for bar in bars:
         rotations, places = _fitting_poses(bar.x_mm, count, view, volume_mm, view_limit_deg, rng)

@@ -130,11 +130,7 @@ def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> 
 
 
 def lit_for(scene: TracedScene, truth: Truth, camera: int, settings: RenderSettings) -> TracedScene:
-    """The scene with its light scaled to the exposure of one simulated camera.
-
-    A white surface that faces the camera where the ball's near side usually is comes to 80 % of full scale times
-    `settings.exposure`.
-    """
+    """The scene lit so that a white surface facing the camera at the ball is 80 % of full scale times `exposure`."""
     level = settings.exposure * _FULL_SCALE_OF_WHITE / WHITE
     if not len(scene.lights):
         return scene._replace(ambient=level)

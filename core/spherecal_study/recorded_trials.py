@@ -25,12 +25,7 @@ from spherecal_study.study_agreement import bar_figures, outcome, residual_figur
 def recorded(
     session: str, fingerprint: str, method: Method = "auto", search: Search = "opt", without: list[str] | None = None
 ) -> dict[str, Any]:
-    """Calibrate a session without some of it (as `calibrate --leave-out`); residuals, check bars, cameras' centres.
-
-    A part that cannot be calibrated at all gives an invalid result with its `message`.
-
-    `without` None: nothing.
-    """
+    """Calibrate a session without some of it (`--leave-out`): residuals, check bars, centres, or a message."""
     del fingerprint
     loaded = detected(Path(session))
     settings = CalibrationSettings(method=method, search=search, repairs=Repairs(leave_out=tuple(without or ())))
@@ -72,12 +67,7 @@ def detected(folder: Path) -> Session:
 
 
 def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> float | None:
-    """How far (rms) cameras are from where the whole recording has them, mm, after the best rigid motion.
-
-    None for fewer than three common cameras.
-
-    `centres`: centres (3,) mm by camera.
-    """
+    """How far (rms, mm) cameras are from where the whole recording has them, after a rigid motion; None below 3."""
     common = sorted(set(centres) & set(whole))
     if len(common) < 3:
         return None

@@ -66,11 +66,7 @@ def _check(name: str, options: Options) -> None:
 def write_page(
     name: str, title: str, page: StudyPage, options: dict[str, Any], listed: list[Trial], results: Results, folder: Path
 ) -> Path:
-    """Write a study's page in all its forms; the path of its PDF.
-
-    They are `NAME.pdf`, pictures `NAME-1.png` .. of its pages, `NAME.json` with all results, and `paper.md`. To be
-    called within `report_style`.
-    """
+    """Write a study's page as PDF, pictures and JSON, and `paper.md`, within `report_style`; the PDF's path."""
     figures = [
         {"kind": t.kind, "settings": dict(t.settings), "result": r} for t, r in zip(listed, results, strict=True)
     ]

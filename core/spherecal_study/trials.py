@@ -50,11 +50,7 @@ def ball(
     known: bool = False,
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
-    """One calibration with the ball: residuals, bars, errors of the calibration alone.
-
-    `sigma_px` None takes rendered images; `cameras` None is all; `paths`: xi1, xi2, TH_er in px and b; None leaves all
-    to the method.
-    """
+    """One calibration with the ball: residuals, bars, the calibration alone; `sigma_px` None: rendered images."""
     session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
     session = _with_known(session, truth.cameras) if known else session
     bars = _with_bars(session, preset, seed, sigma_px)
@@ -132,10 +128,7 @@ def paths(
     known: bool = False,
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
-    """The graph, the paths of one search, and how good the chained start is, before anything else is done with it.
-
-    `sigma_px` None takes rendered images; `paths`: xi1, xi2, TH_er in px and b; None leaves all to the method.
-    """
+    """The graph, the paths of one search, and the chained start; `sigma_px` None: rendered images."""
     session, truth = _session(preset, seed, sigma_px, None, "spread")
     session = _with_known(session, truth.cameras) if known else session
     return {
@@ -194,10 +187,7 @@ def displaced(
     known: bool = False,
     percents: Sequence[int] = PERCENT,
 ) -> dict[str, Any]:
-    """How the paper's adjustment ends from points displaced by a % of the radius, [Tao21] (22); see displacement.py.
-
-    `sigma_px` None takes rendered images.
-    """
+    """How the paper's adjustment ends from points displaced by % of the radius, [Tao21] (22); see displacement.py."""
     session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
     return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping), percents)
@@ -211,10 +201,7 @@ def published(
     th_pt: int | None = None,
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
-    """How the paper's adjustment ends from every variant of its start, and how our robust start ends.
-
-    `sigma_px` None takes rendered images; `th_pt` None and `paths` None: as the method has them.
-    """
+    """How the paper's adjustment ends from every variant of its start, and our robust start; None: as the method."""
     session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
     settings = CalibrationSettings(method="tao2021", **_of_paths(paths))

@@ -119,11 +119,7 @@ def _mark_when_done(finish: _Finish, tell: _Tell, made_from: str) -> None:
 
 @contextmanager
 def _side_by_side(trial: str, table: str) -> Iterator[_Finish]:
-    """Run the parts of a table of the trial, each in a process that ends with the body at the latest.
-
-    Yields the function that waits for them; it calls `tell(done, all)` after every step, or of a table with a number of
-    functions after every function compiled, and raises SpherecalError where a part fails.
-    """
+    """Run a table of the trial, a process a part, ended with the body; yields what waits, calling `tell(done, all)`."""
     tables = importlib.import_module(trial)
     parts, functions = getattr(tables, table), getattr(tables, f"{table}_FUNCTIONS", 0)
     count = functions or sum(len(steps) for steps in parts.values())

@@ -27,10 +27,7 @@ class _HelpAll(argparse.Action):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says which word may be meant; `commands_below` makes its subparsers.
-
-    `sections`: how `--help` groups its commands. `brief`: the only options of its own that `--help` shows, if any.
-    """
+    """Says which word may be meant; `sections` group its commands, of `brief` options alone `--help` shows."""
 
     sections: Mapping[str, Sequence[str]] = {}
     brief: Collection[str] = ()

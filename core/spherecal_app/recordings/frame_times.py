@@ -23,10 +23,7 @@ _MOST_BYTES = 1 << 28
 
 
 def frame_times(videos: Mapping[str, Path]) -> tuple[Path, dict[str, FloatArray]] | None:
-    """The table beside the videos and each camera's ascending frame times in seconds; None where there is none.
-
-    None as well where the videos are in several folders, or the table is another program's.
-    """
+    """The table beside the videos and each camera's ascending frame times (s); None for another program's, or none."""
     folders = {path.parent for path in videos.values()}
     beside = [folder / name for folder in folders for name in NAMES if (folder / name).is_file()]
     if len(folders) > 1 or not beside:

@@ -15,13 +15,7 @@ _DATE = re.compile(r"(?:19|20)\d{12}(\d*)")
 
 
 def grouped_by_time(names: Mapping[str, list[str]]) -> tuple[IntArray, str] | None:
-    """Which names of each camera are of one moment, (moments, cameras), and how that was decided in words.
-
-    By nearest time, where the cameras' clocks agree; else by order, where all have as many. None where the names are
-    not times, or neither can be done.
-
-    `names`: of each camera, ascending.
-    """
+    """Which of each camera's ascending names are of one moment, (moments, cameras), and how: by time, else by order."""
     times = [[_nanoseconds(name) for name in own] for own in names.values()]
     known = [[time for time in own if time is not None] for own in times]
     if known != times:

@@ -102,11 +102,7 @@ def make_session(
     frames: int,
     context: Context,
 ) -> NewSession:
-    """Make a session folder of the images or videos in `source`, which are copied into it (of videos single frames).
-
-    Where `source` is the folder or is inside it, nothing is copied and session.json is written beside the images. Where
-    it fails, nothing is left behind.
-    """
+    """Make a session folder of images or videos' frames, copied unless they are in it; all or nothing."""
     inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))
     if inside and (folder / SESSION_FILE).exists():
         raise OutputError(Phrase("error-has-already", {"folder": folder, "name": SESSION_FILE}))

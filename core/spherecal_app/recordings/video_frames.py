@@ -68,13 +68,7 @@ class _Watched:
 def choose_frames(
     videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None = None
 ) -> ChosenFrames:
-    """The frames of common moments that serve in all videos.
-
-    The recording is cut into as many stretches as moments are wanted. Of each the sharpest of its stillest frames is
-    taken, unless it shows the same as the one before.
-
-    `times` None: frames i of all videos show one moment.
-    """
+    """Frames of common moments: of each stretch the sharpest of the stillest, unless like the one before."""
     watched = {}
     for number, (camera, path) in enumerate(videos.items()):
         context.report(STAGE, 0.7 * number / len(videos), path.name)

@@ -306,11 +306,7 @@ class Device:
     # --- health ------------------------------------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Read a register past all caches, to notice a camera that does not answer as it must.
-
-        Access status would be cheaper, but shows losses with some producers only (harvesters issue 272). genicam takes
-        a code that it does not know for success: the value is then whatever was in memory.
-        """
+        """Read a register past all caches: access status shows losses with some producers only (harvesters 272)."""
         node = self.features.node(self.features.name("width") or "")
         if node is None or self._width is None:
             return

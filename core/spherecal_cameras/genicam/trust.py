@@ -306,11 +306,7 @@ def _is_built(real: str, digest: str) -> bool:
 
 
 def who_may_change(real: str) -> str:
-    """Who except the user and the administrator may exchange a file, in words; empty where nobody can.
-
-    The file and every folder above it count: who may write a folder can rename what is in it. Access lists of Windows
-    are not looked at: there the result is always empty.
-    """
+    """Who else may exchange a file, by it and every folder above it, in words; empty: nobody, or Windows."""
     if os.name == "nt":
         return ""
     trusted = {0, os.getuid()}

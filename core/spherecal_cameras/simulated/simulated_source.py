@@ -68,12 +68,7 @@ _WARM_C = 41.0
 
 
 class SimulatedSource(InProcessSource):
-    """The simulated cameras of a preset rig.
-
-    `stage` moves ball and bars; `faults` may be exchanged at any time, as by `inject` and `heal`.
-
-    `stage` None makes one of `preset` and `seed`.
-    """
+    """The simulated cameras of a preset rig; `stage` moves ball and bars, `faults` may be exchanged at any time."""
 
     kind: SourceKind = "simulated"
 

@@ -46,13 +46,7 @@ class Imported:
 
 
 def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Imported:
-    """The rig in a file or folder of a format that is read, lengths in mm.
-
-    Nothing is known of its accuracy, which its one finding says. All formats pass the same gate: what a rig cannot
-    represent is refused, cameras without a pose are left out.
-
-    `unit` None: what the file shows, else the format's own; `ids` None: their names there.
-    """
+    """The rig of unknown accuracy in a file or folder, lengths in mm; refused where a rig cannot represent it."""
     form = _format(name)
     if not path.exists():
         raise InputError(Phrase("error-no-file-or-folder", {"path": path}))

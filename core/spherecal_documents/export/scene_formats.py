@@ -60,12 +60,7 @@ def frusta(rig: FileRig) -> FloatArray:
 
 
 def largest_difference_px(form: SceneFormat, path: Path, rig: FileRig) -> float:
-    """The largest error in px of the frusta that a file has.
-
-    Of corners it is how far they are off in the image, of centres their shift as seen at the corners' distance. It is
-    infinite for a frustum that is not in front of its camera, or not finite. Corners beyond the lens model's inverse,
-    which have no place in the image, are left out.
-    """
+    """The largest error in px of a file's frusta: corners, and centres seen at their distance; infinite behind."""
     read = form.frusta(path) @ form.world(rig)  # transposed inverse of a rotation
     largest = 0.0
     for camera, places in zip(rig.cameras, read, strict=True):

@@ -305,11 +305,7 @@ def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
 def largest_difference_px(
     rig: Rig, ids: Sequence[str], cameras: Sequence[FileCamera], unit: Unit, fields: bool = False
 ) -> float:
-    """Largest difference in px between the rig's projections and those of cameras that were read.
-
-    It is infinite where a camera that was read has no image of a point. With `fields` the lenses' fields count, and
-    points that such a camera does not hold do not.
-    """
+    """Largest difference in px of the rig's projections from those of cameras read; infinite where they have none."""
     by_id = {camera.id: camera for camera in cameras}
     largest = 0.0
     for camera, name in zip(rig.cameras, ids, strict=True):

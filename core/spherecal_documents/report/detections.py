@@ -39,11 +39,7 @@ class Detection:
 
 
 def find_session(result: Result, given: Path | None) -> Session | None:
-    """The session that the result was made from: the folder given, or else one called `session` beside the result.
-
-    The folder around the result is tried as well. A folder that was only guessed is left alone where it is another
-    session or cannot be read; None where none fits.
-    """
+    """The session of a result: the folder given, else one called `session` beside it that fits, or None."""
     if given is not None:
         session = read_session(given)
         if session.input_sha256 != result.rig.input_sha256:

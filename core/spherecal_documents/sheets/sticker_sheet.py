@@ -73,12 +73,7 @@ class SheetDrawing:
 def write_sheet(
     path: Path, target_set: TargetSet, page: Page = "A4", start_id: int | None = None, count: int | None = None
 ) -> None:
-    """Write targets as a PDF of stickers to print; its first page says how to print, measure and place them.
-
-    The file is written whole or not at all, and the same targets give the same bytes.
-
-    `start_id` None begins with the first of the set; `count` None writes all from there on.
-    """
+    """Write targets as a PDF of stickers, whole, same targets same bytes; its first page says how to use them."""
     if page not in PAGE_SIZES_MM:
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
     ids = _chosen_ids(target_set, start_id, count)

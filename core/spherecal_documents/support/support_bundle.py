@@ -72,13 +72,7 @@ def write_bundle(
     context: Context | None = None,
     announce: Callable[[BundleContents], None] | None = None,
 ) -> tuple[str, ...]:
-    """Write a session's bundle, a zip file, whole or not at all; the names of the files in it.
-
-    It holds no images unless asked. Where program and packages are the same, `calibrate` of the bundle gives the same
-    rig.json as of the session, byte for byte, but for serial numbers that were replaced.
-
-    `options` None: nothing is added, names are replaced; `context` None: neither; `announce` None: nobody is asked.
-    """
+    """Write a session's bundle (zip) whole: `calibrate` of it gives the same rig.json; the names of its files."""
     options, context = options or BundleOptions(), context or Context()
     session = read_session(folder)
     data = _session_files(folder, session, options, context) | _rest(options)

@@ -33,12 +33,7 @@ class GigeCamera:
 
 
 class GigeRig:
-    """Simulated cameras that speak GigE Vision, each in a network namespace of its own, on one switch with a computer.
-
-    `inside(command)` runs a command on that computer. Everything ends with `close`, or with this process.
-
-    `mtu`: largest packet of the network, bytes (576 to 9216).
-    """
+    """Simulated GigE Vision cameras in network namespaces, on one switch with a computer; ends with `close`."""
 
     def __init__(self, cameras: Sequence[GigeCamera], mtu: int = 1500) -> None:
         _check(cameras, mtu)

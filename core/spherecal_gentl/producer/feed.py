@@ -54,12 +54,7 @@ class SessionScenes:
 
 
 class RigFeed:
-    """One simulated camera for each camera of a session, under its serial number or, without one, its id.
-
-    `control` steers the simulated cameras (faults, counters).
-
-    `name` None is an unused one, or with `running` the usual one; `scene` None is the first one.
-    """
+    """One simulated camera for each of a session, by serial number or id; `control` steers them."""
 
     def __init__(
         self, session_folder: Path, name: str | None = None, scene: str | None = None, running: bool = False

@@ -40,11 +40,7 @@ def simulated_cameras(count: int = 12) -> tuple[SimulatedCamera, ...]:
 
 
 class ProducerControl:
-    """The rig to which the simulated cameras belong: makes their shared memory and removes it when closed.
-
-    Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods that
-    take a serial number raise InputError where no simulated camera has it.
-    """
+    """The simulated cameras' rig: makes their shared memory, and removes it, with them, when closed."""
 
     def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
         cameras = cameras or simulated_cameras()

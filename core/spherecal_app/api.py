@@ -72,8 +72,7 @@ from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler
 from spherecal_measuring.points import MeasuredPoints, project_points, triangulate_points
 from spherecal_measuring.pose import read_body, write_body
 from spherecal_measuring.series_file import TableKind
-from spherecal_rigs.check_ball import read_known_ball
-from spherecal_rigs.check_rig import Check, check
+from spherecal_rigs.check_rig import Check, check, read_known_ball
 from spherecal_rigs.compare_rigs import Comparison, compare
 from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.framed_rig import read_frame, write_frame

@@ -22,7 +22,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 from spherecal.geometry.volume_map import LengthMap
 from spherecal.verify.verification_file import VERIFICATION
-from spherecal_rigs.result_table import CsvTable, read_csv
+from spherecal_rigs.result_folder import CsvTable, read_csv
 
 
 def _check_places(made: FrameDefinition, value: JsonValue) -> None:

@@ -23,7 +23,7 @@ from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.verify.verification_file import VERIFICATION
 from spherecal_cameras.camera_settings import read_profile, settings_json
 from spherecal_rigs.entry import FILES, RIG_FILE, CameraEntry, Entry
-from spherecal_rigs.result_table import read_csv
+from spherecal_rigs.result_folder import read_csv
 from spherecal_rigs.store import Profile, add_entry
 
 _MOST_BYTES = 64 << 20

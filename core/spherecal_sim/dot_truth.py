@@ -1,4 +1,4 @@
-"""The truth of every dot in an image: where it is by three definitions, how it is seen, how well it can be measured."""
+"""The truth about dots: where they are in the world and in an image of a station."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,25 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.kernels import njit
 from spherecal.geometry.camera import project, reach_of
 from spherecal_sim.simulated_ball import Ball, wrap
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene, trace
 from spherecal_sim.unowned import unowned
+
+
+@dataclass(frozen=True)
+class Station:
+    """A simulated camera at the moment of an image: world-to-camera pose, 16 intrinsics, image (width, height) px."""
+
+    id: str
+    rotation: FloatArray
+    translation_mm: FloatArray
+    intrinsics: FloatArray
+    size: tuple[int, int]
+
+    @property
+    def centre_mm(self) -> FloatArray:
+        """The projection centre in the world, (3,) mm."""
+        return -self.rotation.T @ self.translation_mm
+
 
 RIM_POINTS = 32
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

@@ -9,11 +9,10 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import image_reach, is_fisheye, project
 from spherecal_sim.dot_bound import dot_bounds
-from spherecal_sim.dot_truth import DotTruth, Outlines, TrueDots, outline_dots, see_dots
+from spherecal_sim.dot_truth import DotTruth, Outlines, Station, TrueDots, outline_dots, see_dots
 from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
 from spherecal_sim.radiance import CELLS, DENSE, EDGE, TILE, trace_band
 from spherecal_sim.simulated_scene import RenderSettings, blob_places
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 
 

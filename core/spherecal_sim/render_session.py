@@ -19,14 +19,13 @@ from spherecal.data.session import BarPose, Placement, Session
 from spherecal.files.atomic import SESSION, write_folder_whole
 from spherecal.targets.png_file import png_bytes
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots
+from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots
 from spherecal_sim.optics import Image
 from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.rigs import TrueCamera
 from spherecal_sim.session_folder import fill_session_folder
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
 

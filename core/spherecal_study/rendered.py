@@ -26,14 +26,13 @@ from spherecal.files.read_session import read_session
 from spherecal.files.session_json import session_json
 from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.transform import fit_similarity
-from spherecal_sim.dot_truth import TrueDots, bar_dots
+from spherecal_sim.dot_truth import Station, TrueDots, bar_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, render_session, station_at, write_png
 from spherecal_sim.rigs import Layout
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import SimulatedRecording, simulate_board
 from spherecal_sim.simulated_scene import WHITE, bar_scene, lit_for
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 from spherecal_study.executor import Trial

@@ -414,9 +414,9 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
     from spherecal.files.read_session import read_session
-    from spherecal_rigs.check_ball import read_known_ball
     from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
+    from spherecal_rigs.check_rig import read_known_ball
     from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)
@@ -433,8 +433,8 @@ def repair(
     """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal_rigs.check_ball import read_known_ball
     from spherecal_rigs.check_rig import check as run
+    from spherecal_rigs.check_rig import read_known_ball
     from spherecal_rigs.repose import repose
     from spherecal_rigs.rig_source import points_file, read_source
 

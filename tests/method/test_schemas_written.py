@@ -28,9 +28,8 @@ from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.pose import read_body, write_body
 from spherecal_measuring.series_file import set_json
-from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import check
+from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits
 from spherecal_sim.session_folder import write_session
 from tests.example_session import VALID

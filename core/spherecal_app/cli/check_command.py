@@ -22,9 +22,8 @@ from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import answer, kept_in_profile, out, say, show_findings, to_output
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
-from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import Check
+from spherecal_rigs.check_rig import Check, read_known_ball
 from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
 from spherecal_rigs.rig_source import points_file, read_source

@@ -7,7 +7,7 @@ from importlib import import_module
 # By the words of the command: a module of this package and the function in it, which returns the exit code.
 COMMANDS = {
     "demo": "demo:demo",
-    "simulate": "simulate_command:simulate",
+    "simulate": "demo:simulate",
     "targets export": "targets_command:export",
     "targets sheet": "targets_command:sheet",
     "detect": "targets_command:detect",

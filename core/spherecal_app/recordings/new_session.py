@@ -24,9 +24,8 @@ from spherecal.targets.blobs import GreyImage
 from spherecal.targets.image_facts import ImageFacts, image_facts
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
-from spherecal_app.recordings.frame_times import frame_times
 from spherecal_app.recordings.image_layout import ImageLayout, recognise
-from spherecal_app.recordings.video_frames import choose_frames, grey_frames, keep_frames
+from spherecal_app.recordings.video_frames import choose_frames, frame_times, grey_frames, keep_frames
 from spherecal_boards.board_images import eight_bits, look_for_board, spread
 from spherecal_boards.looking import LOOKED_AT, as_text
 

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray
 from spherecal.base.kernels import njit
 from spherecal.geometry.camera import image_reach, project
-from spherecal_sim.dot_truth import RIM_POINTS, TrueDots
-from spherecal_sim.station import Station
+from spherecal_sim.dot_truth import RIM_POINTS, Station, TrueDots
 
 _BACKGROUND = 0.08
 _BALL = 0.25

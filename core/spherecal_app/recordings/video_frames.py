@@ -217,8 +217,8 @@ def _same(one: _Watched, a: int, b: int) -> bool:
     return bool(difference <= _SAME * min(float(np.percentile(steps, 5)), _STILL_GREY) + _SAME_GREY)
 
 
-# caliscope's: cam_id and frame_time; the older has sync_index, port, frame_index and frame_time. Seconds of one clock, in
-# any order; frame i of a video is its camera's i-th in time.
+# caliscope's, with cam_id and frame_time (the older: sync_index, port, frame_index, frame_time): seconds of one clock,
+# in any order; frame i of a video is its camera's i-th in time.
 NAMES = ("timestamps.csv", "frame_time_history.csv")
 _MOST_BYTES = 1 << 28
 

@@ -23,10 +23,10 @@ from spherecal.data.rig import Rig
 from spherecal.files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
 from spherecal.files.json_file import JsonValue
 from spherecal.files.lock import LOCK, locked
+from spherecal_rigs.calibration_age import Validity, ValidityLimits, validity
 from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, entry_bytes, read_entry
 from spherecal_rigs.kept_checks import FOLDER as CHECKS
 from spherecal_rigs.kept_checks import last_check
-from spherecal_rigs.limits_file import Validity, ValidityLimits, validity
 
 PROFILE_FILE = "profile.json"
 HISTORY = "history"

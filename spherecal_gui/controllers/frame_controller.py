@@ -53,11 +53,7 @@ class FrameController(ControllerPart):
         if not (made_for[0] / FRAME).is_file():
             self.frame = self._frame_of_profile()
             return
-        from spherecal_rigs.framed_rig import (
-            frame_of,  # needs scipy
-            read_frame,
-            write_frame,
-        )
+        from spherecal_rigs.framed_rig import frame_of, read_frame, write_frame  # needs scipy
 
         path = made_for[0] / FRAME
         try:
@@ -100,10 +96,7 @@ class FrameController(ControllerPart):
         if path is None or self.project is None or self.main.outcome is None or self.runner.running:
             return False
         from spherecal.geometry.user_frame import FrameDefinition
-        from spherecal_rigs.framed_rig import (
-            frame_of,  # needs scipy
-            write_frame,
-        )
+        from spherecal_rigs.framed_rig import frame_of, write_frame  # needs scipy
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))

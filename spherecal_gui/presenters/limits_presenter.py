@@ -9,17 +9,7 @@ from spherecal.base.errors import InputError, SpherecalError
 from spherecal.verify.limit import parse_limit
 from spherecal_gui import limits_in_force as in_use
 from spherecal_gui.texts import error_text
-from spherecal_rigs.limits_file import (
-    DOTS,
-    HOURS,
-    KELVIN,
-    PAIRS,
-    Limits,
-    Value,
-    limits_path,
-    read_limits,
-    write_limits,
-)
+from spherecal_rigs.limits_file import DOTS, HOURS, KELVIN, PAIRS, Limits, Value, limits_path, read_limits, write_limits
 
 translate = QCoreApplication.translate
 

@@ -171,7 +171,7 @@ def _short_age(calibrated: datetime) -> str:
 
 def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
     """What there is to say of the calibration in use, what was measured of it before how old it is."""
-    from spherecal_rigs.limits_file import validity  # imports scipy
+    from spherecal_rigs.calibration_age import validity  # imports scipy
 
     verdict = _last_verdict(kept, entry)
     check = last_check(kept.folder, kept.active_id)

@@ -46,7 +46,8 @@ from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.tasks import jobs
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
-from spherecal_rigs.limits_file import Limits, ValidityLimits, read_limits, write_limits
+from spherecal_rigs.calibration_age import ValidityLimits
+from spherecal_rigs.limits_file import Limits, read_limits, write_limits
 from spherecal_rigs.result_folder import answer_for, read_bar_report
 from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile

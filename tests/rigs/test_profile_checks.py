@@ -12,9 +12,9 @@ from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
 from spherecal.files.rig_file import rig_bytes
 from spherecal_app.cli.console import kept_in_profile
+from spherecal_rigs.calibration_age import ValidityLimits, validity
 from spherecal_rigs.check_file import keep
 from spherecal_rigs.kept_checks import keep_check, last_check, read_checks
-from spherecal_rigs.limits_file import ValidityLimits, validity
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import Profile, apply, create_profile, open_profile
 from spherecal_rigs.trend import make_check_trend

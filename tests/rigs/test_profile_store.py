@@ -22,7 +22,7 @@ from spherecal.data.rig import Rig
 from spherecal.files.rig_file import rig_bytes
 from spherecal_rigs import entry as entry_module
 from spherecal_rigs import store
-from spherecal_rigs.limits_file import ValidityLimits
+from spherecal_rigs.calibration_age import ValidityLimits
 from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import Profile, apply, copy_is_right, create_profile, open_profile, restore
 from tests.export_rigs import make_rig

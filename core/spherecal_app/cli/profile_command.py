@@ -14,10 +14,11 @@ from spherecal.data.verdict import WORDS
 from spherecal.files.json_file import finite
 from spherecal_app.cli.console import answer, plain_fields, say, to_output
 from spherecal_app.cli.exit_codes import DONE
+from spherecal_rigs.calibration_age import Validity, ValidityLimits
 from spherecal_rigs.compare_rigs import CameraChange, Comparison
 from spherecal_rigs.compare_rigs import compare as run
 from spherecal_rigs.kept_checks import read_checks
-from spherecal_rigs.limits_file import NAMES, Limits, Validity, ValidityLimits, limits_in_use, limits_path, read_limits
+from spherecal_rigs.limits_file import NAMES, Limits, limits_in_use, limits_path, read_limits
 from spherecal_rigs.rig_source import read_source, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, copy_is_right, create_profile, is_profile, open_profile, set_limits

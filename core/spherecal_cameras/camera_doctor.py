@@ -115,14 +115,9 @@ def _link(
     counted = replace(counted, rate_hz=counted.delivered / seconds)
     found = {feature.feature: feature.got for feature in protocol.features_of(source, status.serial)}
     return LinkReport(
-        status.serial,
-        status.state,
-        counted,
-        found.get("packet size", ""),
-        status.temperature_c,
-        found.get("packets missing", ""),
-        found.get("packets resent", ""),
-    )
+        status.serial, status.state, counted, found.get("packet size", ""), status.temperature_c,
+        found.get("packets missing", ""), found.get("packets resent", ""),
+    )  # fmt: skip
 
 
 def _trigger_test(source: protocol.CameraSource, context: Context) -> TriggerReport:

@@ -355,14 +355,10 @@ def _fired(registers: gvcp.Gvcp, stream: socket.socket, size: int) -> bool:
 # --- the computer's part ---------------------------------------------------------------------------------------------
 
 _FACT_OF: dict[str, FactName] = {
-    "packets-too-large": "mtu",
-    "small-packets": "mtu",
-    "receive-buffer": "receive-buffer",
-    "reverse-path-filter": "reverse-path-filter",
-    "line-too-thin": "speed",
-    "same-address": "addresses",
+    "packets-too-large": "mtu", "small-packets": "mtu", "receive-buffer": "receive-buffer",
+    "reverse-path-filter": "reverse-path-filter", "line-too-thin": "speed", "same-address": "addresses",
     "other-subnet": "addresses",
-}
+}  # fmt: skip
 
 
 def interface_facts(

@@ -98,13 +98,9 @@ def check_ball(
         fit, rest, ratio = _fit(before, now, noise, keep)
     sd = _scale_sd(rows[keep], now[keep], errors, ratio)
     return BallCheck(
-        o.placements[placement],
-        int(keep.sum()),
-        1e6 * (fit.scale - 1),
-        1e6 * sd,
-        float(np.sqrt((rest[keep] ** 2).mean())),
-        int((~keep).sum()),
-    )
+        o.placements[placement], int(keep.sum()), 1e6 * (fit.scale - 1), 1e6 * sd,
+        float(np.sqrt((rest[keep] ** 2).mean())), int((~keep).sum()),
+    )  # fmt: skip
 
 
 def _fit(

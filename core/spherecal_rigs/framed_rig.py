@@ -224,13 +224,9 @@ def in_frame(rig: Rig, frame: UserFrame) -> Rig:
         for repair in rig.repairs
     )
     return replace(
-        rig,
-        reference_camera=None,
-        cameras=cameras,
-        earlier_poses=earlier,
-        repairs=repairs,
+        rig, reference_camera=None, cameras=cameras, earlier_poses=earlier, repairs=repairs,
         length_map=_map(rig.length_map, frame),
-    )
+    )  # fmt: skip
 
 
 def _camera(camera: RigCamera, frame: UserFrame, correlation: FloatArray) -> RigCamera:

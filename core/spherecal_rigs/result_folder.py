@@ -278,13 +278,9 @@ def _read_points(path: Path) -> Points:
     table = read_csv(path, POINT_COLUMNS)
     sigmas = [table.lengths(f"sigma_{axis}_mm", may_be_empty=True) for axis in "xyz"]
     return Points(
-        table.names("placement"),
-        table.whole_numbers("target"),
-        table.names("point"),
-        _columns(table, ("x_mm", "y_mm", "z_mm")),
-        np.column_stack(sigmas),
-        table.whole_numbers("views"),
-    )
+        table.names("placement"), table.whole_numbers("target"), table.names("point"),
+        _columns(table, ("x_mm", "y_mm", "z_mm")), np.column_stack(sigmas), table.whole_numbers("views"),
+    )  # fmt: skip
 
 
 def _read_residuals(path: Path, rig: Rig, points: Points) -> Residuals:

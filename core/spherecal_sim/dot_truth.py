@@ -47,13 +47,9 @@ class TrueDots:
     def moved(self, rotation: FloatArray, place: FloatArray) -> "TrueDots":
         """The dots after `x' = rotation (3, 3) @ x + place (3,) mm`."""
         return TrueDots(
-            self.target,
-            self.point,
-            self.places @ rotation.T + place,
-            self.normals @ rotation.T,
-            self.rims @ rotation.T + place,
-            self.sheets @ rotation.T + place,
-        )
+            self.target, self.point, self.places @ rotation.T + place, self.normals @ rotation.T,
+            self.rims @ rotation.T + place, self.sheets @ rotation.T + place,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -86,13 +82,9 @@ def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> TrueD
     corners = np.tile(half_sticker_mm * _CORNERS, (len(ball.frames), 1))
     sheets = wrap(ball.radius_mm, ball.bumps, np.repeat(ball.frames, 4, axis=0), corners)[1]
     return TrueDots(
-        ball.dot_target,
-        ball.dot_point,
-        ball.dots_mm,
-        ball.normals,
-        rims.reshape(n, RIM_POINTS, 3),
+        ball.dot_target, ball.dot_point, ball.dots_mm, ball.normals, rims.reshape(n, RIM_POINTS, 3),
         sheets.reshape(-1, 4, 3),
-    )
+    )  # fmt: skip
 
 
 def bar_dots(scene: TracedScene, targets: tuple[int, ...]) -> TrueDots:
@@ -107,13 +99,9 @@ def bar_dots(scene: TracedScene, targets: tuple[int, ...]) -> TrueDots:
     sheets[..., :2] = scene.half_sticker * _CORNERS
     sheets[..., 0] += scene.mark_x[:, None]
     return TrueDots(
-        np.repeat(np.array(targets), dots),
-        np.tile(np.arange(dots), marks),
-        world[:, 0],
-        np.tile(-rotation[:, 2], (marks * dots, 1)),
-        world[:, 1:],
-        sheets @ rotation.T + place,
-    )
+        np.repeat(np.array(targets), dots), np.tile(np.arange(dots), marks), world[:, 0],
+        np.tile(-rotation[:, 2], (marks * dots, 1)), world[:, 1:], sheets @ rotation.T + place,
+    )  # fmt: skip
 
 
 def _circle(radius: float) -> FloatArray:

@@ -103,14 +103,10 @@ def show(options: argparse.Namespace) -> int:
         features = features_of(source, serial)
     entry = profile.entry(serial)
     document = {
-        "camera": info,
-        "name": camera_name(profile, info),
-        "state": status,
-        "settings": settings_json(entry.settings),
-        "focal_length_mm": entry.focal_length_mm,
-        "pixel_pitch_um": entry.pixel_pitch_um,
-        "features": features,
-    }
+        "camera": info, "name": camera_name(profile, info), "state": status,
+        "settings": settings_json(entry.settings), "focal_length_mm": entry.focal_length_mm,
+        "pixel_pitch_um": entry.pixel_pitch_um, "features": features,
+    }  # fmt: skip
     answer(options, document)
     of = f"{info.vendor} {info.model}, serial {serial}"
     out.print(f"[bold]{escape(camera_name(profile, info))}[/]: {escape(of)}")

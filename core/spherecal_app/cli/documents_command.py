@@ -31,13 +31,9 @@ def report(options: argparse.Namespace) -> int:
 def support_bundle(options: argparse.Namespace) -> int:
     """`spherecal support-bundle`."""
     wanted = BundleOptions(
-        options.result,
-        options.settings,
-        tuple(options.log_file),
-        options.images,
-        CalibrationSettings(method=options.method),
-        options.names,
-    )
+        options.result, options.settings, tuple(options.log_file), options.images,
+        CalibrationSettings(method=options.method), options.names,
+    )  # fmt: skip
 
     def announce(contents: BundleContents) -> None:
         answer(

@@ -127,14 +127,9 @@ def make_session(
     else:
         session = _write_new_folder(folder, document, maker, beside)
     return NewSession(
-        session,
-        layout.words,
-        layout.pattern,
-        cameras,
-        (*looked, *assumed),
-        _missing(contents, layout, len(maker.places)),
-        layout.left_out,
-    )
+        session, layout.words, layout.pattern, cameras, (*looked, *assumed),
+        _missing(contents, layout, len(maker.places)), layout.left_out,
+    )  # fmt: skip
 
 
 class _OfImages:

@@ -120,13 +120,9 @@ def _write_maps(rig: FileRig) -> Mapping[str, bytes]:
         maps, file = _maps(camera), io.BytesIO()
         pose = camera.placed
         np.savez_compressed(
-            file,
-            map_u=maps[:, :, 0],
-            map_v=maps[:, :, 1],
-            K=camera_matrix(camera.intrinsics),
-            R=pose.rotation,
+            file, map_u=maps[:, :, 0], map_v=maps[:, :, 1], K=camera_matrix(camera.intrinsics), R=pose.rotation,
             t=pose.translation,
-        )
+        )  # fmt: skip
         files[f"{name}.npz"] = file.getvalue()
     return files
 

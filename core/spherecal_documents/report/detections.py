@@ -192,11 +192,6 @@ def _picture(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], extent: tuple
 def _mark(axes: Axes, detection: Detection, size_pt: float, line_pt: float, cross: bool = False) -> None:
     for chosen, mark, colour in ((detection.used, "+" if cross else "o", _USED), (~detection.used, "x", _ASIDE)):
         axes.plot(
-            *detection.uv[chosen].T,
-            linestyle="none",
-            marker=mark,
-            markersize=size_pt,
-            markerfacecolor="none",
-            markeredgecolor=colour,
-            markeredgewidth=line_pt,
-        )
+            *detection.uv[chosen].T, linestyle="none", marker=mark, markersize=size_pt, markerfacecolor="none",
+            markeredgecolor=colour, markeredgewidth=line_pt,
+        )  # fmt: skip

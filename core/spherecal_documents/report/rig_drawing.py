@@ -217,14 +217,9 @@ def _draw_placements(axes: Axes, scene: DrawnRig, view: Projection) -> list[Floa
         places = view.flat(placement.targets)
         flat.append(places)
         axes.plot(
-            *places.T,
-            linestyle="none",
-            marker=mark,
-            markersize=1.7,
-            markerfacecolor=colour,
-            markeredgewidth=0,
+            *places.T, linestyle="none", marker=mark, markersize=1.7, markerfacecolor=colour, markeredgewidth=0,
             zorder=3,
-        )
+        )  # fmt: skip
         if placement.ball_centre is not None:
             middle = view.flat(placement.ball_centre[None])[0]
             circle = Circle((float(middle[0]), float(middle[1])), placement.ball_radius)

@@ -10,13 +10,9 @@ from spherecal_rigs.result_folder import Result
 _MANY = 10_000
 # The words for what verification.json names.
 _VERDICTS = {
-    "pass": "verdict-pass",
-    "fail": "verdict-fail",
-    "cannot tell": "verdict-cannot-tell",
-    "consistent": "verdict-consistent",
-    "inconsistent": "verdict-inconsistent",
-    "no data": "verdict-no-data",
-}
+    "pass": "verdict-pass", "fail": "verdict-fail", "cannot tell": "verdict-cannot-tell",
+    "consistent": "verdict-consistent", "inconsistent": "verdict-inconsistent", "no data": "verdict-no-data",
+}  # fmt: skip
 _STATES = {"verified": "state-verified", "not seen": "state-not-seen", "rejected": "state-rejected"}
 _DISTRIBUTIONS = {"normal": "distribution-normal", "rectangular": "distribution-rectangular"}
 _SHARES = {

@@ -245,14 +245,10 @@ def _lengths(result: Result) -> list[Section]:
             seen = f"{100 * len(own) / len(row):.0f} %"
             rows.append((name, number(float(np.median(own)), 4), number(float(own.max()), 4), seen))
     text = label(
-        "report-expanded-uncertainty-k-of-a",
-        coverage_factor=found.coverage_factor,
-        length_mm=found.length_mm,
-        sigma_px=found.sigma_px,
-        places_mm=len(found.places_mm),
-        finite=number(float(np.median(finite)), 4),
+        "report-expanded-uncertainty-k-of-a", coverage_factor=found.coverage_factor, length_mm=found.length_mm,
+        sigma_px=found.sigma_px, places_mm=len(found.places_mm), finite=number(float(np.median(finite)), 4),
         worst=number(found.worst[0], 4),
-    )
+    )  # fmt: skip
     blocks = [Paragraph(text, "note"), Table(columns("direction median-mm worst-mm seen-at"), tuple(rows))]
     if (figure := length_map_figure(found)) is not None:
         caption = label("report-each-square-the-largest-expanded", length_mm=found.length_mm)

@@ -84,14 +84,9 @@ class ScenePlotter:
         made = self._pyvista.PolyData(lines.ends.reshape(-1, 3).astype(np.float32), lines=cells)
         made.cell_data["tint"] = np.asarray(lines.colours, dtype=np.uint8)
         actor = self._plotter.add_mesh(
-            made,
-            scalars="tint",
-            rgb=True,
-            line_width=lines.width,
-            lighting=False,
-            show_scalar_bar=False,
+            made, scalars="tint", rgb=True, line_width=lines.width, lighting=False, show_scalar_bar=False,
             reset_camera=False,
-        )
+        )  # fmt: skip
         self._lines.append((actor, lines.width))
 
     def _add_picture(self, picture: Picture) -> None:

@@ -49,13 +49,9 @@ class GigeRig:
         package = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, (package, os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            pass_fds=files,
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, pass_fds=files,
             env=os.environ | {"PYTHONPATH": path},
-        )
+        )  # fmt: skip
         try:
             about = [
                 {"serial": c.serial, "width": c.width, "height": c.height, "pictures": self._pictures[c.serial].file}

@@ -430,17 +430,14 @@ def bars_table(bars: Sequence[RegisteredBar]) -> str:
     for bar in bars:
         for number, length in enumerate(bar.lengths):
             first = number == 0
-            writer.writerow([*_bar_cells(bar, first), *_length_cells(bar, length), *_about_cells(bar, first)])
+            own = [cell(bar.serial), cell(bar.description) if first else ""]
+            writer.writerow([*own, *_length_cells(bar, length), *_about_cells(bar, first)])
     return out.getvalue()
 
 
 def write_bars_table(bars: Sequence[RegisteredBar], path: Path) -> None:
     """Write the table, with the mark by which spreadsheets know UTF-8."""
     write_file_whole(path, b"\xef\xbb\xbf" + bars_table(bars).encode())
-
-
-def _bar_cells(bar: RegisteredBar, first: bool) -> list[str]:
-    return [cell(bar.serial), cell(bar.description) if first else ""]
 
 
 def _length_cells(bar: RegisteredBar, length: BarLength) -> list[str]:

@@ -154,7 +154,9 @@ def _cameras(data: SceneData, style: SceneStyle) -> list[Mesh]:
         plug = np.array([0.3, 0.3, 0.1]) * size
         bodies.append(Mesh(rear - 0.1 * size * axes[2] + (CUBE * plug) @ axes, _CUBE_FACES, _same(metal, 8), False))
         lenses.append(_tube(camera.centre - barrel * axes[2], camera.centre, 0.34 * size, 0.4 * size, axes, metal))
-        lenses.append(_disc(camera.centre, axes[2], 0.3 * size, blended(style.accent, (0, 0, 0), 0.45)))
+        lenses.append(
+            _discs(camera.centre[None], axes[2:], 0.3 * size, _same(blended(style.accent, (0, 0, 0), 0.45), 1))
+        )
     return [joined(bodies, smooth=False, name="cameras"), joined(lenses, smooth=False, name="lenses")]
 
 
@@ -189,10 +191,6 @@ def _tube(start: FloatArray, end: FloatArray, near: float, far: float, axes: Flo
     i, j = np.arange(_TUBE), (np.arange(_TUBE) + 1) % _TUBE
     faces = np.vstack([np.column_stack([i, j, i + _TUBE]), np.column_stack([j, j + _TUBE, i + _TUBE])])
     return Mesh(vertices, faces, _same(tint, len(vertices)), smooth=False)
-
-
-def _disc(middle: FloatArray, normal: FloatArray, radius: float, tint: Tint) -> Mesh:
-    return _discs(middle[None], normal[None], radius, _same(tint, 1))
 
 
 def _frusta(data: SceneData, style: SceneStyle) -> Lines:

@@ -47,7 +47,9 @@ class ProducerControl:
         _check(cameras)
         slot = max(c.width * c.height * (1 if c.source_bits == 8 else 2) for c in cameras)
         slot = -(-slot // layout.PAGE) * layout.PAGE
-        self._region = create(name or _unused_name(), len(cameras), slot)
+        self._region = create(
+            name or f"spherecal-gentl-{os.getpid()}-{time.monotonic_ns() % 10**6}", len(cameras), slot
+        )
         for record, camera in zip(self._region.devices, cameras, strict=True):
             record["serial"], record["model"] = camera.serial.encode(), camera.model.encode()
             record["user_id"] = camera.user_id.encode()
@@ -277,11 +279,6 @@ def _count(times: int | None) -> int:
 def _unplug(record: Any, until_ns: int) -> None:
     record["plug_generation"] += 1
     record["unplugged_until_ns"] = until_ns
-
-
-def _unused_name() -> str:
-    # 31 characters are the longest name macOS takes
-    return f"spherecal-gentl-{os.getpid()}-{time.monotonic_ns() % 10**6}"
 
 
 def _check(cameras: Iterable[SimulatedCamera]) -> None:

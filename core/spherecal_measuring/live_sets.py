@@ -194,13 +194,9 @@ def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...])
     none: list[np.ndarray] = [np.empty((0, 2))]
     points = next((one.points for one in found if len(one)), DOTS)  # a part without targets names no family
     return Observations(
-        ("",),
-        ids,
-        points,
-        np.zeros(sum(count), dtype=np.int64),
-        np.repeat(np.array(cameras, dtype=np.int64), count),
+        ("",), ids, points, np.zeros(sum(count), dtype=np.int64), np.repeat(np.array(cameras, dtype=np.int64), count),
         np.concatenate([np.empty(0, np.int64), *(one.target for one in found)]),
         np.concatenate([np.empty(0, np.int64), *(one.point for one in found)]),
         np.concatenate([*none, *(one.uv for one in found)]),
         np.concatenate([*none, *(one.sigma_uv for one in found)]),
-    )
+    )  # fmt: skip

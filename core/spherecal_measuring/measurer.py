@@ -76,24 +76,12 @@ class Measurer:
         values, bodies, missing = self._derived(places, errors)
         exposed = list((observed.exposure_s or {}).values())
         result = measured_sets.MeasuredSet(
-            observed.number,
-            observed.id,
-            observed.time_s,
-            places.names,
-            places.places_mm,
-            places.covariance,
-            places.views,
-            np.array([len(dots) for dots in places.dots], dtype=np.int64),
-            self._speeds(places, observed.time_s),
-            values,
-            bodies,
-            missing,
-            _contradictions(self.rig, checked, key // _POINTS),
-            _camera_residuals(self.rig, checked),
-            checked.noise,
-            max(exposed) - min(exposed) if len(exposed) > 1 else None,
-            None,
-        )
+            observed.number, observed.id, observed.time_s, places.names, places.places_mm, places.covariance,
+            places.views, np.array([len(dots) for dots in places.dots], dtype=np.int64),
+            self._speeds(places, observed.time_s), values, bodies, missing,
+            _contradictions(self.rig, checked, key // _POINTS), _camera_residuals(self.rig, checked), checked.noise,
+            max(exposed) - min(exposed) if len(exposed) > 1 else None, None,
+        )  # fmt: skip
         if observed.time_s is not None:
             self._last_s = observed.time_s
         if observed.arrived_s is not None:
@@ -133,14 +121,9 @@ class Measurer:
         time_s, target = np.full(len(key), observed.time_s), key // _POINTS
         if moves:
             checked, errors, motion = at_one_moment(
-                plain,
-                checked,
-                timing,
-                lambda x: self._point_motion.of(key, x, time_s).shared_by(target),
-                target,
-                expected,
-                self.rig,
-            )
+                plain, checked, timing, lambda x: self._point_motion.of(key, x, time_s).shared_by(target), target,
+                expected, self.rig,
+            )  # fmt: skip
         else:
             errors = point_errors(checked, self.rig)
             motion = self._point_motion.of(key, checked.points.points, time_s)

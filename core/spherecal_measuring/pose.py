@@ -104,14 +104,9 @@ def measure_body(body: Body, places: LocatedPoints) -> BodyPose | Unmeasured:
         if wrong is None:
             names = tuple(body.points[i].name for i in left_out)
             return BodyPose(
-                body.name,
-                fit.rotation,
-                fit.translation,
-                fit.covariance,
-                len(used),
-                names,
+                body.name, fit.rotation, fit.translation, fit.covariance, len(used), names,
                 float(np.sqrt((fit.residual**2).sum(axis=1).mean())),
-            )
+            )  # fmt: skip
         if len(used) == LEAST_POINTS or wrong < 0:
             return Unmeasured(f"body {body.name}: its points do not fit the body file")
         left_out.append(used[wrong])

@@ -308,16 +308,10 @@ def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: Fl
     once = np.bincount(point, minlength=n_points) >= 2
     keep = once[point]
     problem, _ = sorted_problem(
-        camera[keep],
-        point[keep],
-        np.zeros((int(keep.sum()), 2)),
-        sigma[keep],
-        n_points,
-        free_pose=np.ones(len(known.camera_ids), dtype=bool),
-        free_intrinsics=network.free,
-        group=network.group,
+        camera[keep], point[keep], np.zeros((int(keep.sum()), 2)), sigma[keep], n_points,
+        free_pose=np.ones(len(known.camera_ids), dtype=bool), free_intrinsics=network.free, group=network.group,
         ball=Rigid(placement[keep], free),
-    )
+    )  # fmt: skip
     seen = np.unique(np.stack([problem.point, problem.placement], axis=1), axis=0)
     cofactors = camera_cofactors(problem, state, Places(seen[:, 0], seen[:, 1]))
     if cofactors is None:

@@ -90,14 +90,10 @@ def map_as_before(rig: Rig, before: Rig) -> LengthMap | None:
         return None
     box = volume_box(before, (np.zeros(3), np.ones(3)))
     cameras = Cameras(
-        np.array([c.intrinsics for c in rig.cameras]),
-        np.array([c.rotation for c in rig.cameras]),
-        np.array([c.translation_mm for c in rig.cameras]),
-        np.array([c.image_size for c in rig.cameras], dtype=float),
-        rig.covariance.matrix,
-        rig.covariance.intrinsics,
-        tuple(c.field for c in rig.cameras),
-    )
+        np.array([c.intrinsics for c in rig.cameras]), np.array([c.rotation for c in rig.cameras]),
+        np.array([c.translation_mm for c in rig.cameras]), np.array([c.image_size for c in rig.cameras], dtype=float),
+        rig.covariance.matrix, rig.covariance.intrinsics, tuple(c.field for c in rig.cameras),
+    )  # fmt: skip
     return length_map(cameras, Volume(box.middle, box.axes, box.half), before.length_map.sigma_px)
 
 

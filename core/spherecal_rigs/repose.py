@@ -181,14 +181,9 @@ def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Contex
         _merged(camera, done.rig, rig.reference_camera in cameras, camera.id in cameras) for camera in rig.cameras
     )
     mended = replace(
-        done.rig,
-        cameras=merged,
-        scale=rig.scale,
-        covariance=None,
-        length_map=None,
-        earlier_poses=rig.earlier_poses,
+        done.rig, cameras=merged, scale=rig.scale, covariance=None, length_map=None, earlier_poses=rig.earlier_poses,
         quality=recalibrate.without_map(done.rig.quality),
-    )
+    )  # fmt: skip
     before = rig.covariance
     covariance = None if before is None else recalibrate.followed_covariance(session, mended, before, cameras, "pose")
     mended = replace(mended, covariance=None if covariance is None else _widened(covariance, rig, either))

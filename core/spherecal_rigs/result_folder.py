@@ -250,14 +250,10 @@ def _read_result(folder: Path) -> Result:
     rig = read_rig(folder / "rig.json")
     points = _read_points(folder / "points.csv")
     return Result(
-        folder=folder,
-        rig=rig,
-        software=_read_software(folder / "rig.json"),
-        points=points,
+        folder=folder, rig=rig, software=_read_software(folder / "rig.json"), points=points,
         residuals=_read_residuals(folder / "residuals.csv", rig, points),
-        spheres=_read_spheres(folder / "spheres.csv"),
-        bars=read_bar_report(folder),
-    )
+        spheres=_read_spheres(folder / "spheres.csv"), bars=read_bar_report(folder),
+    )  # fmt: skip
 
 
 def _read_software(path: Path) -> Software:

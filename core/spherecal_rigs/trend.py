@@ -102,14 +102,10 @@ def make_check_trend(profile: Profile) -> Trend:
     names = sorted({name for one in checks for name in one.point_mm})
     cameras = tuple(_series(name, "mm", [one.point_mm.get(name, np.nan) for one in checks], 0.0) for name in names)
     return Trend(
-        profile.name,
-        tuple(str(i + 1) for i in range(len(checks))),
-        tuple(one.at for one in checks),
-        tuple(one for one in series if np.isfinite(one.values).any()),
-        cameras,
-        "check",
+        profile.name, tuple(str(i + 1) for i in range(len(checks))), tuple(one.at for one in checks),
+        tuple(one for one in series if np.isfinite(one.values).any()), cameras, "check",
         tuple(one.verdict for one in checks),
-    )
+    )  # fmt: skip
 
 
 def _number(value: float | None) -> float:

@@ -89,14 +89,10 @@ def _rig_a() -> RigDesign:
     places = np.column_stack([x, y, np.full(10, 1200.0)])
     aims = np.column_stack([0.3 * x, -0.2 * y, np.full(10, 250.0)])
     return RigDesign(
-        "rigA",
-        G319B,
-        places,
-        aims,
-        np.array([0.0, 1.0, 0.0]),
+        "rigA", G319B, places, aims, np.array([0.0, 1.0, 0.0]),
         volume_mm=np.array([[-450.0, -300.0, 100.0], [450.0, 300.0, 600.0]]),
         ball_box_mm=np.array([[-300.0, -200.0, 300.0], [300.0, 200.0, 300.0]]),
-    )
+    )  # fmt: skip
 
 
 def _rig_b() -> RigDesign:
@@ -105,14 +101,10 @@ def _rig_b() -> RigDesign:
     places = np.column_stack([x, y, z])
     aims = np.column_stack([-0.2 * x, 0.0 * y, 495.0 - 0.2 * (z - 495.0)])
     return RigDesign(
-        "rigB",
-        CA050,
-        places,
-        aims,
-        np.array([0.0, 0.0, 1.0]),
+        "rigB", CA050, places, aims, np.array([0.0, 0.0, 1.0]),
         volume_mm=np.array([[-300.0, -250.0, 250.0], [300.0, 250.0, 740.0]]),
         ball_box_mm=np.array([[-137.0, -82.0, 495.0], [137.0, 82.0, 495.0]]),
-    )
+    )  # fmt: skip
 
 
 def _demo() -> RigDesign:
@@ -122,14 +114,10 @@ def _demo() -> RigDesign:
     places = np.column_stack([x, y, np.full(6, 1150.0)])
     aims = np.column_stack([0.05 * x, 0.05 * y, np.full(6, 330.0)])
     return RigDesign(
-        "demo",
-        SMALL,
-        places,
-        aims,
-        np.array([0.0, 1.0, 0.0]),
+        "demo", SMALL, places, aims, np.array([0.0, 1.0, 0.0]),
         volume_mm=np.array([[-300.0, -200.0, 150.0], [300.0, 200.0, 550.0]]),
         ball_box_mm=np.array([[-150.0, -100.0, 330.0], [150.0, 100.0, 330.0]]),
-    )
+    )  # fmt: skip
 
 
 # hall50 is 25 columns over 7.5 m and takes 7 to 12 hops from end to end
@@ -170,14 +158,10 @@ def dome(n_cameras: int) -> RigDesign:
     direction = np.column_stack([rim * np.cos(azimuth), rim * np.sin(azimuth), z])
     centre = np.array([0.0, 0.0, 300.0])
     return RigDesign(
-        f"dome{n_cameras}",
-        G319B,
-        centre + 1200.0 * direction,
-        np.tile(centre, (n_cameras, 1)),
-        np.array([0.0, 0.0, 1.0]),
-        volume_mm=np.array([[-300.0, -300.0, 50.0], [300.0, 300.0, 550.0]]),
+        f"dome{n_cameras}", G319B, centre + 1200.0 * direction, np.tile(centre, (n_cameras, 1)),
+        np.array([0.0, 0.0, 1.0]), volume_mm=np.array([[-300.0, -300.0, 50.0], [300.0, 300.0, 550.0]]),
         ball_box_mm=np.array([[-120.0, -120.0, 300.0], [120.0, 120.0, 300.0]]),
-    )
+    )  # fmt: skip
 
 
 def wide(field_deg: int) -> RigDesign:
@@ -189,13 +173,9 @@ def wide(field_deg: int) -> RigDesign:
     focal_mm = float(half_px / np.deg2rad(field_deg / 2)) * G319B.pixel_pitch_um / 1e3
     kind = replace(G319B, focal_length_mm=round(focal_mm, 3), fisheye=True)
     return replace(
-        plain,
-        name=f"wide{field_deg}",
-        kind=kind,
-        aims_mm=plain.aims_mm * [0.5, 1.0, 1.0],
-        placements=8,
+        plain, name=f"wide{field_deg}", kind=kind, aims_mm=plain.aims_mm * [0.5, 1.0, 1.0], placements=8,
         ball_box_mm=np.array([[-650.0, -450.0, 250.0], [650.0, 450.0, 550.0]]),
-    )
+    )  # fmt: skip
 
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))

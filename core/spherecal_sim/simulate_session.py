@@ -63,18 +63,12 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
     observations, outlier = _recorded(observations, truth, of_noise, of_faults)
     truth = replace(truth, outlier=outlier)
     session = Session(
-        folder=Path(),
-        cameras=_camera_specs(design, cameras, options, of_priors),
+        folder=Path(), cameras=_camera_specs(design, cameras, options, of_priors),
         placements=tuple(Placement(name) for name in truth.placements),
         bars=certify(bars, "B" if options.scale == "bar" else None, of_bars),
-        bar_poses=recorded_poses(truth.bar_poses, of_bars),
-        scale=_scale(options, targets.layouts[1]),
-        board=None,
-        sphere_diameter_mm=2 * options.ball_radius_mm,
-        target_set=targets,
-        observations=observations,
-        input_sha256="",
-    )
+        bar_poses=recorded_poses(truth.bar_poses, of_bars), scale=_scale(options, targets.layouts[1]), board=None,
+        sphere_diameter_mm=2 * options.ball_radius_mm, target_set=targets, observations=observations, input_sha256="",
+    )  # fmt: skip
     return session, truth
 
 

@@ -98,17 +98,10 @@ def make_ball(
     frames = _sticker_frames(len(targets), radius_mm, rng)
     directions, dots = wrap(radius_mm, bumps, np.repeat(frames, len(points), axis=0), layouts.reshape(-1, 2))
     return Ball(
-        radius_mm,
-        bumps,
-        points,
-        np.array(targets),
-        frames,
-        layouts,
-        dot_target=np.repeat(np.array(targets), len(points)),
-        dot_point=np.tile(np.arange(len(points)), len(targets)),
-        dots_mm=dots,
-        normals=_surface_normals(radius_mm, bumps, directions),
-    )
+        radius_mm, bumps, points, np.array(targets), frames, layouts,
+        dot_target=np.repeat(np.array(targets), len(points)), dot_point=np.tile(np.arange(len(points)), len(targets)),
+        dots_mm=dots, normals=_surface_normals(radius_mm, bumps, directions),
+    )  # fmt: skip
 
 
 _JITTER_MM = 3.0  # stickers are put on by hand; 200 of 28 mm are 60 mm apart on a 500 mm ball

@@ -145,13 +145,8 @@ def study_bars(truth: Truth, rng: np.random.Generator, per_length: int = 8) -> S
     camera, end, uv = seen.camera[order], seen.point[order], seen.uv[order]
     uv = uv + lens_misfit(uv, view.sizes[camera], truth.misfit_phases[camera], truth.options.misfit_px)
     observations = Observations(
-        placements=tuple(f"S{i + 1:02d}" for i in range(len(ends_mm))),
-        cameras=tuple(c.id for c in truth.cameras),
-        points=("centre",),
-        placement=end // 2,
-        camera=camera,
-        target=1 + end % 2,
-        point=np.zeros(len(end), dtype=np.int64),
-        uv=uv + rng.normal(size=uv.shape) * truth.sigma_px[camera, None],
-    )
+        placements=tuple(f"S{i + 1:02d}" for i in range(len(ends_mm))), cameras=tuple(c.id for c in truth.cameras),
+        points=("centre",), placement=end // 2, camera=camera, target=1 + end % 2,
+        point=np.zeros(len(end), dtype=np.int64), uv=uv + rng.normal(size=uv.shape) * truth.sigma_px[camera, None],
+    )  # fmt: skip
     return StudyBars(ends_mm, np.linalg.norm(ends_mm[:, 1] - ends_mm[:, 0], axis=1), observations)

@@ -99,34 +99,16 @@ def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> 
     lights = np.empty((0, 3)) if flat else np.array([c.centre_mm for c in truth.cameras])
     none = np.empty((0, 3))
     return TracedScene(
-        ball_radius=0.0,
-        ball_reach=0.0,
-        ball_rotation=np.eye(3),
-        ball_place=np.zeros(3),
-        lobe_axes=np.empty((3, 0)),
-        lobe_coefficients=np.empty((6, 0)),
-        sticker_frames=np.empty((0, 3, 3)),
-        sticker_dots=np.empty((0, len(truth.ball.points), 2)),
-        sticker_grid=np.empty((1, 1, 1, 0), dtype=np.int32),
-        bar_rotations=np.empty((0, 3, 3)),
-        bar_places=none,
-        bar_faces=none,
-        mark_bar=np.empty(0, dtype=np.int64),
-        mark_x=np.empty(0),
-        mark_dots=np.empty((0, len(truth.ball.points), 2)),
-        half_sticker=targets.size_mm / 2,
-        dot_radius=targets.dot_diameter_mm / 2,
-        dirt=np.empty((0, 0, 6)),
-        arms=np.empty((0, 7)),
-        room=room,
-        blobs=blobs,
-        blob_grid=_blob_grid(blobs, room),
-        albedos=np.array([white, black, _GREY, _GREY, 0.4, _WALL, WHITE]),
-        lights=lights,
-        light_power=1.0,
-        ambient=1.0 if flat else 0.0,
-        gloss=0.0 if flat else settings.gloss,
-    )
+        ball_radius=0.0, ball_reach=0.0, ball_rotation=np.eye(3), ball_place=np.zeros(3), lobe_axes=np.empty((3, 0)),
+        lobe_coefficients=np.empty((6, 0)), sticker_frames=np.empty((0, 3, 3)),
+        sticker_dots=np.empty((0, len(truth.ball.points), 2)), sticker_grid=np.empty((1, 1, 1, 0), dtype=np.int32),
+        bar_rotations=np.empty((0, 3, 3)), bar_places=none, bar_faces=none, mark_bar=np.empty(0, dtype=np.int64),
+        mark_x=np.empty(0), mark_dots=np.empty((0, len(truth.ball.points), 2)), half_sticker=targets.size_mm / 2,
+        dot_radius=targets.dot_diameter_mm / 2, dirt=np.empty((0, 0, 6)), arms=np.empty((0, 7)), room=room,
+        blobs=blobs, blob_grid=_blob_grid(blobs, room),
+        albedos=np.array([white, black, _GREY, _GREY, 0.4, _WALL, WHITE]), lights=lights, light_power=1.0,
+        ambient=1.0 if flat else 0.0, gloss=0.0 if flat else settings.gloss,
+    )  # fmt: skip
 
 
 def lit_for(scene: TracedScene, truth: Truth, camera: int, settings: RenderSettings) -> TracedScene:

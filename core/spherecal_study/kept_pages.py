@@ -36,13 +36,9 @@ def _read(path: Path) -> KeptPage | None:
         if d["format"] != "spherecal/study":
             return None
         page = KeptPage(
-            d["study"],
-            d["title"],
-            path.parent / d["pdf"],
-            tuple(path.parent / name for name in d["pictures"]),
-            tuple(d["compared"]),
-            d["options"],
-        )
+            d["study"], d["title"], path.parent / d["pdf"], tuple(path.parent / name for name in d["pictures"]),
+            tuple(d["compared"]), d["options"],
+        )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return page if all(file.is_file() for file in (page.pdf, *page.pictures)) else None

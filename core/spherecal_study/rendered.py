@@ -189,15 +189,10 @@ def _board_scene(truth: Truth, printed: FloatArray, pose: TrueBarPose) -> Traced
     albedos = scene.albedos.copy()
     albedos[:2] = albedos[1], albedos[0]  # white paper, black dots
     return scene._replace(
-        bar_faces=np.array([[-half[0], half[0], half[1]]]),
-        mark_bar=np.zeros(1, dtype=np.int64),
-        mark_x=np.zeros(1),
-        mark_dots=printed[None, :, :2].copy(),
-        half_sticker=float(half.max()),
-        dot_radius=_DOT_MM,
-        dirt=dirt,
+        bar_faces=np.array([[-half[0], half[0], half[1]]]), mark_bar=np.zeros(1, dtype=np.int64), mark_x=np.zeros(1),
+        mark_dots=printed[None, :, :2].copy(), half_sticker=float(half.max()), dot_radius=_DOT_MM, dirt=dirt,
         albedos=albedos,
-    )
+    )  # fmt: skip
 
 
 def _take(

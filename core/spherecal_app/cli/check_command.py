@@ -115,17 +115,10 @@ def _print_cameras(found: Check) -> None:
     for one in found.cameras:
         t = one.test
         table.add_row(
-            escape(t.id),
-            str(t.points),
-            f"{t.rms_px:.4f}",
-            "-" if one.before_px is None else f"{one.before_px:.4f}",
-            f"{t.move_px:.3f}",
-            f"{np.linalg.norm(t.shift_mm):.3f}",
-            f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
-            f"{t.point_mm:.3f}",
-            f"{t.p:.2g}",
-            f"[{_COLOURS[one.verdict]}]{_WORDS[one.verdict]}[/]",
-        )
+            escape(t.id), str(t.points), f"{t.rms_px:.4f}", "-" if one.before_px is None else f"{one.before_px:.4f}",
+            f"{t.move_px:.3f}", f"{np.linalg.norm(t.shift_mm):.3f}", f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
+            f"{t.point_mm:.3f}", f"{t.p:.2g}", f"[{_COLOURS[one.verdict]}]{_WORDS[one.verdict]}[/]",
+        )  # fmt: skip
     out.print(table)
     if found.tolerance_mm is not None:
         out.print(

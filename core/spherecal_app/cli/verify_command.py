@@ -82,14 +82,10 @@ def show_verification(verification: Verification, folder: Path) -> None:
         table.add_column(heading, justify="right")
     for length in verification.lengths:
         table.add_row(
-            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"),
-            str(length.n),
-            number(length.mean_error_mm, 4),
-            number(length.sd_mm, 4),
-            number(length.max_abs_error_mm, 4),
-            number(length.expanded_uncertainty_mm, 4),
-            number(length.coverage_factor, 2),
-        )
+            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"), str(length.n),
+            number(length.mean_error_mm, 4), number(length.sd_mm, 4), number(length.max_abs_error_mm, 4),
+            number(length.expanded_uncertainty_mm, 4), number(length.coverage_factor, 2),
+        )  # fmt: skip
     out.print(table)
     overall = verification.overall
     mean, u = number(overall.mean_error_mm, 4), number(overall.expanded_uncertainty_mm, 4)

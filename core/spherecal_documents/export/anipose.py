@@ -131,12 +131,6 @@ def _read_caliscope(path: Path) -> file_cameras.Reading:
 
 
 CALISCOPE = Format(
-    "caliscope",
-    "caliscope TOML",
-    12,
-    ("m",),
-    _write_caliscope,
-    _read_caliscope,
-    ids=lambda rig: list(map(str, range(len(rig.cameras)))),
-    fisheye=True,
-)
+    "caliscope", "caliscope TOML", 12, ("m",), _write_caliscope, _read_caliscope,
+    ids=lambda rig: list(map(str, range(len(rig.cameras)))), fisheye=True,
+)  # fmt: skip

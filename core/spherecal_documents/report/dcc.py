@@ -253,13 +253,9 @@ def _calibration(results: Xml.Element, result: Result) -> None:
     verdict = calibration_verdict(result)
     method = dict(result.software.details).get("method", "auto")
     found = _measurement(
-        results,
-        "Calibration of the cameras",
-        f"{verdict.word}: {verdict.sentence}",
-        f"Bundle adjustment of a ball's coded targets, method {method}",
-        "",
-        result,
-    )
+        results, "Calibration of the cameras", f"{verdict.word}: {verdict.sentence}",
+        f"Bundle adjustment of a ball's coded targets, method {method}", "", result,
+    )  # fmt: skip
     _conditions(found, "Temperature of the rig", [])
     listed = _add(found, "results")
     for camera in result.rig.cameras:

@@ -144,13 +144,9 @@ def _budgets(procedure: verification_file.ProcedureReport) -> list[Section]:
 
 def _budget(budget: verification_file.BudgetReport) -> Table:
     title = label(
-        "report-budget",
-        length=name_of((budget.bar, budget.start, budget.end)),
-        u=number(budget.combined_mm, 4),
-        freedom=_freedom(budget.freedom),
-        k=number(budget.coverage_factor, 2),
-        expanded=number(budget.expanded_mm, 4),
-    )
+        "report-budget", length=name_of((budget.bar, budget.start, budget.end)), u=number(budget.combined_mm, 4),
+        freedom=_freedom(budget.freedom), k=number(budget.coverage_factor, 2), expanded=number(budget.expanded_mm, 4),
+    )  # fmt: skip
     if budget.remedy.text:
         title = label("report-to-lessen", budget=title, remedy=written(budget.remedy))
     rows = []

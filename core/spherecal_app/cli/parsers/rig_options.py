@@ -117,13 +117,9 @@ def add_frame(add: Add) -> None:
     for option, what in (("origin", "the origin"), ("x", "a place on the +X axis"), ("xy", "in the XY plane, +Y side")):
         word(frame, f"--{option}", "PLACE", f"{what}: {place}")
     frame.add_argument(
-        "--offset",
-        type=float,
-        nargs=3,
-        default=(0.0, 0.0, 0.0),
-        metavar=("X_MM", "Y_MM", "Z_MM"),
+        "--offset", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=("X_MM", "Y_MM", "Z_MM"),
         help="where the origin's place is in the frame, before any turn",
-    )
+    )  # fmt: skip
     frame.add_argument(
         "--turn",
         nargs="+",

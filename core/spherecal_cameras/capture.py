@@ -71,10 +71,8 @@ class SessionFolder:
         f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
         before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
         if before != set(self._by_serial):
-            raise InputError(
-                Phrase("error-other-cameras", {"folder": str(self.folder), "names": sorted(before)}),
-                Phrase("error-same-cameras"),
-            )
+            values = {"folder": str(self.folder), "names": sorted(before)}
+            raise InputError(Phrase("error-other-cameras", values), Phrase("error-same-cameras"))
         for value in f["sets"].items():
             known = value.fields(("id", "images"))
             name = known["id"].id()

@@ -387,11 +387,8 @@ def _entry(draft: _Draft) -> dict[str, Any]:
     if "certificate" in draft.fields:
         entry["certificate"] = {"number": draft.fields["certificate"], **about}
     elif about:
-        raise InputError(
-            Phrase(
-                "error-in-file", {"file": "", "place": "certificate.number", "problem": Phrase("problem-cell-empty")}
-            )
-        )
+        values = {"file": "", "place": "certificate.number", "problem": Phrase("problem-cell-empty")}
+        raise InputError(Phrase("error-in-file", values))
     return entry
 
 

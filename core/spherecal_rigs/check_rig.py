@@ -233,12 +233,8 @@ def _of_rig(session: Session, rig: Rig) -> tuple[Observations, IntArray]:
     for spec in session.cameras:
         placed = rig.camera(spec.id)
         if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
-            raise InputError(
-                Phrase(
-                    "error-other-serial",
-                    {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial},
-                )
-            )
+            values = {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial}
+            raise InputError(Phrase("error-other-serial", values))
     own = o.select(in_rig[o.camera] >= 0)
     return own, in_rig[own.camera]
 

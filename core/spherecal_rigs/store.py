@@ -113,12 +113,8 @@ class Profile:
             Where there is none; lists those there are.
         """
         if calibration not in self.entries:
-            raise InputError(
-                Phrase(
-                    "error-no-calibration",
-                    {"folder": self.folder, "calibration": calibration, "names": list(self.entries)},
-                )
-            )
+            values = {"folder": self.folder, "calibration": calibration, "names": list(self.entries)}
+            raise InputError(Phrase("error-no-calibration", values))
         return self.entries[calibration]
 
     def path_of(self, calibration: str) -> Path:

@@ -104,11 +104,8 @@ def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: b
             options.before_each, shell=True, env=users_environment() | {"SPHERECAL_SET": set_id}, check=False
         )
         if done.returncode:
-            raise InputError(
-                Phrase(
-                    "error-before-each", {"command": repr(options.before_each), "set": set_id, "code": done.returncode}
-                )
-            )
+            values = {"command": repr(options.before_each), "set": set_id, "code": done.returncode}
+            raise InputError(Phrase("error-before-each", values))
     if not (options.no_wait or staged or options.before_each):
         what = "the ball" if bar is None else f"bar {bar}"
         if not ask(f"{set_id}: put {what} into place, let it come to rest, then press Enter: "):

@@ -26,15 +26,10 @@ def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
         return found[0].serial
     if found:
         raise InputError(Phrase("error-camera-ambiguous", {"name": repr(name), "cameras": list(map(_in_words, found))}))
-    raise InputError(
-        Phrase(
-            "error-camera-not-found",
-            {
-                "name": repr(name),
-                "found": [camera_name(profile, info) for info in discovery.cameras] or Phrase("nothing"),
-            },
-        )
-    )
+    values = {
+        "name": repr(name), "found": [camera_name(profile, info) for info in discovery.cameras] or Phrase("nothing"),
+    }  # fmt: skip
+    raise InputError(Phrase("error-camera-not-found", values))
 
 
 def _in_words(info: CameraInfo) -> str:

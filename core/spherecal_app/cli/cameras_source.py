@@ -101,10 +101,7 @@ def _allow(store: TrustStore, file: str) -> None:
     if driver.state == "unreadable":
         raise InputError(Phrase("error-driver-unreadable", {"file": file}))
     if driver.state == "unsafe":
-        raise InputError(
-            Phrase(
-                "error-driver-unsafe", {"file": file, "who": who_may_change(driver.file), "driver": str(driver.file)}
-            )
-        )
+        values = {"file": file, "who": who_may_change(driver.file), "driver": str(driver.file)}
+        raise InputError(Phrase("error-driver-unsafe", values))
     if driver.state != "own":
         store.allow(driver)

@@ -70,19 +70,11 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
         return _by_pattern(folder, found, pattern, "files named by the pattern")
     kinds = [[path for path in found if PurePosixPath(path).suffix.lower() in kind] for kind in (IMAGES, VIDEOS)]
     if all(kinds):
-        raise InputError(
-            Phrase(
-                "error-images-and-videos",
-                {
-                    "folder": folder,
-                    "images": len(kinds[0]),
-                    "image": kinds[0][0],
-                    "videos": len(kinds[1]),
-                    "video": kinds[1][0],
-                    "pattern": "{camera}" + PurePosixPath(kinds[1][0]).suffix,
-                },
-            )
-        )
+        values = {
+            "folder": folder, "images": len(kinds[0]), "image": kinds[0][0], "videos": len(kinds[1]),
+            "video": kinds[1][0], "pattern": "{camera}" + PurePosixPath(kinds[1][0]).suffix,
+        }  # fmt: skip
+        raise InputError(Phrase("error-images-and-videos", values))
     words, chosen, rest = _known_program(found)
     overlays = _overlays(chosen)
     chosen, rest = [path for path in chosen if path not in overlays], [*rest, *sorted(overlays, key=natural)]
@@ -397,25 +389,13 @@ def _sorted_out(
         given = {"placement": ONLY_PLACEMENT, **own}
         camera, place = (_id(folder, names[kind], kind, given[kind]) for kind in ("camera", "placement"))
         if (other := files.setdefault(camera, {}).setdefault(place, path)) != path:
-            raise InputError(
-                Phrase(
-                    "error-two-files",
-                    {"folder": folder, "first": other, "second": path, "camera": camera, "place": place},
-                )
-            )
+            values = {"folder": folder, "first": other, "second": path, "camera": camera, "place": place}
+            raise InputError(Phrase("error-two-files", values))
     if not files:
-        raise InputError(
-            Phrase(
-                "error-pattern-fits-none",
-                {
-                    "folder": folder,
-                    "count": len(paths),
-                    "pattern": pattern,
-                    "files": _shown(paths),
-                    "example": _EXAMPLE,
-                },
-            )
-        )
+        values = {
+            "folder": folder, "count": len(paths), "pattern": pattern, "files": _shown(paths), "example": _EXAMPLE,
+        }  # fmt: skip
+        raise InputError(Phrase("error-pattern-fits-none", values))
     cameras = sorted(files, key=natural)
     places = sorted({place for own in files.values() for place in own}, key=natural)
     apart = len(cameras) > 1 and len(places) > 1 and all(sum(p in files[c] for c in cameras) < 2 for p in places)
@@ -426,11 +406,8 @@ def _sorted_out(
         words, apart = f"{words}, {said}", False
     if apart:
         first, second = (next(iter(files[camera].values())) for camera in cameras[:2])
-        raise InputError(
-            Phrase(
-                "error-no-common-placement", {"folder": folder, "pattern": pattern, "first": first, "second": second}
-            )
-        )
+        values = {"folder": folder, "pattern": pattern, "first": first, "second": second}
+        raise InputError(Phrase("error-no-common-placement", values))
     ordered = {camera: dict(sorted(files[camera].items(), key=lambda item: natural(item[0]))) for camera in cameras}
     return ImageLayout(words, pattern, ordered, tuple(places), tuple(left_out))
 

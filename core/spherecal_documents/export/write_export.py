@@ -225,22 +225,12 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     names = list(dropped(camera.intrinsics, form.coefficients))
     needed = np.ceil(losses[worst].max_px * 100) / 100
     loss = losses[worst]
-    raise InputError(
-        Phrase(
-            "error-lens-lost",
-            {
-                "format": form.title,
-                "count": form.coefficients,
-                "names": names,
-                "camera": worst,
-                "max_px": loss.max_px,
-                "rms_px": loss.rms_px,
-                "limit_px": max_loss_px,
-                "needed_px": float(needed),
-                "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
-            },
-        )
-    )
+    values = {
+        "format": form.title, "count": form.coefficients, "names": names, "camera": worst, "max_px": loss.max_px,
+        "rms_px": loss.rms_px, "limit_px": max_loss_px, "needed_px": float(needed),
+        "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
+    }  # fmt: skip
+    raise InputError(Phrase("error-lens-lost", values))
 
 
 def _bytes(content: str | bytes) -> bytes:

@@ -15,6 +15,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.resources import resource_path
 from spherecal.files.json_file import decode, parse_json, read_bytes
 from spherecal.geometry.camera import undistort
 from spherecal_documents.export.file_cameras import MM_PER, FileRig, Unit, numbers
@@ -165,41 +166,7 @@ def _read_ply(path: Path) -> FloatArray:
         raise InputError(f"{path}: is no PLY file of a rig.") from None
 
 
-_SCRIPT = '''"""{source}. Run in Blender: blender --python {name}, or from its Text Editor.
-
-Adds a camera for each of the rig's, in metres, z up. Blender's cameras have no distortion: render, then distort, or
-undistort the images. The ratio of focal lengths in x and y is taken as 1.
-"""
-
-import json
-
-RIG = json.loads(r"""
-{data}
-""")
-
-
-def add_cameras(rig):
-    """Cameras in a collection of their own; the scene renders at the first one's size."""
-    import bpy
-    from mathutils import Matrix
-
-    collection = bpy.data.collections.new(rig["name"])
-    bpy.context.scene.collection.children.link(collection)
-    for entry in rig["cameras"]:
-        camera = bpy.data.cameras.new(entry["id"])
-        camera.sensor_fit, camera.sensor_width = "HORIZONTAL", entry["sensor_width_mm"]
-        camera.lens, camera.shift_x, camera.shift_y = entry["lens_mm"], entry["shift_x"], entry["shift_y"]
-        placed = bpy.data.objects.new(entry["id"], camera)
-        placed.matrix_world = Matrix(entry["matrix_world"])
-        collection.objects.link(placed)
-    render = bpy.context.scene.render
-    render.resolution_x, render.resolution_y = rig["cameras"][0]["image_size"]
-    bpy.context.scene.camera = collection.objects[0]
-
-
-if __name__ == "__main__":
-    add_cameras(RIG)
-'''
+_SCRIPT = resource_path("blender_rig.txt").read_text(encoding="utf-8")
 
 
 def _z_up(rig: FileRig) -> FloatArray:

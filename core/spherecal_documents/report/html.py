@@ -4,47 +4,11 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
+from spherecal.base.resources import resource_path
 from spherecal_documents.report import model
 from spherecal_documents.report.language import language_now
 
-_STYLE = """
-:root{color-scheme:light}
-body{font:15px/1.45 Inter,system-ui,"DejaVu Sans",sans-serif;color:#1a1a1a;max-width:70rem;margin:0 auto;padding:1.5rem}
-h1{margin:.2rem 0 1rem}
-h1 small{float:right;font-size:.9rem;font-weight:400;margin-top:.9rem}
-h2{border-bottom:2px solid #1a1a1a;margin:2.2rem 0 .6rem}
-.verdict{display:flex;background:#f1f3f5;margin:.6rem 0;align-items:stretch}
-.verdict b{color:#fff;padding:.8rem 1rem;flex:0 0 13rem;font-size:1.25rem}
-.verdict small{display:block;font-weight:400;font-size:.75rem;color:#fff}
-.verdict p{margin:auto 1rem}
-.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(15rem,1fr));gap:.6rem;margin:1rem 0}
-.figures div{border-top:2px solid #41546b}
-.figures b{font-size:1.3rem}
-small,.note,dt{color:#5f6368}
-.note{font-size:.85rem}
-.alarm,.notice{color:#a63200}
-.notice{text-align:center;font-weight:700}
-.subtitle{font-weight:700}
-.item{margin:.2rem 0 .2rem 1.2rem;display:list-item}
-dl{display:grid;grid-template-columns:max-content 1fr;gap:.2rem 1.5rem;font-size:.85rem}
-dd{margin:0;overflow-wrap:anywhere}
-table{border-collapse:collapse;font-size:.82rem;margin:.6rem 0 1.2rem;font-variant-numeric:tabular-nums}
-th{color:#5f6368;font-weight:400;text-align:right;vertical-align:bottom;
-border-bottom:1px solid #5f6368;padding:.15rem .6rem}
-td{padding:.15rem .6rem;text-align:right;vertical-align:top;overflow-wrap:anywhere}
-.l{text-align:left}
-tr:nth-child(even) td{background:#f1f3f5}
-.wide{overflow-x:auto}
-.finding{padding:.2rem .8rem;margin:.5rem 0;border-left:4px solid}
-.finding span{color:#1a1a1a}
-.finding .note{color:#5f6368;font-size:1em}
-svg{width:100%;height:auto;display:block;margin:.6rem 0}
-.panels{display:grid;grid-template-columns:repeat(auto-fill,minmax(18rem,1fr));gap:1rem}
-.sign{display:grid;grid-template-columns:repeat(3,1fr);gap:2rem;margin-top:4rem}
-.sign div{border-top:1px solid #5f6368}
-@media print{h2{break-after:avoid}
-table,svg{break-inside:avoid}}
-"""
+_STYLE = "\n" + resource_path("report.css").read_text(encoding="utf-8")
 
 
 def html_bytes(report: model.Report) -> bytes:

@@ -167,7 +167,7 @@ def new_session(
     frames
         How many frames of each video are taken at most.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
@@ -175,8 +175,6 @@ def new_session(
         Shows what was seen where names can be read in two ways; also for images and numbers that cannot be used.
     OutputError
         Where the folder cannot be written, or has a session already.
-    Cancelled
-        Where the context says so.
     """
     for name, value in (
         ("focal_length_mm", focal_length_mm),
@@ -224,14 +222,12 @@ def calibrate_session(
     settings
         All that can be said of how to calibrate, in place of `method`, `intrinsics` and `seed`.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For what cannot be used.
-    Cancelled
-        Where the context says so.
     """
     chosen = settings or CalibrationSettings(method=method, intrinsics=intrinsics, seed=seed)
     given = _session(session)
@@ -281,14 +277,12 @@ def calibrate_points(
     settings
         How to calibrate; None for the usual way.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For what cannot be used.
-    Cancelled
-        Where the context says so.
     """
     session = Session.from_arrays(
         observations, cameras, image_size, fisheye=fisheye, scale=scale, bars=bars, bar_poses=bar_poses,
@@ -324,7 +318,7 @@ def verify_rig(
     rig
         The rig, a rig.json or a result folder; of a path the points beside it give the volume where the rig has no map.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
     limit
         The limit of the length errors, such as "0.03+L/20000" in mm, decided by ISO 14253-1; None to decide nothing by
         it.
@@ -333,8 +327,6 @@ def verify_rig(
     ------
     InputError
         Where the session has nothing to measure, and for a limit that cannot be read.
-    Cancelled
-        Where the context says so.
     """
     context = context or Context()
     settings = VerifySettings(_limit(limit), None, None if isinstance(rig, Rig) else corners_beside(Path(rig)))
@@ -360,14 +352,12 @@ def check_rig(
     limit
         The limit of the bars' errors, such as "0.03+L/20000" in mm; None: 3.5 standard uncertainties.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         Where three cameras see too little at once.
-    Cancelled
-        Where the context says so.
     """
     known = None if isinstance(rig, Rig) else read_known_ball(points_file(Path(rig)))
     return check(_session(session), _source(rig).rig, known, _limit(limit), context)
@@ -397,14 +387,12 @@ def recalibrate_cameras(
     settings
         How to calibrate; None for the usual way.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For unknown cameras, and where fewer than two stay locked.
-    Cancelled
-        Where the context says so.
     """
     chosen = Selection((cameras,) if isinstance(cameras, str) else tuple(cameras), what)
     return recalibrate(_session(session), rig_of(rig), chosen, settings, context)
@@ -422,14 +410,12 @@ def cross_validate_session(
     settings
         How to calibrate; None for the usual way.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For fewer than three placements.
-    Cancelled
-        Where the context says so.
     """
     return cross_validate(_session(session), settings, context)
 
@@ -442,14 +428,12 @@ def guide_next_placement(session: Session | AnyPath, context: Context | None = N
     session
         The session recorded so far, or its folder.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         Where nothing can be planned yet.
-    Cancelled
-        Where the context says so.
     """
     context = context or Context()
     seen = observed(_session(session), context)
@@ -521,7 +505,7 @@ def measure(
     table
         The form of its tables.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
@@ -533,8 +517,6 @@ def measure(
         Where live cameras stay silent.
     MissingPackage
         For Parquet tables without pyarrow.
-    Cancelled
-        Where the context says so.
     """
     measured_with = _source(rig).rig
     if isinstance(recording, str | os.PathLike | Session):
@@ -573,14 +555,12 @@ def live_sets(
     names
         Names by serial, which go before those that the cameras have.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         Where none of the cameras is the rig's.
-    Cancelled
-        Where the context says so.
     """
     cameras = rig_cameras_of(_source(rig).rig, source.discover(context), names)
     chosen = targets if isinstance(targets, TargetSet) else load_targets(targets)
@@ -1010,7 +990,7 @@ def simulate_session(
     images
         Render images, which need a folder and take a while; otherwise observations alone.
     context
-        For progress while images are rendered, and to stop.
+        For progress while images are rendered, and to stop: Cancelled is then raised.
 
     Raises
     ------
@@ -1018,8 +998,6 @@ def simulate_session(
         For an unknown preset, images without a folder, and options that images cannot show.
     OutputError
         Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
     """
     if images:
         from spherecal_sim.render_session import render_session  # here, since it loads the renderer

@@ -318,14 +318,14 @@ def _change(
 # Shift and turn over their standard uncertainties say far less: 3.2 without any change, 0.8 for 0.01 deg, since what
 # the pose loses the lens takes up.
 _TIMES_THE_MEDIAN = 4.0
-_SMALLEST_MM_COMPARE_RIGS = 0.005  # a tenth of what a reference bar may deviate: nobody is sent to a camera for less
+_LEAST_MOVE_MM = 0.005  # a tenth of what a reference bar may deviate: nobody is sent to a camera for less
 
 
 def _judged(changes: list[CameraChange]) -> list[CameraChange]:
     """Which cameras have moved: their rays differ far more than most of the rig's."""
     ray = np.array([change.ray_rms_mm for change in changes])
     usual = float(np.nanmedian(ray)) if np.isfinite(ray).any() else np.nan
-    limit = max(_TIMES_THE_MEDIAN * usual, _SMALLEST_MM_COMPARE_RIGS)
+    limit = max(_TIMES_THE_MEDIAN * usual, _LEAST_MOVE_MM)
     return [replace(change, moved=bool(mm > limit)) for change, mm in zip(changes, ray, strict=True)]
 
 

@@ -25,8 +25,6 @@ _USB3_MBIT_S = 5000.0
 class UsbCamera:
     """A USB3 Vision camera as its plug names it; cameras of one `bus` share what it carries."""
 
-    vendor_id: str
-    product_id: str
     maker: str
     model: str
     serial: str
@@ -57,9 +55,8 @@ def _camera(device: Path, nodes: Path) -> UsbCamera:
         speed = float(_said(device, "speed"))
     node = nodes / _said(device, "busnum").zfill(3) / _said(device, "devnum").zfill(3)
     return UsbCamera(
-        _said(device, "idVendor"), _said(device, "idProduct"), _said(device, "manufacturer"),
-        _said(device, "product"), _said(device, "serial"), speed, os.access(node, os.R_OK | os.W_OK),
-        _said(device, "busnum"),
+        _said(device, "manufacturer"), _said(device, "product"), _said(device, "serial"), speed,
+        os.access(node, os.R_OK | os.W_OK), _said(device, "busnum"),
     )  # fmt: skip
 
 

@@ -286,7 +286,6 @@ class CameraStatus:
     remedy: str = ""
     counters: Counters = field(default_factory=Counters)
     temperature_c: float | None = None
-    since_s: float = 0.0
 
 
 class EventKind(StrEnum):

@@ -24,7 +24,7 @@ def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> No
     across, down = drawn.size_mm
     width, height = _turned(BOARD_PAGES_MM[page], across, down, page)
     canvas = PdfCanvas(f"Board: {words(pattern)}", width * MM, height * MM)
-    drawing = SheetDrawing(canvas, width, height)
+    drawing = SheetDrawing(canvas, height)
     for x, y, a, b, grey in drawn.rectangles:
         drawing.rectangle(LEFT_MM + x, HEAD_MM + y, a, b, grey)
     for x, y, diameter, grey in drawn.discs:

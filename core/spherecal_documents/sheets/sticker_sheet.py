@@ -35,7 +35,6 @@ class SheetDrawing:
     """A canvas that draws in millimetres, y down from the top of the page."""
 
     canvas: PdfCanvas
-    width_mm: float
     height_mm: float
 
     def line(self, x0: float, y0: float, x1: float, y1: float, width_mm: float = _HAIRLINE_MM) -> None:
@@ -80,7 +79,7 @@ def write_sheet(
     width, height = PAGE_SIZES_MM[page]
     title = f"Coded targets {target_set.family}, {target_set.size_mm:g} mm, ids {ids[0]} to {ids[-1]}"
     canvas = PdfCanvas(title, width * MM, height * MM)
-    drawing = SheetDrawing(canvas, width, height)
+    drawing = SheetDrawing(canvas, height)
     draw_instructions(drawing, target_set, ids)
     canvas.end_page()
     side = sticker_mm(target_set)

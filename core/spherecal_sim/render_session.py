@@ -62,7 +62,7 @@ def render_session(
 
 
 def render_placement(
-    session: Session, truth: Truth, placement: int, camera: int, settings: RenderSettings | None = None, seed: int = 0
+    session: Session, truth: Truth, placement: int, camera: int, settings: RenderSettings | None = None
 ) -> Rendered:
     """One image of the ball, with the truth about its dots; `settings` None is `CLUTTERED`."""
     settings = settings or CLUTTERED
@@ -71,7 +71,7 @@ def render_placement(
     dots = ball_dots(truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
     dots = dots.moved(truth.ball_rotations[placement], truth.ball_places_mm[placement])
     station = station_at(truth.cameras[camera], truth, placement)
-    return render_image(scene, dots, station, settings, np.random.default_rng(seed))
+    return render_image(scene, dots, station, settings, np.random.default_rng(0))
 
 
 def station_at(camera: TrueCamera, truth: Truth, placement: int) -> Station:

@@ -69,13 +69,13 @@ class SheetDrawing:
         self.canvas.text(x * MM, (self.height_mm - y) * MM, text, size_pt, bold, grey, turn_deg)
 
 
-def write_sheet(
-    path: Path, target_set: TargetSet, page: Page = "A4", start_id: int | None = None, count: int | None = None
-) -> None:
+def write_sheet(path: Path, target_set: TargetSet, page: Page = "A4") -> None:
     """Write targets as a PDF of stickers, whole, same targets same bytes; its first page says how to use them."""
     if page not in PAGE_SIZES_MM:
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
-    ids = _chosen_ids(target_set, start_id, count)
+    ids = sorted(target_set.layouts)
+    if not ids:
+        raise InputError(Phrase("set-empty"))
     width, height = PAGE_SIZES_MM[page]
     title = f"Coded targets {target_set.family}, {target_set.size_mm:g} mm, ids {ids[0]} to {ids[-1]}"
     canvas = PdfCanvas(title, width * MM, height * MM)
@@ -148,21 +148,6 @@ def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertic
         dot_diameter_mm=target_set.dot_diameter_mm * mean,
         layouts=layouts,
     )
-
-
-def _chosen_ids(target_set: TargetSet, start_id: int | None, count: int | None) -> list[int]:
-    known = sorted(target_set.layouts)
-    ids = [target for target in known if start_id is None or target >= start_id]
-    if count is not None:
-        if not 1 <= count <= len(ids) or (start_id is not None and start_id not in target_set.layouts):
-            raise InputError(
-                Phrase("error-targets-from", {"count": count, "first": start_id or known[0]}),
-                Phrase("set-ids", {"first": known[0], "last": known[-1]}) if known else Phrase("set-empty"),
-            )
-        ids = ids[:count]
-    if not ids:
-        raise InputError(Phrase("error-no-target-from", {"first": start_id}))
-    return ids
 
 
 def _draw_cut_marks(drawing: SheetDrawing, x: float, y: float, size_mm: float) -> None:

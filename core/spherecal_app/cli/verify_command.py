@@ -1,4 +1,4 @@
-"""`spherecal verify`."""
+"""`spherecal verify`, and `override`: a failed verification used all the same."""
 
 import argparse
 from pathlib import Path

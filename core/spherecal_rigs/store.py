@@ -217,7 +217,8 @@ def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
     try:
         if filesystem.is_link((folder / HISTORY).lstat()):
             raise InputError(Phrase("error-link-in-profile", {"folder": folder / HISTORY}))
-        found = sorted((path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)), key=_number)
+        there = [path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)]
+        found = sorted(there, key=lambda path: (int(path.name), path.name))
     except FileNotFoundError:
         return {}, ()
     except OSError as error:
@@ -230,10 +231,6 @@ def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
         except InputError as error:
             problems.append(str(error))
     return entries, tuple(problems)
-
-
-def _number(path: Path) -> tuple[int, str]:
-    return int(path.name), path.name
 
 
 def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits | None = None) -> Profile:

@@ -205,12 +205,8 @@ def _check_file(file: str) -> ProducerVerdict | None:
 
 
 def _crashed(file: str, code: int | None) -> ProducerVerdict:
-    return ProducerVerdict(
-        file,
-        False,
-        f"The driver crashed while it was loaded or searched for cameras ({end_word(code)}).",
-        "Update or remove it; other drivers are not affected.",
-    )
+    said = f"The driver crashed while it was loaded or searched for cameras ({end_word(code)})."
+    return ProducerVerdict(file, False, said, "Update or remove it; other drivers are not affected.")
 
 
 def end_word(code: int | None) -> str:

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from spherecal.base.resources import resource_path
 
@@ -29,7 +30,8 @@ class Maker:
 
 
 _TABLE = tomllib.loads(resource_path("camera_makers.toml").read_text(encoding="utf-8"))["maker"]
-MAKERS = tuple(Maker(**{key: tuple(v) if isinstance(v, list) else v for key, v in one.items()}) for one in _TABLE)
+_MAKERS: list[dict[str, Any]] = [{k: tuple(v) if isinstance(v, list) else v for k, v in x.items()} for x in _TABLE]
+MAKERS = tuple(Maker(**one) for one in _MAKERS)
 # Any maker's GigE Vision and USB3 Vision cameras, on Linux: our own, after the makers' own.
 ANY_MAKER = Maker("", "Aravis", ("spherecal_aravis.cti",), ("/opt/spherecal/cti",), source="our own")
 _FIRST = {"linux": ("/opt/*/lib/x86_64",)}

@@ -63,30 +63,17 @@ PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 # Library -> Debian package. The window (Qt) needs the first group to load at all, the others to appear on a screen.
 # Measured in a bare Debian 12; Qt's own message names libxcb-cursor0 whichever of the xcb libraries is missing.
 SYSTEM_LIBRARIES = {
-    "libGL.so.1": "libgl1",
-    "libEGL.so.1": "libegl1",
-    "libglib-2.0.so.0": "libglib2.0-0",
-    "libfontconfig.so.1": "libfontconfig1",
-    "libdbus-1.so.3": "libdbus-1-3",
-    "libxkbcommon.so.0": "libxkbcommon0",
-    "libxcb-cursor.so.0": "libxcb-cursor0",
-    "libxcb-icccm.so.4": "libxcb-icccm4",
-    "libxcb-keysyms.so.1": "libxcb-keysyms1",
-    "libxcb-image.so.0": "libxcb-image0",
-    "libxcb-render-util.so.0": "libxcb-render-util0",
-    "libxcb-randr.so.0": "libxcb-randr0",
-    "libxcb-shape.so.0": "libxcb-shape0",
-    "libxcb-xkb.so.1": "libxcb-xkb1",
-    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
-    "libX11-xcb.so.1": "libx11-xcb1",
-    "libxcb-glx.so.0": "libxcb-glx0",
-    "libxcb-sync.so.1": "libxcb-sync1",
-    "libxcb-xfixes.so.0": "libxcb-xfixes0",
-    "libwayland-client.so.0": "libwayland-client0",
-    "libwayland-cursor.so.0": "libwayland-cursor0",
+    "libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libglib-2.0.so.0": "libglib2.0-0",
+    "libfontconfig.so.1": "libfontconfig1", "libdbus-1.so.3": "libdbus-1-3", "libxkbcommon.so.0": "libxkbcommon0",
+    "libxcb-cursor.so.0": "libxcb-cursor0", "libxcb-icccm.so.4": "libxcb-icccm4",
+    "libxcb-keysyms.so.1": "libxcb-keysyms1", "libxcb-image.so.0": "libxcb-image0",
+    "libxcb-render-util.so.0": "libxcb-render-util0", "libxcb-randr.so.0": "libxcb-randr0",
+    "libxcb-shape.so.0": "libxcb-shape0", "libxcb-xkb.so.1": "libxcb-xkb1",
+    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0", "libX11-xcb.so.1": "libx11-xcb1", "libxcb-glx.so.0": "libxcb-glx0",
+    "libxcb-sync.so.1": "libxcb-sync1", "libxcb-xfixes.so.0": "libxcb-xfixes0",
+    "libwayland-client.so.0": "libwayland-client0", "libwayland-cursor.so.0": "libwayland-cursor0",
     "libwayland-egl.so.1": "libwayland-egl1",
-}
-
+}  # fmt: skip
 
 # Program -> Debian package: for tests in a real window, on a simulated network and with compiled drivers, and fonts for
 # the pictures of the window in Chinese. Without them those tests are skipped and say so.
@@ -565,10 +552,8 @@ def bench(arguments: list[str]) -> int:
     if arguments and not arguments[0].startswith("-"):
         name = arguments[0] if arguments[0] in known else f"bench_{arguments[0]}"
         if name not in known:
-            raise SetupError(f"There is no benchmark {arguments[0]!r}; there are: {', '.join(known) or 'none yet'}.")
+            raise SetupError(f"There is no benchmark {arguments[0]!r}; there are: {', '.join(known)}.")
         known, arguments = [name], arguments[1:]
-    if not known:
-        raise SetupError("There are no benchmarks yet.")
     code = 0
     for name in known:
         say(f"== {name}")
@@ -658,19 +643,11 @@ def setup(_: list[str]) -> int:
 
 
 COMMANDS: dict[str, Callable[[list[str]], int]] = {
-    "demo": demo,
-    "test": test,
-    "lint": lint,
-    "bench": bench,
-    "pictures": pictures,
-    "translations": translations,
-    "studies": studies,
-    "docs": docs,
-    "build": build,
-    "installer": installer,
-    "lock": lock,
-    "setup": setup,
-}
+    command.__name__: command
+    for command in (
+        demo, test, lint, bench, pictures, translations, studies, docs, build, installer, lock, setup,
+    )
+}  # fmt: skip
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ from unittest.mock import patch
 
 from installer.walk import Walk, virtual_screen
 from spherecal.base.context import Context
-from spherecal_app.cli.gige_command import show
+from spherecal_app.cli.producer_command import show_gige
 from spherecal_gentl.gige import gige_control
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.gige.gvcp import CONTROL_REGISTER, Gvcp
@@ -130,7 +130,7 @@ def rig(stock: bool, folder: Path, serials: Sequence[str] = ()) -> Iterator[Gige
             yield made
         return
     with GigeRig(cameras) as made:
-        show(made, scenes, scenes.names[0])
+        show_gige(made, scenes, scenes.names[0])
         yield made
 
 

@@ -16,8 +16,8 @@ from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QApplication
 
 from spherecal.base.context import Context
-from spherecal_app.cli.gige_command import show
 from spherecal_app.cli.main import main as spherecal
+from spherecal_app.cli.producer_command import show_gige
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
 from spherecal_gentl.producer.feed import SessionScenes
@@ -78,7 +78,7 @@ class Wizard:
         project = self.control.project
         assert project is not None
         self.control.go(step)
-        show(self._rig, self._scenes, shown or name)
+        show_gige(self._rig, self._scenes, shown or name)
         self._live(_IN_FLIGHT_S)
         assert self.control.sets.take(name, step), name
         self._settle()
@@ -92,7 +92,7 @@ class Wizard:
         assert control.project is not None, "the cameras are not connected"
         control.recording.confirm_bench()
         self._settle()
-        show(self._rig, self._scenes, control.project.placements[0])
+        show_gige(self._rig, self._scenes, control.project.placements[0])
         control.go("look")
         self._until_all_seen()
         self.picture("look")
@@ -140,7 +140,7 @@ def main() -> int:
     cameras = [GigeCamera(serial, *camera.image_size) for serial, camera in scenes.cameras.items()]
     application = QApplication(sys.argv[:1])
     with GigeRig(cameras) as rig, rig.entered():
-        show(rig, scenes, scenes.names[0])
+        show_gige(rig, scenes, scenes.names[0])
         wizard = Wizard(folder, rig, scenes, session)
         try:
             wizard.walk()

@@ -448,7 +448,7 @@ def checking(p: Photographer) -> None:
     """The check of the calibration in use, of a rig whose camera was knocked since."""
     from dataclasses import replace
 
-    from spherecal_cameras.simulated.camera_faults import SimulatedFault
+    from spherecal_cameras.simulated.simulated_source import SimulatedFault
     from spherecal_gui.project_folder import load_project
     from tests.gui_walking import at_rest
 
@@ -487,7 +487,7 @@ def _camera(p: Photographer) -> None:
 
 
 def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
-    from spherecal_cameras.simulated.camera_faults import SimulatedFault
+    from spherecal_cameras.simulated.simulated_source import SimulatedFault
 
     p.window.controller.cameras.connection.source.inject(SimulatedFault("lose", camera))
     p.wait(shown)

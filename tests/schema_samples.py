@@ -30,13 +30,13 @@ from spherecal_cameras.simulated.stage import Stage
 from spherecal_documents.report.dcc import read_issuer
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
-from spherecal_measuring.body_file import read_body
+from spherecal_measuring.pose import read_body
 from spherecal_rigs.ball_registry import BALL_REGISTRY
 from spherecal_rigs.entry import read_entry
-from spherecal_rigs.frame_file import read_frame
+from spherecal_rigs.framed_rig import read_frame
 from spherecal_rigs.kept_checks import read_checks
 from spherecal_rigs.limits_file import read_limits
-from spherecal_rigs.read_verification import read_bar_report
+from spherecal_rigs.result_folder import read_bar_report
 from spherecal_rigs.store import open_profile
 from tests.example_session import VALID, make_session
 

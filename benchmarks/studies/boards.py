@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 import spherecal
+from benchmarks.simulators.rendered_stickers import BoardCamera, paint, render_board
 from benchmarks.studies.report import Report
 from spherecal.base.arrays import FloatArray
 from spherecal.files.json_file import JsonValue
@@ -17,7 +18,6 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal_boards.board_images import FoundBoard, find_board
 from spherecal_boards.pattern_entry import board_entry, board_pattern
-from spherecal_sim.rendered_board import BoardCamera, paint, render_board
 
 BOARDS = (
     "charuco,rows=6,columns=8,pitch_mm=30,marker_mm=22,dictionary=DICT_5X5_100",

@@ -12,14 +12,13 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.session import Session
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.dot_truth import DotTruth, ball_dots
+from spherecal_sim.dot_truth import DotTruth, Station, ball_dots
 from spherecal_sim.optics import Image
 from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.render_session import RENDERED, station_at
 from spherecal_sim.rigs import CameraKind, TrueCamera, look_at
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, lit_for
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth
 

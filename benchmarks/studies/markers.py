@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.simulators.rendered_stickers import StickerCamera, camera_ring, sticker_ball, write_sticker_session
 from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig
@@ -13,7 +14,6 @@ from spherecal.files.read_session import read_session
 from spherecal.targets.family import make_target_set
 from spherecal.targets.marker_set import make_marker_set
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.rendered_stickers import StickerCamera, camera_ring, sticker_ball, write_sticker_session
 
 COUNT, SIZE_MM, RADIUS_MM, DISTANCE_MM = 100, 28.0, 200.0, 1100.0
 CAMERAS, PLACEMENTS, IMAGE, FOCAL_PX = 5, 4, (640, 512), 1050.0

@@ -14,7 +14,7 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal_measuring.measured_sets import ObservedSet
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Task
-from spherecal_sim.recording_faults import lens_misfit
+from spherecal_sim.observe import lens_misfit
 
 SEEDS = 6
 SETS = 7  # along a path; velocities are known from the third on

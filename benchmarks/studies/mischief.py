@@ -79,7 +79,7 @@ from benchmarks.studies.mischief_world import Pose, World
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.targets.family import make_target_set
-from spherecal_sim.recording_faults import shape_changes
+from spherecal_sim.observe import shape_changes
 from spherecal_sim.simulated_ball import Ball, make_ball
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from benchmarks.simulators.lens_errors import TrueLens
 from benchmarks.studies.judged import Reference
 from benchmarks.studies.mischief_world import Pose, World
 from spherecal.base.arrays import BoolArray, FloatArray
@@ -13,7 +14,6 @@ from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_sim.lens_errors import TrueLens
 
 
 @dataclass(frozen=True)

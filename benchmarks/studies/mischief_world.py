@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.simulators.lens_errors import TrueLens
+from benchmarks.simulators.realistic import RealisticOptions, simulate_realistic
 from benchmarks.studies.judged import Lengths, Reference
 from benchmarks.studies.realistic import dot_places
 from spherecal.base.arrays import FloatArray
@@ -14,8 +16,6 @@ from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
-from spherecal_sim.lens_errors import TrueLens
-from spherecal_sim.realistic import RealisticOptions, simulate_realistic
 from spherecal_sim.rigs import TrueCamera, nominal_intrinsics, random_rotations
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_ball import Ball

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from benchmarks.simulators.realistic import RealisticOptions, simulate_realistic
 from benchmarks.starts import Start, start_of
 from benchmarks.studies.others_run import PROGRAMS, forget_peak, peak_mb
 from benchmarks.studies.realistic import reference_of
@@ -35,7 +36,6 @@ from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.verify_bars import verify
-from spherecal_sim.realistic import RealisticOptions, simulate_realistic
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import study_bars
 from spherecal_sim.simulated_boards import simulate_board

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.simulators.realistic import RealisticOptions, RealisticTruth, random_lengths, simulate_realistic
 from benchmarks.studies.judged import Judged, Lengths, Reference, calibrated_and_judged, verdict_of, words
 from benchmarks.studies.report import Report
 from benchmarks.studies.workers import Job, spread
 from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Features, Observations
-from spherecal_sim.realistic import RealisticOptions, RealisticTruth, random_lengths, simulate_realistic
 
 RUNS = 300
 FIRST_SEED = 1221  # 1 to 1220 served whoever mends the engine

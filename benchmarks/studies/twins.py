@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from benchmarks.simulators.networks import KINDS, TrueNetwork, simulate_network
 from benchmarks.studies.alignment import Similarity
 from benchmarks.studies.judged import robust_similarity, verdict_of
 from benchmarks.studies.report import Report
@@ -22,7 +23,6 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, RigCamera
-from spherecal_sim.networks import KINDS, TrueNetwork, simulate_network
 
 RUNS = 20
 FIRST_SEED = 1

@@ -57,27 +57,25 @@ from spherecal_app.recordings.new_session import Contents, NewSession, StatedCam
 from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
 from spherecal_cameras.protocol import CameraSource
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, Unit
-from spherecal_documents.export.format import Format
+from spherecal_documents.export.format import Format, ImportFormat
 from spherecal_documents.export.import_rig import import_rig as _import_rig
-from spherecal_documents.export.other_formats import ImportFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS, Exported
 from spherecal_documents.export.write_export import export_rig as _export_rig
 from spherecal_documents.sheets import board_sheet
 from spherecal_documents.sheets.sticker_sheet import Page, write_sheet
-from spherecal_measuring.body_file import read_body, write_body
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
 from spherecal_measuring.measure_sets import run as measure_sets
+from spherecal_measuring.measure_sets import sets_of_session
 from spherecal_measuring.measured_sets import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task
 from spherecal_measuring.points import MeasuredPoints, project_points, triangulate_points
+from spherecal_measuring.pose import read_body, write_body
 from spherecal_measuring.series_file import TableKind
-from spherecal_measuring.sets import sets_of_session
-from spherecal_rigs.check_ball import read_known_ball
-from spherecal_rigs.check_rig import Check, check
+from spherecal_rigs.check_rig import Check, check, read_known_ball
 from spherecal_rigs.compare_rigs import Comparison, compare
-from spherecal_rigs.frame_file import read_frame, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
+from spherecal_rigs.framed_rig import read_frame, write_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
 from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
@@ -169,7 +167,7 @@ def new_session(
     frames
         How many frames of each video are taken at most.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
@@ -177,8 +175,6 @@ def new_session(
         Shows what was seen where names can be read in two ways; also for images and numbers that cannot be used.
     OutputError
         Where the folder cannot be written, or has a session already.
-    Cancelled
-        Where the context says so.
     """
     for name, value in (
         ("focal_length_mm", focal_length_mm),
@@ -226,14 +222,12 @@ def calibrate_session(
     settings
         All that can be said of how to calibrate, in place of `method`, `intrinsics` and `seed`.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For what cannot be used.
-    Cancelled
-        Where the context says so.
     """
     chosen = settings or CalibrationSettings(method=method, intrinsics=intrinsics, seed=seed)
     given = _session(session)
@@ -283,26 +277,17 @@ def calibrate_points(
     settings
         How to calibrate; None for the usual way.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For what cannot be used.
-    Cancelled
-        Where the context says so.
     """
     session = Session.from_arrays(
-        observations,
-        cameras,
-        image_size,
-        fisheye=fisheye,
-        scale=scale,
-        bars=bars,
-        bar_poses=bar_poses,
-        target_set=target_set,
-        sphere_diameter_mm=sphere_diameter_mm,
-    )
+        observations, cameras, image_size, fisheye=fisheye, scale=scale, bars=bars, bar_poses=bar_poses,
+        target_set=target_set, sphere_diameter_mm=sphere_diameter_mm,
+    )  # fmt: skip
     _tell_of_compiling()
     return calibrate(session, settings, context)
 
@@ -333,7 +318,7 @@ def verify_rig(
     rig
         The rig, a rig.json or a result folder; of a path the points beside it give the volume where the rig has no map.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
     limit
         The limit of the length errors, such as "0.03+L/20000" in mm, decided by ISO 14253-1; None to decide nothing by
         it.
@@ -342,8 +327,6 @@ def verify_rig(
     ------
     InputError
         Where the session has nothing to measure, and for a limit that cannot be read.
-    Cancelled
-        Where the context says so.
     """
     context = context or Context()
     settings = VerifySettings(_limit(limit), None, None if isinstance(rig, Rig) else corners_beside(Path(rig)))
@@ -369,14 +352,12 @@ def check_rig(
     limit
         The limit of the bars' errors, such as "0.03+L/20000" in mm; None: 3.5 standard uncertainties.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         Where three cameras see too little at once.
-    Cancelled
-        Where the context says so.
     """
     known = None if isinstance(rig, Rig) else read_known_ball(points_file(Path(rig)))
     return check(_session(session), _source(rig).rig, known, _limit(limit), context)
@@ -406,14 +387,12 @@ def recalibrate_cameras(
     settings
         How to calibrate; None for the usual way.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For unknown cameras, and where fewer than two stay locked.
-    Cancelled
-        Where the context says so.
     """
     chosen = Selection((cameras,) if isinstance(cameras, str) else tuple(cameras), what)
     return recalibrate(_session(session), rig_of(rig), chosen, settings, context)
@@ -431,14 +410,12 @@ def cross_validate_session(
     settings
         How to calibrate; None for the usual way.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         For fewer than three placements.
-    Cancelled
-        Where the context says so.
     """
     return cross_validate(_session(session), settings, context)
 
@@ -451,14 +428,12 @@ def guide_next_placement(session: Session | AnyPath, context: Context | None = N
     session
         The session recorded so far, or its folder.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         Where nothing can be planned yet.
-    Cancelled
-        Where the context says so.
     """
     context = context or Context()
     seen = observed(_session(session), context)
@@ -530,7 +505,7 @@ def measure(
     table
         The form of its tables.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
@@ -542,8 +517,6 @@ def measure(
         Where live cameras stay silent.
     MissingPackage
         For Parquet tables without pyarrow.
-    Cancelled
-        Where the context says so.
     """
     measured_with = _source(rig).rig
     if isinstance(recording, str | os.PathLike | Session):
@@ -582,14 +555,12 @@ def live_sets(
     names
         Names by serial, which go before those that the cameras have.
     context
-        For progress, and to stop.
+        For progress, and to stop: Cancelled is then raised.
 
     Raises
     ------
     InputError
         Where none of the cameras is the rig's.
-    Cancelled
-        Where the context says so.
     """
     cameras = rig_cameras_of(_source(rig).rig, source.discover(context), names)
     chosen = targets if isinstance(targets, TargetSet) else load_targets(targets)
@@ -1019,7 +990,7 @@ def simulate_session(
     images
         Render images, which need a folder and take a while; otherwise observations alone.
     context
-        For progress while images are rendered, and to stop.
+        For progress while images are rendered, and to stop: Cancelled is then raised.
 
     Raises
     ------
@@ -1027,8 +998,6 @@ def simulate_session(
         For an unknown preset, images without a folder, and options that images cannot show.
     OutputError
         Where the folder cannot be written.
-    Cancelled
-        Where the context says so.
     """
     if images:
         from spherecal_sim.render_session import render_session  # here, since it loads the renderer

@@ -1,7 +1,4 @@
-"""Arguments of the Python interface against their annotations: what is of another kind is named with what is accepted.
-
-Arrays, and what else an annotation leaves open, are checked where they are used, with their shapes.
-"""
+"""Arguments of the Python interface against their annotations: another kind is named with what is accepted."""
 
 import contextlib
 import functools

@@ -1,4 +1,1 @@
-"""Live cameras: one protocol (protocol.py), and behind it GenICam cameras, recorded sessions or a simulated rig.
-
-GenICam runs in a process of its own (gentl/child.py); `harvesters` and `genicam` are imported by gentl only.
-"""
+"""Live cameras: one protocol, and behind it GenICam cameras in a process of their own, recorded or simulated ones."""

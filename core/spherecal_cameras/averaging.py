@@ -22,18 +22,12 @@ _FOR_AFFINE = 6  # dots; fewer only show shifts
 
 @dataclass(frozen=True)
 class Stillness:
-    """What the dots of one camera did while N images were taken.
-
-    `motion_px`: standard deviation, per axis, of the common motion (shift, turn, stretch) of all dots, without the
-    dots' own noise. It is None where no dot was found in all images: then nothing can be said. `noise_px`: standard
-    deviation, per axis, of one dot in one image, the camera's noise floor. It is None where fewer than `_FOR_AFFINE`
-    dots were seen.
-    """
+    """What the dots of one camera did while N images were taken: standard deviations, per axis."""
 
     camera: str
     dots: int
-    motion_px: float | None
-    noise_px: float | None
+    motion_px: float | None  # common to all dots (shift, turn, stretch), without their noise; None: none in all images
+    noise_px: float | None  # of one dot in one image, the noise floor; None: fewer than `_FOR_AFFINE` dots
 
     @property
     def still(self) -> bool:
@@ -61,11 +55,7 @@ def take_averaged(
     request: CaptureRequest | None = None,
     context: Context | None = None,
 ) -> AveragedSet:
-    """Take `count` sets and average them; taken again, as often as the request allows, if the scene moved.
-
-    The images are 16 bits deep (see `average`), but those of a single set as they are. A camera that is missing in one
-    of the sets is missing in the average.
-    """
+    """Take `count` sets and average them (16 bits), again if the scene moved; one missing in a set is missing."""
     request, context = request or CaptureRequest(), context or Context()
     tries = 0
     while True:

@@ -1,14 +1,8 @@
-"""SphereCal's own driver, for GigE Vision and USB3 Vision cameras of any maker, on libaravis (Linux).
-
-found = state()
-if found.kind in ("installed", "can-be-built"):
-prepare(context)                 # allowed and in use: the next search for cameras loads it
-else:
-show(found.install)              # the line that brings what it lacks
-"""
+"""The built-in driver, which libaravis gives, and what makes cameras usable that no driver lists."""
 
 import ctypes.util
 import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,8 +11,11 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
+from spherecal_cameras.camera_network import WireCamera, found_on_wire
 from spherecal_cameras.genicam.trust import TrustStore
-from spherecal_cameras.makers import ANY_MAKER, own_folder
+from spherecal_cameras.makers import ANY_MAKER, maker_of, own_folder
+from spherecal_cameras.network_lines import usb_cameras
+from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
 from spherecal_gentl.producer.build_producer import ARAVIS_CTI_FILE, aravis_flags, build_producer, cxx_compiler
 
 Lack = Literal["linux", "libaravis", "libaravis-dev", "compiler"]
@@ -27,16 +24,12 @@ _PACKAGES = {"libaravis": "libaravis-0.8-0", "libaravis-dev": "libaravis-dev pkg
 
 @dataclass(frozen=True)
 class BuiltinDriver:
-    """Whether the built-in driver can be used: its file where there is one, what it lacks where not.
+    """Whether the built-in driver can be used: its file where there is one, what it lacks where not."""
 
-    `installed`: a file is there that came with SphereCal or that `prepare` built, and searches for cameras find it.
-    `install` is the command line that brings what is lacking (Debian, Ubuntu); empty where nothing can.
-    """
-
-    kind: Literal["installed", "can-be-built", "lacking"]
+    kind: Literal["installed", "can-be-built", "lacking"]  # installed: SphereCal's, or from `prepare`
     file: Path | None = None
     lacks: tuple[Lack, ...] = ()
-    install: str = ""
+    install: str = ""  # the command that brings what is lacking (Debian, Ubuntu); empty where nothing can
 
 
 def state() -> BuiltinDriver:
@@ -70,10 +63,7 @@ def _lacks_to_build() -> tuple[Lack, ...]:
 
 
 def prepare(context: Context | None = None) -> Path:
-    """Bring the built-in driver into use, built where it was not shipped; its file. Takes some seconds the first time.
-
-    It is allowed like a driver that somebody has said yes to: calling this is that yes.
-    """
+    """Bring the built-in driver into use, built (some seconds) where it was not shipped, and allow it; its file."""
     found = state()
     if found.kind == "lacking":
         raise InputError(Phrase("error-builtin-driver", {"packages": found.install or "Linux"}))
@@ -91,3 +81,81 @@ def prepare(context: Context | None = None) -> Path:
     if driver.state in ("new", "changed"):
         store.allow(driver)
     return file
+
+
+Trouble = Literal["no-driver", "not-allowed", "not-loaded", "no-cameras", "wrong-driver"]
+
+
+@dataclass(frozen=True)
+class DriverTrouble:
+    """One reason: the driver's file with its own words; where there is none, the makers of cameras that answer."""
+
+    kind: Trouble
+    file: str = ""
+    said: str = ""
+    makers: tuple[str, ...] = ()
+
+
+class NoCameras(CameraError):
+    """No camera was found; `troubles` say why, `wire` has those that answer on the network all the same."""
+
+    troubles: tuple[DriverTrouble, ...] = ()
+    wire: tuple[WireCamera, ...] = ()
+
+
+def driver_troubles(discovery: Discovery, wire: Iterable[WireCamera] = ()) -> tuple[DriverTrouble, ...]:
+    """Why no camera was found, or not all. A driver without cameras is only a reason where no driver has any."""
+    found: list[DriverTrouble] = []
+    near = [one for one in wire if one.subnet_ok]
+    makers = tuple(sorted({one.maker for one in near if one.maker}))
+    if not discovery.producers:
+        found.append(DriverTrouble("no-driver", makers=makers))
+    for one in discovery.producers:
+        if not one.usable:
+            kind: Trouble = "not-allowed" if one.refused else "not-loaded"
+            found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
+    if not discovery.cameras:
+        kind = "wrong-driver" if near else "no-cameras"
+        found += [DriverTrouble(kind, one.file, one.message, makers) for one in discovery.producers if one.usable]
+    return tuple(found)
+
+
+def answering(network: bool = True) -> tuple[WireCamera, ...]:
+    """Every camera that answers without a driver, on the network or on USB (its address is `USB` then); blocking."""
+    usb = (
+        WireCamera("", "USB", "", one.maker, one.model, one.serial, "", "", subnet_ok=True, controlled_by_other=None)
+        for one in usb_cameras()
+    )
+    return (*(found_on_wire() if network else ()), *usb)
+
+
+def on_wire(info: CameraInfo, wire: Iterable[WireCamera]) -> WireCamera | None:
+    """What a camera says of itself on the network, told by serial number and address; None where it does not answer."""
+    alike = [one for one in wire if one.serial and info.serial.split(" (")[0] == one.serial]
+    if len(alike) > 1:
+        known = f"{info.serial} {info.device_id} {info.address}".lower()
+        apart = [one for one in alike if one.ip_address in known or one.mac.lower() in known]
+        alike = apart or [one for one in alike if one.mac.replace(":", "").lower() in known]
+    return alike[0] if len(alike) == 1 else None
+
+
+def unlisted(discovery: Discovery, wire: Iterable[WireCamera]) -> tuple[WireCamera, ...]:
+    """The cameras that answer on the network and that no driver lists."""
+    wire = tuple(wire)
+    listed = {on_wire(info, wire) for info in discovery.cameras}
+    return tuple(one for one in wire if one not in listed)
+
+
+def driver_advice(seen: Sequence[WireCamera], builtin: "BuiltinDriver") -> tuple[Phrase, ...]:
+    """What answers although no driver lists it, and what makes it usable: a maker's package or the built-in driver."""
+    if not seen:
+        return ()
+    cameras = [Phrase("driver-camera", {**vars(one), "place": one.ip_address}) for one in seen]
+    found = [Phrase("driver-answering", {"count": len(seen), "cameras": cameras})]
+    packages = sorted({maker.driver for one in seen if (maker := maker_of(one.maker)) is not None})
+    found += [Phrase("driver-package", {"packages": packages})] if packages else []
+    if builtin.kind == "can-be-built":
+        found.append(Phrase("driver-builtin"))
+    elif builtin.install:
+        found.append(Phrase("driver-builtin-lacks", {"command": builtin.install}))
+    return tuple(found)

@@ -8,15 +8,7 @@ import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.data.findings import Finding
-from spherecal_cameras.protocol import (
-    CameraSource,
-    CameraState,
-    CameraStatus,
-    CaptureRequest,
-    Counters,
-    Frame,
-    features_of,
-)
+from spherecal_cameras import protocol
 
 # Of the rate asked for; less means that images are lost or the camera cannot do it (19.85 of 20 Hz is usual).
 _RATE_KEPT = 0.9
@@ -32,8 +24,8 @@ class LinkReport:
     """One camera after the test; `counters` are what was counted during the test only."""
 
     serial: str
-    state: CameraState
-    counters: Counters
+    state: protocol.CameraState
+    counters: protocol.Counters
     packet_size: str = ""
     temperature_c: float | None = None
     packets_missing: str = ""
@@ -66,7 +58,7 @@ class Examination:
 
 
 def examine(
-    source: CameraSource, seconds: float = 5.0, rate_hz: float = 5.0, context: Context | None = None
+    source: protocol.CameraSource, seconds: float = 5.0, rate_hz: float = 5.0, context: Context | None = None
 ) -> Examination:
     """What is found when the open cameras are watched for some seconds at a live rate and sets are taken; blocking."""
     context = context or Context()
@@ -88,7 +80,7 @@ def examine(
     return Examination(links, trigger, (*_judge(links, after, trigger, passed), *light))
 
 
-def _warm_up(source: CameraSource, context: Context) -> None:
+def _warm_up(source: protocol.CameraSource, context: Context) -> None:
     """Wait for the first image of every camera: the start does not count."""
     deadline = time.perf_counter() + _FIRST_IMAGE_S
     while time.perf_counter() < deadline:
@@ -99,7 +91,7 @@ def _warm_up(source: CameraSource, context: Context) -> None:
         time.sleep(_LOOK_S)
 
 
-def _judge_light(frame: Frame | None) -> Finding | None:
+def _judge_light(frame: protocol.Frame | None) -> Finding | None:
     """Whether an image is far too dark or too bright."""
     if frame is None:
         return None
@@ -113,30 +105,27 @@ def _judge_light(frame: Frame | None) -> Finding | None:
     return None
 
 
-def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | None, seconds: float) -> LinkReport:
-    now, old = status.counters, before.counters if before else Counters()
-    old = old if now.delivered >= old.delivered else Counters(late=old.late)  # it was opened again meanwhile
+def _link(
+    source: protocol.CameraSource, status: protocol.CameraStatus, before: protocol.CameraStatus | None, seconds: float
+) -> LinkReport:
+    now, old = status.counters, before.counters if before else protocol.Counters()
+    old = old if now.delivered >= old.delivered else protocol.Counters(late=old.late)  # it was opened again meanwhile
     names = ("delivered", "incomplete", "underrun", "overwritten", "reopened", "triggered", "late")
     counted = replace(now, **{name: getattr(now, name) - getattr(old, name) for name in names})
     counted = replace(counted, rate_hz=counted.delivered / seconds)
-    found = {feature.feature: feature.got for feature in features_of(source, status.serial)}
+    found = {feature.feature: feature.got for feature in protocol.features_of(source, status.serial)}
     return LinkReport(
-        status.serial,
-        status.state,
-        counted,
-        found.get("packet size", ""),
-        status.temperature_c,
-        found.get("packets missing", ""),
-        found.get("packets resent", ""),
-    )
+        status.serial, status.state, counted, found.get("packet size", ""), status.temperature_c,
+        found.get("packets missing", ""), found.get("packets resent", ""),
+    )  # fmt: skip
 
 
-def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:
+def _trigger_test(source: protocol.CameraSource, context: Context) -> TriggerReport:
     seconds, complete = [], 0
     missing: dict[str, int] = {}
     for number in range(_TRIGGER_SETS):
         context.report("testing the trigger", number / _TRIGGER_SETS)
-        taken = source.capture_set(CaptureRequest(retries=0), context)
+        taken = source.capture_set(protocol.CaptureRequest(retries=0), context)
         seconds.append(taken.seconds)
         complete += taken.complete
         for one in taken.missing:
@@ -148,7 +137,7 @@ def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:
 
 
 def _judge(
-    links: tuple[LinkReport, ...], statuses: Mapping[str, CameraStatus], trigger: TriggerReport, seconds: float
+    links: tuple[LinkReport, ...], statuses: Mapping[str, protocol.CameraStatus], trigger: TriggerReport, seconds: float
 ) -> Iterator[Finding]:
     """What is wrong, without what only follows: lost packets spoil images and sets, for late answers all wait."""
     late = {link.serial for link in links if link.counters.late}
@@ -161,7 +150,7 @@ def _judge(
             yield Finding("missing-in-sets", severity, {"missing": count, "sets": trigger.sets}, (serial,))
 
 
-def _judge_link(link: LinkReport, status: CameraStatus, held_up: bool, seconds: float) -> Iterator[Finding]:
+def _judge_link(link: LinkReport, status: protocol.CameraStatus, held_up: bool, seconds: float) -> Iterator[Finding]:
     counted, where = link.counters, (link.serial,)
     if not status.state.usable:
         yield Finding(_UNUSABLE[status.state], "error", {"cause": status.cause, "remedy": status.remedy}, where)
@@ -183,15 +172,15 @@ def _judge_link(link: LinkReport, status: CameraStatus, held_up: bool, seconds: 
 
 
 _UNUSABLE = {
-    CameraState.FOUND: "camera-found",
-    CameraState.NO_TRIGGER: "camera-no-trigger",
-    CameraState.LOST: "camera-lost",
-    CameraState.BUSY: "camera-busy",
-    CameraState.ERROR: "camera-error",
+    protocol.CameraState.FOUND: "camera-found",
+    protocol.CameraState.NO_TRIGGER: "camera-no-trigger",
+    protocol.CameraState.LOST: "camera-lost",
+    protocol.CameraState.BUSY: "camera-busy",
+    protocol.CameraState.ERROR: "camera-error",
 }
 
 
-def covered_camera(source: CameraSource, before: dict[str, float]) -> str | None:
+def covered_camera(source: protocol.CameraSource, before: dict[str, float]) -> str | None:
     """The serial of the one camera whose image is dark now and was not when `before` was taken; else None."""
     now = brightness(source)
     # parts of all cameras' usual change, so that a cloud before the sun covers nobody
@@ -203,12 +192,9 @@ def covered_camera(source: CameraSource, before: dict[str, float]) -> str | None
     return dark[0] if len(dark) == 1 else None
 
 
-def brightness(source: CameraSource, context: Context | None = None) -> dict[str, float]:
-    """The mean grey value of each camera's image over its darkest pixels, by serial.
-
-    The darkest pixels are the first percentile. Cameras without an image are left out.
-    """
-    taken = source.capture_set(CaptureRequest(retries=1), context)
+def brightness(source: protocol.CameraSource, context: Context | None = None) -> dict[str, float]:
+    """The mean grey of each camera's image over its darkest percentile, by serial; none without an image."""
+    taken = source.capture_set(protocol.CaptureRequest(retries=1), context)
     means = {}
     for serial, frame in taken.frames.items():
         image = frame.image[::7, ::7]

@@ -30,13 +30,7 @@ from spherecal.base.working_folder import find_program, own_program
 from spherecal.data.findings import Finding
 from spherecal_cameras.network_lines import CameraLoad, NetworkLine, assess, network_lines, network_of
 from spherecal_cameras.protocol import CameraError
-from spherecal_gentl.gige.gvcp import (
-    CONTROL_REGISTER,
-    Gvcp,
-    NetworkCamera,
-    force_address,
-    search,
-)
+from spherecal_gentl.gige import gvcp
 
 # Bootstrap registers of GigE Vision; the stream's are those of its first channel.
 _IP_CONFIGURATION, _PERSISTENT = 0x0014, 1
@@ -65,22 +59,18 @@ class LocalAddress:
 
 @dataclass(frozen=True)
 class WireCamera:
-    """A camera that answers a broadcast, as it names itself.
-
-    `subnet_ok`: this computer reaches its address on that interface. `controlled_by_other`: a program holds it, None
-    where it could not be asked. Its `mask` belongs to `ip_address`.
-    """
+    """A camera that answers a broadcast, as it names itself."""
 
     mac: str
     ip_address: str
-    mask: str
+    mask: str  # of `ip_address`
     maker: str
     model: str
     serial: str
     user_name: str
     interface: str
-    subnet_ok: bool
-    controlled_by_other: bool | None
+    subnet_ok: bool  # this computer reaches its address on that interface
+    controlled_by_other: bool | None  # a program holds it, None where it could not be asked
 
 
 @dataclass(frozen=True)
@@ -102,10 +92,7 @@ class PacketTest:
 
 @dataclass(frozen=True)
 class InterfaceFact:
-    """One thing about a network interface: what it is now, what is wrong with it, the command line that cures that.
-
-    `finding` is None where it is well. `cure` is empty where there is nothing to do, or no command does it.
-    """
+    """What a network interface is now, what is wrong (None: nothing), and the command that cures it, or empty."""
 
     name: FactName
     interface: str
@@ -128,13 +115,13 @@ def local_addresses() -> tuple[LocalAddress, ...]:
     return tuple(LocalAddress("", one) for one in found if not ipaddress.ip_address(one).is_loopback)
 
 
-def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[NetworkCamera, ...]:
+def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tuple[gvcp.NetworkCamera, ...]:
     """The GigE cameras that answer to a broadcast from these addresses, of whatever subnet; blocking."""
     places = list({one.interface: one for one in local}.values()) if os.name == "posix" else list(local)
 
-    def answers(where: LocalAddress) -> list[NetworkCamera]:
+    def answers(where: LocalAddress) -> list[gvcp.NetworkCamera]:
         try:
-            return search(where.interface, seconds, where.address)
+            return gvcp.search(where.interface, seconds, where.address)
         except OSError:  # down, or not allowed
             return []
 
@@ -148,7 +135,7 @@ def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tu
     return tuple(sorted(each.values(), key=lambda camera: (camera.serial, camera.mac)))
 
 
-def reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
+def reached(camera: gvcp.NetworkCamera, local: Iterable[LocalAddress]) -> bool:
     """Whether this computer has an address in the camera's network, on the interface where the camera answered."""
     if camera.mask == "0.0.0.0":  # it does not say: then the computer's own networks tell
         lines = [line for line in network_lines() if line.interface == camera.interface]
@@ -168,29 +155,21 @@ def found_on_wire(seconds: float = 0.7) -> tuple[WireCamera, ...]:
     return tuple(_on_wire(camera, reached(camera, local)) for camera in answering_cameras(local, seconds))
 
 
-def _on_wire(camera: NetworkCamera, in_reach: bool) -> WireCamera:
+def _on_wire(camera: gvcp.NetworkCamera, in_reach: bool) -> WireCamera:
     held = None
     if in_reach:
         with _asking(camera.address) as registers:
-            privilege = registers.read(CONTROL_REGISTER, _ASK_S)
+            privilege = registers.read(gvcp.CONTROL_REGISTER, _ASK_S)
         held = None if privilege is None else privilege != 0
     return WireCamera(
-        camera.mac,
-        camera.address,
-        camera.mask,
-        camera.vendor,
-        camera.model,
-        camera.serial,
-        camera.user_name,
-        camera.interface,
-        in_reach,
-        held,
-    )
+        camera.mac, camera.address, camera.mask, camera.vendor, camera.model, camera.serial, camera.user_name,
+        camera.interface, in_reach, held,
+    )  # fmt: skip
 
 
 @contextmanager
-def _asking(address: str) -> Iterator[Gvcp]:
-    registers = Gvcp(address)
+def _asking(address: str) -> Iterator[gvcp.Gvcp]:
+    registers = gvcp.Gvcp(address)
     try:
         yield registers
     finally:
@@ -231,10 +210,7 @@ def _somebody_at(address: str, interface: str) -> bool:
 
 
 def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persistent: bool = True) -> WireCamera:
-    """Give a camera an address (FORCEIP), also for its next starts if `persistent`; the camera as it then answers.
-
-    Blocking, some seconds. CameraError where the address is impossible or taken, or the camera does not take it.
-    """
+    """Give a camera an address (FORCEIP), also for its next starts if `persistent`; it as it then answers. Blocking."""
     local = local_addresses()
     there = answering_cameras(local)
     camera = next((one for one in there if one.mac == mac), None)
@@ -245,8 +221,8 @@ def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persist
     where = next((one.address for one in local if one.interface == camera.interface), "")
     deadline = time.monotonic() + _SETTLE_S
     while time.monotonic() < deadline:
-        force_address(camera.interface, mac, ip, mask, gateway, where)
-        now = next((one for one in search(camera.interface, _ASK_S, where) if one.mac == mac), None)
+        gvcp.force_address(camera.interface, mac, ip, mask, gateway, where)
+        now = next((one for one in gvcp.search(camera.interface, _ASK_S, where) if one.mac == mac), None)
         if now is not None and now.address == ip:
             break
     else:
@@ -256,7 +232,9 @@ def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persist
     return _on_wire(now, reached(now, local))
 
 
-def _check_address(camera: NetworkCamera, ip: str, mask: str, gateway: str, there: Iterable[NetworkCamera]) -> None:
+def _check_address(
+    camera: gvcp.NetworkCamera, ip: str, mask: str, gateway: str, there: Iterable[gvcp.NetworkCamera]
+) -> None:
     values = {"address": ip, "mask": mask}
     try:
         network, _ = ipaddress.IPv4Interface(f"{ip}/{mask}").network, ipaddress.IPv4Address(gateway)
@@ -280,7 +258,7 @@ def _check_address(camera: NetworkCamera, ip: str, mask: str, gateway: str, ther
 def _keep_address(ip: str, mask: str, gateway: str) -> bool:
     """Whether a camera took an address for its next starts."""
     with _asking(ip) as registers:
-        if not registers.write(CONTROL_REGISTER, _CONTROL, _ASK_S):
+        if not registers.write(gvcp.CONTROL_REGISTER, _CONTROL, _ASK_S):
             return False
         try:
             wanted = ((_PERSISTENT_IP, ip), (_PERSISTENT_MASK, mask), (_PERSISTENT_GATEWAY, gateway))
@@ -290,24 +268,21 @@ def _keep_address(ip: str, mask: str, gateway: str) -> bool:
             kept = all([registers.write(at, value, _ASK_S) for at, value in values])
             return kept and all(registers.read(at, _ASK_S) == value for at, value in values[:3])
         finally:
-            registers.write(CONTROL_REGISTER, 0, _ASK_S)
+            registers.write(gvcp.CONTROL_REGISTER, 0, _ASK_S)
 
 
 # --- packets ---------------------------------------------------------------------------------------------------------
 
 
 def largest_packet(camera: str, mtu: int) -> PacketTest:
-    """The largest packet that arrives whole from a camera that nobody has open, by the camera's own test packets.
-
-    `camera` is its IP address, `mtu` the interface's, bytes. CameraError where another program has it.
-    """
+    """The largest packet (bytes, at most `mtu`) that arrives whole from a camera that nobody has open, by tests."""
     with _asking(camera) as registers, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
         ear.connect((camera, 9))  # so that it has the address of the interface that leads there
         here = ear.getsockname()[0]
         ear.close()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stream:
             stream.bind((here, 0))
-            if not registers.write(CONTROL_REGISTER, _CONTROL, _ASK_S):
+            if not registers.write(gvcp.CONTROL_REGISTER, _CONTROL, _ASK_S):
                 raise CameraError(Phrase("error-packets-held", {"address": camera}))
             before = registers.read(_PACKET_SIZE, _ASK_S)
             try:
@@ -318,14 +293,11 @@ def largest_packet(camera: str, mtu: int) -> PacketTest:
                 if before is not None:
                     registers.write(_PACKET_SIZE, before & ~_FIRE, _ASK_S)
                 registers.write(_STREAM_PORT, 0, _ASK_S)
-                registers.write(CONTROL_REGISTER, 0, _ASK_S)
+                registers.write(gvcp.CONTROL_REGISTER, 0, _ASK_S)
 
 
 def cut_packets(wire: Iterable[WireCamera]) -> tuple[Finding, ...]:
-    """The cameras whose packets do not arrive whole though the network card takes them: a switch between does not.
-
-    Only of those that nobody has open and that send test packets; blocking, some seconds.
-    """
+    """Cameras that nobody has open whose packets a switch cuts, though the network card takes them. Blocking."""
     wire = tuple(wire)
     mtu = {line.interface: line.mtu for line in network_lines()}
     asked = [c for c in wire if c.subnet_ok and c.controlled_by_other is False and c.interface in mtu]
@@ -347,7 +319,7 @@ def _cut(camera: WireCamera, mtu: int) -> Finding | None:
     return Finding("packets-cut", "warning", values, (camera.serial,))
 
 
-def _tried(registers: Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
+def _tried(registers: gvcp.Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
     """By halves; the least and the most first, which mostly say it all."""
     tried: list[int] = []
 
@@ -366,7 +338,7 @@ def _tried(registers: Gvcp, stream: socket.socket, mtu: int) -> PacketTest:
     return PacketTest(low * _PACKET_STEP, tuple(tried))
 
 
-def _fired(registers: Gvcp, stream: socket.socket, size: int) -> bool:
+def _fired(registers: gvcp.Gvcp, stream: socket.socket, size: int) -> bool:
     if not registers.write(_PACKET_SIZE, _FIRE | _WHOLE | size, _ASK_S):
         return False
     deadline = time.monotonic() + _ASK_S
@@ -383,30 +355,23 @@ def _fired(registers: Gvcp, stream: socket.socket, size: int) -> bool:
 # --- the computer's part ---------------------------------------------------------------------------------------------
 
 _FACT_OF: dict[str, FactName] = {
-    "packets-too-large": "mtu",
-    "small-packets": "mtu",
-    "receive-buffer": "receive-buffer",
-    "reverse-path-filter": "reverse-path-filter",
-    "line-too-thin": "speed",
-    "same-address": "addresses",
+    "packets-too-large": "mtu", "small-packets": "mtu", "receive-buffer": "receive-buffer",
+    "reverse-path-filter": "reverse-path-filter", "line-too-thin": "speed", "same-address": "addresses",
     "other-subnet": "addresses",
-}
+}  # fmt: skip
 
 
 def interface_facts(
     wire: Iterable[WireCamera], loads: Mapping[str, CameraLoad] | None = None
 ) -> tuple[InterfaceFact, ...]:
-    """What of this computer's network matters to these cameras, good or wrong, of every interface where one answers.
-
-    `loads`: what each is to send, by serial number; None: as cameras of 2 MP. Windows: only the firewall is looked at.
-    """
+    """What of this computer's network matters to these cameras; `loads`: what each sends, else as of 2 MP."""
     wire = tuple(wire)
     if sys.platform == "win32":
         return (_windows_firewall(),) if wire else ()
     facts: list[InterfaceFact] = []
     for line in network_lines():
         cameras = [
-            NetworkCamera(c.interface, c.ip_address, c.mask, c.mac, c.maker, c.model, c.serial, c.user_name)
+            gvcp.NetworkCamera(c.interface, c.ip_address, c.mask, c.mac, c.maker, c.model, c.serial, c.user_name)
             for c in wire
             if c.interface == line.interface
         ]
@@ -415,7 +380,7 @@ def interface_facts(
 
 
 def _facts_of(
-    line: NetworkLine, cameras: Sequence[NetworkCamera], loads: Mapping[str, CameraLoad] | None
+    line: NetworkLine, cameras: Sequence[gvcp.NetworkCamera], loads: Mapping[str, CameraLoad] | None
 ) -> list[InterfaceFact]:
     examined = assess(line, cameras, loads or {camera.serial: _NOMINAL for camera in cameras})
     values: dict[FactName, str] = {
@@ -474,10 +439,7 @@ def can_apply(cure: str) -> bool:
 
 
 def apply_cure(cure: str) -> None:
-    """Run a cure's command line with an administrator's rights, for which the system asks; blocking.
-
-    CameraError where it is refused or fails, with what it said.
-    """
+    """Run a cure's command line with an administrator's rights, for which the system asks; blocking."""
     if sys.platform == "win32":
         said = _elevated(cure)
     else:

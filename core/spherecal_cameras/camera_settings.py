@@ -7,32 +7,16 @@ from dataclasses import field as default
 from pathlib import Path
 from typing import Any, get_args
 
+from spherecal.files import codec
 from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import (
-    FileFormat,
-    boolean,
-    choice,
-    field,
-    integer,
-    items,
-    name,
-    number,
-    optional,
-    positive,
-    record,
-    serial,
-    text,
-)
+from spherecal.files.codec import name, serial
 from spherecal.files.json_file import JsonValue, unique
 from spherecal_cameras.protocol import CameraSettings, Region, TriggerMode
 
 
 @dataclass(frozen=True)
 class CameraDescription:
-    """One camera: the name people know it by, its settings, and of its lens and sensor what a session needs.
-
-    None: the user has not said it. `in_rig` False: it is left out, whatever state it is in.
-    """
+    """A camera's name, settings, lens and sensor as far as the user has said; `in_rig` False: it is left out."""
 
     serial: str
     name: str | None = None
@@ -84,36 +68,36 @@ def read_profile(path: Path) -> CameraProfile:
     return CAMERAS.read(path)
 
 
-_SETTINGS = record(
+_SETTINGS = codec.record(
     "Settings that are applied when it is opened.",
     CameraSettings,
-    optional("exposure_us", positive("Exposure time."), omit=None),
-    optional("gain_db", number("Gain.", -20, 60, "dB"), omit=None),
-    optional("pixel_format", text("GenICam's name of the pixel format."), omit=None),
-    optional(
+    codec.optional("exposure_us", codec.positive("Exposure time."), omit=None),
+    codec.optional("gain_db", codec.number("Gain.", -20, 60, "dB"), omit=None),
+    codec.optional("pixel_format", codec.text("GenICam's name of the pixel format."), omit=None),
+    codec.optional(
         "region",
-        items("`[x, y, width, height]` in px.", integer("", 0, 65536), length=4).mapped(
+        codec.items("`[x, y, width, height]` in px.", codec.integer("", 0, 65536), length=4).mapped(
             lambda sides: Region(*sides), astuple
         ),
         omit=None,
     ),
-    optional("trigger", choice("Trigger.", get_args(TriggerMode)), omit=None),
-    optional("trigger_source", text("GenICam's name of the line."), omit=None),
-    optional("frame_rate_hz", positive("Frame rate."), omit=None),
-    optional("packet_size", integer("Bytes of a packet.", 0, 10**9), omit=None),
-    optional("packet_delay", integer("Between packets, in the camera's ticks.", 0, 10**9), omit=None),
-    optional("frame_delay", integer("Before a frame is sent, in the camera's ticks.", 0, 10**9), omit=None),
-    optional("throughput_bytes_s", integer("Most that the camera sends, bytes/s.", 1, 10**11), omit=None),
+    codec.optional("trigger", codec.choice("Trigger.", get_args(TriggerMode)), omit=None),
+    codec.optional("trigger_source", codec.text("GenICam's name of the line."), omit=None),
+    codec.optional("frame_rate_hz", codec.positive("Frame rate."), omit=None),
+    codec.optional("packet_size", codec.integer("Bytes of a packet.", 0, 10**9), omit=None),
+    codec.optional("packet_delay", codec.integer("Between packets, in the camera's ticks.", 0, 10**9), omit=None),
+    codec.optional("frame_delay", codec.integer("Before a frame is sent, in the camera's ticks.", 0, 10**9), omit=None),
+    codec.optional("throughput_bytes_s", codec.integer("Most that the camera sends, bytes/s.", 1, 10**11), omit=None),
 )
-_CAMERA = record(
+_CAMERA = codec.record(
     "",
     CameraDescription,
-    field("serial", serial("Its serial number.")),
-    optional("name", name("The name that people know it by."), omit=None),
-    optional("focal_length_mm", positive("Focal length of its lens.", "mm"), omit=None),
-    optional("pixel_pitch_um", positive("Pixel pitch of its sensor.", "um"), omit=None),
-    optional("in_rig", boolean("Whether it belongs to the rig; else it is never opened."), omit=True),
-    optional("settings", _SETTINGS),
+    codec.field("serial", serial("Its serial number.")),
+    codec.optional("name", name("The name that people know it by."), omit=None),
+    codec.optional("focal_length_mm", codec.positive("Focal length of its lens.", "mm"), omit=None),
+    codec.optional("pixel_pitch_um", codec.positive("Pixel pitch of its sensor.", "um"), omit=None),
+    codec.optional("in_rig", codec.boolean("Whether it belongs to the rig; else it is never opened."), omit=True),
+    codec.optional("settings", _SETTINGS),
 )
 
 
@@ -122,16 +106,18 @@ def _check_names(cameras: Sequence[CameraDescription], value: JsonValue) -> None
     unique([one for one, _ in named], [called for _, called in named], "name")
 
 
-_CAMERAS = items("The cameras.", _CAMERA, differ="serial").checked(_check_names)
-CAMERAS = FileFormat(
+_CAMERAS = codec.items("The cameras.", _CAMERA, differ="serial").checked(_check_names)
+CAMERAS = codec.FileFormat(
     "spherecal/cameras",
     "cameras.json",
     "Settings of cameras by serial number, in the user's settings.",
-    record(
+    codec.record(
         "",
         CameraProfile,
-        optional("producers", items("Driver files (.cti) and folders of the user's own.", text("")), omit=()),
-        optional(
+        codec.optional(
+            "producers", codec.items("Driver files (.cti) and folders of the user's own.", codec.text("")), omit=()
+        ),
+        codec.optional(
             "cameras",
             _CAMERAS.mapped(
                 lambda cameras: {one.serial: one for one in cameras},

@@ -9,21 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from spherecal.base import filesystem
 from spherecal.base.errors import InputError, OutputError, reason
-from spherecal.base.filesystem import (
-    as_id,
-    id_problem,
-    make_folder_below,
-    move_below,
-    path_problem,
-    remove_folder_below,
-    remove_own_folder,
-    scratch_name,
-    shown_name,
-    write_below,
-    write_new,
-    write_together,
-)
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
 from spherecal.files.capture_file import CAMERAS as CAPTURED_CAMERAS
@@ -52,10 +39,7 @@ class SessionCamera:
 
 
 class SessionFolder:
-    """A session folder being captured.
-
-    `start` makes a new one or continues an earlier capture; after every `add` the folder can be calibrated.
-    """
+    """A session folder being captured: begun by `start`, or gone on with; after every `add` it can be calibrated."""
 
     def __init__(
         self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource
@@ -80,17 +64,15 @@ class SessionFolder:
             what = Phrase("error-cannot-write", {"file": str(self.folder), "why": reason(error)})
             raise OutputError(what, Phrase("error-name-folder")) from error
         if self.plan.target_set is not None:
-            write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
+            filesystem.write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
         self._write_metadata()
 
     def _take_up(self) -> None:
         f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
         before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
         if before != set(self._by_serial):
-            raise InputError(
-                Phrase("error-other-cameras", {"folder": str(self.folder), "names": sorted(before)}),
-                Phrase("error-same-cameras"),
-            )
+            values = {"folder": str(self.folder), "names": sorted(before)}
+            raise InputError(Phrase("error-other-cameras", values), Phrase("error-same-cameras"))
         for value in f["sets"].items():
             known = value.fields(("id", "images"))
             name = known["id"].id()
@@ -137,24 +119,24 @@ class SessionFolder:
 
     def _write_images(self, folder: str, frames: Mapping[str, Frame]) -> None:
         """Write the images of a set by camera into a new folder, then give it its name; OutputError if that fails."""
-        partial = f"{folder.rpartition('/')[0]}/{scratch_name()}"
+        partial = f"{folder.rpartition('/')[0]}/{filesystem.scratch_name()}"
         try:
-            make_folder_below(self.folder, partial)
+            filesystem.make_folder_below(self.folder, partial)
             with ThreadPoolExecutor(2) as pool:  # encoding leaves the interpreter alone
                 for name, data in zip(
                     frames, pool.map(png_bytes, (frame.image for frame in frames.values())), strict=True
                 ):
-                    write_new(self.folder, f"{partial}/{name}.png", data, durable=True)
+                    filesystem.write_new(self.folder, f"{partial}/{name}.png", data, durable=True)
             with uninterrupted():
                 # of a set whose metadata never came: its images go, anything else would stay and stop us
-                if not remove_folder_below(self.folder, folder, self._is_own_image):
+                if not filesystem.remove_folder_below(self.folder, folder, self._is_own_image):
                     raise OutputError(Phrase("error-foreign-files", {"folder": self.folder / folder}))
-                move_below(self.folder, partial, folder)
+                filesystem.move_below(self.folder, partial, folder)
         except OSError as error:
             what = Phrase("error-cannot-write", {"file": str(self.folder / folder), "why": reason(error)})
             raise OutputError(what, Phrase("error-free-disk")) from error
         finally:
-            remove_own_folder(self.folder / partial)
+            filesystem.remove_own_folder(self.folder / partial)
 
     def _is_own_image(self, name: str) -> bool:
         return name.endswith(".png") and name.removesuffix(".png") in {camera.id for camera in self.cameras}
@@ -170,7 +152,7 @@ class SessionFolder:
         }
         documents = {"session.json": self._session(), CAPTURE_FILE: capture}  # the last one decides, see _take_up
         written = {name: (json.dumps(one, indent=1) + "\n").encode() for name, one in documents.items()}
-        write_together(self.folder, written)
+        filesystem.write_together(self.folder, written)
 
     def _session(self) -> dict[str, Any]:
         placements, poses = [], []
@@ -197,28 +179,26 @@ class SessionFolder:
 
 
 def session_ids(names: Mapping[str, str]) -> dict[str, str]:
-    """The ids that cameras get in a session, by serial, from the names they are to have.
-
-    A camera's own name may have any characters: those that an id may not have are replaced. Where two cameras would get
-    one id, their serial numbers are used.
-    """
-    ids = {serial: as_id(name, as_id(serial, "camera")) for serial, name in names.items()}
-    return {s: one if list(ids.values()).count(one) == 1 else as_id(s, one) for s, one in ids.items()}
+    """The ids of cameras by serial: their names with other characters replaced, serial numbers where they are alike."""
+    ids = {serial: filesystem.as_id(name, filesystem.as_id(serial, "camera")) for serial, name in names.items()}
+    return {s: one if list(ids.values()).count(one) == 1 else filesystem.as_id(s, one) for s, one in ids.items()}
 
 
 def _check_ids(folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...]) -> None:
     ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
     for one in ids:
-        if problem := id_problem(one):
-            raise InputError(Phrase("error-bad-id", {"folder": folder, "id": shown_name(one), "problem": problem}))
+        if problem := filesystem.id_problem(one):
+            raise InputError(
+                Phrase("error-bad-id", {"folder": folder, "id": filesystem.shown_name(one), "problem": problem})
+            )
     if len(set(ids[: len(cameras)])) < len(cameras):
         raise InputError(Phrase("error-cameras-one-name", {"folder": folder}))
 
 
 def _image(image: JsonValue) -> str:
     text = image.text()
-    if problem := path_problem(text):
-        raise image.error(Phrase("problem-path", {"problem": problem, "path": shown_name(text)}))
+    if problem := filesystem.path_problem(text):
+        raise image.error(Phrase("problem-path", {"problem": problem, "path": filesystem.shown_name(text)}))
     return text
 
 

@@ -28,11 +28,7 @@ def expose_all(
     detector: Detector | None,
     context: Context | None = None,
 ) -> dict[str, CameraSettings]:
-    """Give open cameras, by serial, the longest exposure by which their dots are not saturated; their new settings.
-
-    Sets of images are taken for it. Where a camera shows no dots, its brightest pixels count. A camera that sends no
-    image keeps its exposure.
-    """
+    """Give open cameras the longest exposure at which their dots, or brightest pixels, are not saturated; by serial."""
     context, chosen, left = context or Context(), dict(settings), dict.fromkeys(settings)
     for number in range(_TRIES):
         context.report(

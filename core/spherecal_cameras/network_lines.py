@@ -1,19 +1,72 @@
-"""The network of GigE cameras judged: addresses, filters, buffers, packet sizes and what one line can carry (Linux)."""
+"""GigE lines and USB buses: who shares one, what is wanted of it, and delays with which it is shared."""
 
 import ctypes
 import ipaddress
+import os
 import socket
 import struct
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from spherecal.data.findings import Finding
 from spherecal_cameras.protocol import CameraSettings, CameraSource, Discovery, FeatureReport, features_of
-from spherecal_cameras.usb import UsbCamera, usb_cameras
 from spherecal_gentl.gige.gvcp import NetworkCamera, search
+
+_DEVICES, _NODES = Path("/sys/bus/usb/devices"), Path("/dev/bus/usb")
+_CLASS, _SUBCLASS = "ef", "05"  # of a USB3 Vision interface
+_USB3_MBIT_S = 5000.0
+
+
+@dataclass(frozen=True)
+class UsbCamera:
+    """A USB3 Vision camera as its plug names it; cameras of one `bus` share what it carries."""
+
+    maker: str
+    model: str
+    serial: str
+    mbit_s: float | None  # of its bus: below 5000 on a USB 2 port or cable; None: not known
+    allowed: bool  # this user may open it, else a udev rule is missing
+    bus: str = ""
+
+    @property
+    def slow(self) -> bool:
+        """Whether it hangs on less than USB 3."""
+        return self.mbit_s is not None and self.mbit_s < _USB3_MBIT_S
+
+
+def usb_cameras(devices: Path = _DEVICES, nodes: Path = _NODES) -> tuple[UsbCamera, ...]:
+    """Every USB3 Vision camera on the bus, sorted by maker, model and serial number."""
+    vision = {
+        interface.parent / interface.name.partition(":")[0]
+        for interface in devices.glob("*:*")
+        if (_said(interface, "bInterfaceClass"), _said(interface, "bInterfaceSubClass")) == (_CLASS, _SUBCLASS)
+    }
+    found = [_camera(device, nodes) for device in vision if device.is_dir()]
+    return tuple(sorted(found, key=lambda one: (one.maker, one.model, one.serial)))
+
+
+def _camera(device: Path, nodes: Path) -> UsbCamera:
+    speed = None
+    with suppress(ValueError):
+        speed = float(_said(device, "speed"))
+    node = nodes / _said(device, "busnum").zfill(3) / _said(device, "devnum").zfill(3)
+    return UsbCamera(
+        _said(device, "manufacturer"), _said(device, "product"), _said(device, "serial"), speed,
+        os.access(node, os.R_OK | os.W_OK), _said(device, "busnum"),
+    )  # fmt: skip
+
+
+def _said(folder: Path, name: str) -> str:
+    try:
+        text = (folder / name).read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
 
 # Ethernet, IP, UDP and GVSP around the pixels of a packet, preamble and gap included; the packet size of a camera has
 # IP, UDP and GVSP in it.
@@ -35,10 +88,7 @@ _USB_BYTES_OF_BIT = 360e6 / 5e9
 
 @dataclass(frozen=True)
 class NetworkLine:
-    """A network interface of this computer; `mbit_s` is None where it does not say its speed.
-
-    `reverse_path_filter`: 0 off, 1 strict, 2 loose. `receive_buffer_bytes` is the most a program can have.
-    """
+    """A network interface: Mbit/s (None: not said), reverse path filter (0 to 2), largest receive buffer, bytes."""
 
     interface: str
     address: str
@@ -51,10 +101,7 @@ class NetworkLine:
 
 @dataclass(frozen=True)
 class CameraLoad:
-    """What a camera is to send: bytes of an image, images a second, bytes of a packet, ticks a second of its clock.
-
-    `controls`: by which of our features it can be made to leave room for others.
-    """
+    """What a camera is to send: image bytes, images/s, packet bytes, ticks/s; and features that can slow it."""
 
     image_bytes: int
     rate_hz: float
@@ -69,10 +116,7 @@ _NO_LOAD = CameraLoad(0, 0.0, controls=frozenset())
 
 @dataclass(frozen=True)
 class Stagger:
-    """How a camera shares a line: delays after every packet and before a frame, in ticks of its clock, or bytes/s.
-
-    None is what it cannot do, or need not.
-    """
+    """How a camera shares a line: delays after packets and before a frame, in ticks, or bytes/s; None: not needed."""
 
     serial: str
     packet_delay: int | None = None
@@ -87,10 +131,7 @@ class Stagger:
 
 @dataclass(frozen=True)
 class LineExamination:
-    """One line with its cameras: bytes a second that they want and it carries, proposed delays, what is wrong.
-
-    `carried_bytes_s` is None where the line does not say its speed.
-    """
+    """One line with its cameras: bytes/s wanted and carried (None: not known), proposed delays, what is wrong."""
 
     line: NetworkLine
     cameras: tuple[NetworkCamera, ...]

@@ -34,10 +34,7 @@ class PlannedSet:
 
 @dataclass(frozen=True)
 class CapturePlan:
-    """Sets in order, the target set, the fields of session.json that do not come from cameras, and cameras it knows.
-
-    `bars` are those of `fields` with their certified lengths, also where `fields` has the serial number alone.
-    """
+    """Sets in order, the target set, the other fields of session.json, bars with lengths, and cameras it knows."""
 
     sets: tuple[PlannedSet, ...]
     target_set: TargetSet | None
@@ -72,10 +69,7 @@ def plan_of(session: Session) -> CapturePlan:
 
 
 def read_plan(path: Path) -> CapturePlan:
-    """The plan in a file with the form of session.json; its images do not matter, and it needs no cameras.
-
-    A recorded session, also its folder, serves as the plan of the next one; cameras in it give theirs their priors.
-    """
+    """The plan in a file like session.json, without images or cameras; a recorded session serves too."""
     plan = _plan_in(path / "session.json" if path.is_dir() else path)
     if not plan.sets:
         raise InputError(Phrase("error-nothing-to-capture", {"file": path}))
@@ -112,10 +106,7 @@ def _plan_in(path: Path) -> CapturePlan:
 
 
 def check_marks(plan: CapturePlan, path: Path) -> None:
-    """Check that every bar's mark is a target of the plan's set: no live camera could find another one.
-
-    Images may be taken for another program's targets all the same; hence read_plan does not ask.
-    """
+    """Check that every bar's mark is a target of the plan's set: no live camera could find another one."""
     if plan.target_set is None:
         return
     for bar in plan.bars:
@@ -157,11 +148,7 @@ def _about(words: Words, read: Path, given: Path) -> Words:
 def camera_spec_json(
     name: str, serial: str, model: str, size: tuple[int, int], pitch_um: float | None, focal_mm: float | None
 ) -> dict[str, Any]:
-    """A real camera as session.json has it; without a lens its prior is one that a calibration replaces by looking.
-
-    `size`: width and height of its images, px; `pitch_um` None where it is not known; `focal_mm` None where it is not
-    known.
-    """
+    """A real camera as session.json has it; without a lens its prior is one that a calibration replaces."""
     entry: dict[str, Any] = {"id": name, "serial": serial, "model": model, "image_size": list(size)}
     entry |= {} if pitch_um is None else {"pixel_pitch_um": pitch_um}
     if pitch_um is not None and focal_mm is not None:

@@ -89,10 +89,7 @@ class CameraInfo:
 
 @dataclass(frozen=True)
 class ProducerVerdict:
-    """What became of one producer file (.cti): the cameras it reaches, or why it cannot be used and what to do.
-
-    `refused`: it was not loaded, because nobody has allowed it.
-    """
+    """What became of one producer file (.cti): the cameras it reaches, or why it cannot be used and what to do."""
 
     file: str
     usable: bool
@@ -100,19 +97,16 @@ class ProducerVerdict:
     hint: str = ""
     cameras: tuple[CameraInfo, ...] = ()
     seconds: float = 0.0
-    refused: bool = False
+    refused: bool = False  # not loaded, because nobody has allowed it
 
 
 @dataclass(frozen=True)
 class Discovery:
-    """Every camera once, sorted by serial, and a verdict for every producer file.
-
-    `doubles` are cameras that a second producer lists as well; they are reached through the first one.
-    """
+    """Every camera once, sorted by serial, and a verdict for every producer file."""
 
     cameras: tuple[CameraInfo, ...]
     producers: tuple[ProducerVerdict, ...] = ()
-    doubles: tuple[CameraInfo, ...] = ()
+    doubles: tuple[CameraInfo, ...] = ()  # listed by a second producer too; reached through the first one
 
     @property
     def serials(self) -> tuple[str, ...]:
@@ -164,16 +158,13 @@ class CameraSettings:
 
 @dataclass(frozen=True)
 class FeatureReport:
-    """One feature after setting up: the camera's own name for it (None: it has none), wanted and actual value.
-
-    `problem` is empty where the camera took its setting, or where a missing feature is of no consequence.
-    """
+    """One feature after setting up: the camera's own name for it (None: it has none), wanted and actual value."""
 
     feature: str
     node: str | None
     wanted: str = ""
     got: str = ""
-    problem: str = ""
+    problem: str = ""  # empty where it took its setting, or a missing feature is of no consequence
 
 
 @dataclass(frozen=True)
@@ -272,23 +263,17 @@ class FrameSet:
 
 @dataclass(frozen=True)
 class Counters:
-    """What was counted since the camera was opened.
+    """What was counted since the camera was opened."""
 
-    `delivered` whole images, `incomplete` images with parts missing, `underrun` images the driver had no buffer for,
-    `overwritten` images that nobody fetched in time, `reopened` returns after a loss. `rate_hz` is the present rate of
-    whole images, `wanted_hz` the requested one (None: none in particular). `triggered` software triggers and action
-    commands, `late` answers to a register read for which all cameras had to wait.
-    """
-
-    delivered: int = 0
-    incomplete: int = 0
-    underrun: int = 0
-    overwritten: int = 0
-    reopened: int = 0
-    rate_hz: float = 0.0
-    wanted_hz: float | None = None
-    triggered: int = 0
-    late: int = 0
+    delivered: int = 0  # whole images
+    incomplete: int = 0  # images with parts missing
+    underrun: int = 0  # images the driver had no buffer for
+    overwritten: int = 0  # images that nobody fetched in time
+    reopened: int = 0  # returns after a loss
+    rate_hz: float = 0.0  # of whole images, now
+    wanted_hz: float | None = None  # None: none in particular
+    triggered: int = 0  # software triggers and action commands
+    late: int = 0  # answers to a register read for which all cameras had to wait
 
 
 @dataclass(frozen=True)
@@ -301,7 +286,6 @@ class CameraStatus:
     remedy: str = ""
     counters: Counters = field(default_factory=Counters)
     temperature_c: float | None = None
-    since_s: float = 0.0
 
 
 class EventKind(StrEnum):

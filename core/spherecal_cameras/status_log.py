@@ -24,10 +24,8 @@ class StatusLog:
 
     def keep_only(self, serials: Iterable[str], state: CameraState = CameraState.FOUND) -> None:
         """Keep these cameras only; what is known of them stays, `state` is that of the others."""
-        now = time.perf_counter()
         with self._lock:
-            fresh = {serial: CameraStatus(serial, state, since_s=now) for serial in serials}
-            self._statuses = {serial: self._statuses.get(serial, new) for serial, new in fresh.items()}
+            self._statuses = {one: self._statuses.get(one, CameraStatus(one, state)) for one in serials}
 
     def statuses(self) -> dict[str, CameraStatus]:
         """The state of every wanted camera, by serial."""
@@ -47,9 +45,7 @@ class StatusLog:
             status = self._statuses.get(serial)
             if status is None or (status.state, status.cause) == (state, cause):
                 return
-            now = time.perf_counter()
-            status = replace(status, state=state, cause=cause, remedy=remedy, since_s=now)
-            self._statuses[serial] = status
+            self._statuses[serial] = status = replace(status, state=state, cause=cause, remedy=remedy)
         self.event(EventKind.STATE, f"Camera {serial}: {state.value}. {cause}".strip(), remedy, serial, status)
 
     def event(

@@ -1,21 +1,22 @@
-"""The rig's health while it measures: residuals by camera against the calibration, and cameras that were moved.
-
-Two tests of `verify.consistency`: over the last few sets, for a camera that was knocked, and over a hundred, for one
-that creeps. Targets at rest show the same errors of lens and print set after set. So they count once in the long test,
-and a camera is named only where its move is beyond what such errors make.
-"""
+"""A rig's health from what is measured with it, kept in its profile."""
 
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
+from spherecal.files.json_file import finite
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
 from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal_measuring.measured_sets import CameraHealth, Health
+from spherecal_rigs.check_file import camera_entry, keep
+from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
 
 FAST_SETS = 5  # half a second at 10 Hz
 SLOW_SETS = 100
@@ -61,11 +62,7 @@ class RigHealth:
     def add(
         self, number: int, views: Views, checked: CheckedPoints, key: IntArray, take: BoolArray, expected_noise: float
     ) -> None:
-        """Take in one set; the cameras are tested every 5 sets over these, and every 100 sets over all of them.
-
-        `key`: number of each point, (m,), the same in every set; `take`: which points count for the tests, (m,): those
-        that did not move.
-        """
+        """Take in a set, points by key (m,), those that did not move tested; every 5 sets, and over all every 100."""
         self.sets += 1
         c = len(self._rig.cameras)
         kept = checked.kept
@@ -163,3 +160,36 @@ def _joined(samples: Sequence[_Sample], views: Views) -> Views:
         uv=np.concatenate([one.uv for one in samples]),
         sigma=np.concatenate([one.sigma for one in samples]),
     )
+
+
+_ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
+
+
+def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> bool:
+    """Keep the health in the profile; False for no profile, and for too few sets to judge."""
+    if health.sets < SLOW_SETS or not health.tests:
+        return False
+    return keep(profile, health_document(health, rig), temperature_c)
+
+
+def health_document(health: Health, rig: Rig) -> dict[str, object]:
+    """The health in the form of check.json: every camera that was tested, by its newest test."""
+    tolerance = None if rig.length_map is None else rig.length_map.typical_mm
+    named = {one.camera: one.moved for one in health.cameras if one.moved is not None}
+    states = [
+        camera_state(named.get(test.id, test), rig, tolerance)
+        for test in health.tests
+        if not test.moved or test.id in named
+    ]
+    worst = _ORDER[max((_ORDER.index(state.verdict) for state in states), default=0)]
+    causes = [camera_cause(state) for state in states if state.verdict == worst != "ok"]
+    agree = Phrase("health-agree", {"sets": health.sets, "cameras": len(states)})
+    said = Phrase("health-causes", {"sets": health.sets, "causes": causes}) if causes else agree
+    return {
+        "verdict": worst,
+        "sentence": phrase(said),
+        "tolerance_mm": finite(tolerance),
+        "cameras": [camera_entry(state) for state in states],
+        "balls": [],
+        "lengths": [],
+    }

@@ -1,14 +1,4 @@
-"""Moving points at a set's moment, though each camera exposed at a moment of its own.
-
-A camera that exposes t s after the set's moment sees a point where it is then, at x + v t. One adjustment of a set
-finds the points x, the velocity v of each target, and how late each camera is, unless its time is exact. Velocities are
-known to some extent from the sets before. With residuals r of the views and their derivatives A by the point, it makes
-
-    sum |r + A (dx + t dv + v dt)|^2 + sum |dv / sd|^2 + sum |z|^2,   moments t = sd_s * spread @ z,
-
-least. Points are eliminated first, then velocities: what is left has a row for each camera, however many points there
-are. What the moments are then unsure by, all points share, as they share the calibration's errors.
-"""
+"""How late each camera exposes, estimated from motion, and points brought to one moment."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,8 +11,91 @@ from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project, project_with_point_derivatives
 from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal.verify.uncertainty import PointErrors, point_errors
-from spherecal_measuring.motion import Motion
 from spherecal_measuring.rejection import reject_views
+
+# Beyond it the sets before say nothing of how a target carried by hand moved since.
+_LONGEST_S = 3.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Of values (n, w): `mean` velocities since the last set, those `now`, and their `change`.
+
+    Per second (the change: per s^2); NaN where unknown. The velocity now is that of the parabola through the last three
+    sets. Its `sd` (n,) is what the change itself changed since, or, with fewer sets, all of what is less known.
+    """
+
+    mean: FloatArray
+    now: FloatArray
+    sd: FloatArray
+    change: FloatArray
+    _jerk: FloatArray
+    _passed: FloatArray
+
+    def shared_by(self, group: IntArray) -> "Motion":
+        """The same, with the mean of their group's (n,) where a value's own velocity is unknown."""
+        known = np.isfinite(self.now[:, 0])
+        if known.all() or not known.any():
+            return self
+        _, of = np.unique(group, return_inverse=True)
+        sums = np.zeros((of.max() + 1, self.now.shape[1] + 2))
+        np.add.at(sums, of[known], np.column_stack([self.now, self.sd, np.ones(len(known))])[known])
+        with np.errstate(invalid="ignore"):
+            mean = (sums[:, :-1] / sums[:, -1:])[of]
+        now = np.where(known[:, None], self.now, mean[:, :-1])
+        return replace(self, now=now, sd=np.where(known, self.sd, mean[:, -1]))
+
+
+@dataclass(frozen=True)
+class _Past:
+    key: IntArray
+    value: FloatArray
+    at_s: FloatArray
+    motion: Motion
+
+
+class Velocities:
+    """Velocities of named vectors from set to set: of image points, or of points in space."""
+
+    def __init__(self) -> None:
+        self._past: _Past | None = None
+
+    def of(self, key: IntArray, value: FloatArray, at_s: FloatArray) -> Motion:
+        """The motion of values (n, w) with keys (n,) at times (n,) s by the sets before; unknown for new ones."""
+        n, w = value.shape
+        x, mean, acceleration = (np.full((n, w), np.nan) for _ in range(3))
+        at, jerk, passed = (np.full(n, np.nan) for _ in range(3))
+        past = self._past
+        if past is not None and len(past.key):
+            row = np.searchsorted(past.key, key).clip(max=len(past.key) - 1)
+            same = past.key[row] == key
+            row = row[same]
+            x[same], at[same] = past.value[row], past.at_s[row]
+            before = past.motion
+            for new, old in zip(
+                (mean, acceleration, jerk, passed),
+                (before.mean, before.change, before._jerk, before._passed),
+                strict=True,
+            ):
+                new[same] = old[row]
+        dt = at_s - at
+        with np.errstate(invalid="ignore"):
+            dt[~((dt > 0) & (dt <= _LONGEST_S))] = np.nan
+        velocity = (value - x) / dt[:, None]
+        change = (velocity - mean) / ((dt + passed) / 2)[:, None]
+        jerk_now = np.linalg.norm(change - acceleration, axis=1) / ((dt + passed) / 2)
+        now = velocity + np.nan_to_num(change) * dt[:, None] / 2
+        sd = np.fmax(jerk_now, jerk) * dt * (dt + passed) / 6
+        sd = np.where(np.isfinite(jerk_now), sd, np.linalg.norm(change, axis=1) * dt / 2)
+        sd = np.where(np.isfinite(sd), sd, np.linalg.norm(velocity, axis=1))
+        return Motion(velocity, now, sd, change, jerk_now, dt)
+
+    def keep(self, key: IntArray, value: FloatArray, at_s: FloatArray, motion: Motion) -> None:
+        """Remember a set with its motion for the next: values (n, w), their numbers and times (n,), as in `of`."""
+        order = np.argsort(key, kind="stable")
+        arrays = (motion.mean, motion.now, motion.sd, motion.change, motion._jerk, motion._passed)
+        self._past = _Past(key[order], value[order], at_s[order], Motion(*(array[order] for array in arrays)))
+
 
 _TURNS = 2  # velocity times moment is no linear form; the first finds the moments, the second the velocities as well
 _CHANCE = 1e-3  # that moments which are as good as stated are taken for worse
@@ -32,10 +105,7 @@ _LEAST_SD = 0.1  # mm/s: less moves nothing in 5 ms
 
 @dataclass(frozen=True)
 class Timing:
-    """Each camera's moment after the set's, `late_s` (c,): exact, or 0 with a standard uncertainty `sd_s`.
-
-    `exposed` (c,) are the cameras whose mean moment is the set's.
-    """
+    """Each camera's moment after that of the `exposed`, `late_s` (c,): exact, or 0 with a standard uncertainty."""
 
     late_s: FloatArray
     sd_s: float
@@ -63,10 +133,7 @@ class _State:
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations for z alone, `matrix` (q, q) and `right` (q,), and how the rest follows from it.
-
-    `own` (n, 3, q): what view i sees move beyond its point's and its target's own answer to z.
-    """
+    """Normal equations for z, (q, q) and (q,), and what view i sees move beyond its point's answer, (n, 3, q)."""
 
     matrix: FloatArray
     right: FloatArray
@@ -117,17 +184,9 @@ class _Adjustment:
         flat = own.reshape(3 * len(own), own.shape[2])
         right = flat.T @ b.ravel() + np.einsum("tiq,ti->q", off_by_z, held[:, :, 0])
         return _Normal(
-            flat.T @ (m @ by_z).reshape(flat.shape),
-            right,
-            own,
-            -(cofactor @ self._by_point(b))[:, :, 0],
-            x_by_off,
-            x_by_z,
-            off_step[:, :, 0],
-            off_by_z,
-            off_covariance,
-            own_by_off,
-        )
+            flat.T @ (m @ by_z).reshape(flat.shape), right, own, -(cofactor @ self._by_point(b))[:, :, 0], x_by_off,
+            x_by_z, off_step[:, :, 0], off_by_z, off_covariance, own_by_off,
+        )  # fmt: skip
 
     def late_s(self, state: _State, sd_s: float) -> FloatArray:
         """The moments (c,) s."""
@@ -178,10 +237,7 @@ def at_one_moment(
     expected_noise: float,
     rig: Rig,
 ) -> tuple[CheckedPoints, PointErrors, Motion]:
-    """The points of a set at its moment, with their errors and their motion.
-
-    `motion_of`: gives the motion of points (m, 3) mm by the sets before; `target`: the target of each point, (m,).
-    """
+    """A set's points at its moment, errors and motion; `motion_of`: by the sets before; `target` (m,) of each."""
     adjustment = _Adjustment(rough, plain, target, timing, expected_noise)
     x = rough.points.points
     motion, groups = motion_of(x), int(adjustment.target.max(initial=-1)) + 1

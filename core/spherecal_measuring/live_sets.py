@@ -132,10 +132,8 @@ class LiveSets:
             silent += 1
             if silent >= 3:
                 one = taken.missing[0]
-                raise CameraError(
-                    Phrase("error-no-camera-sends", {"camera": self._cameras[one.camera].id, "cause": one.cause}),
-                    one.remedy,
-                )
+                values = {"camera": self._cameras[one.camera].id, "cause": one.cause}
+                raise CameraError(Phrase("error-no-camera-sends", values), one.remedy)
 
     def _wait(self, future: Future[tuple[FrameSet, float]]) -> tuple[FrameSet, float]:
         while True:
@@ -174,18 +172,11 @@ def known_of(camera: RigCamera) -> DetectionSettings:
 def _check_size(camera: RigCamera, frame: Frame) -> None:
     height, width = frame.image.shape
     if (width, height) != camera.image_size:
-        raise InputError(
-            Phrase(
-                "error-sends-size",
-                {
-                    "camera": camera.id,
-                    "width": width,
-                    "height": height,
-                    "rig_width": camera.image_size[0],
-                    "rig_height": camera.image_size[1],
-                },
-            )
-        )
+        values = {
+            "camera": camera.id, "width": width, "height": height, "rig_width": camera.image_size[0],
+            "rig_height": camera.image_size[1],
+        }  # fmt: skip
+        raise InputError(Phrase("error-sends-size", values))
 
 
 def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...]) -> Observations:
@@ -194,13 +185,9 @@ def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...])
     none: list[np.ndarray] = [np.empty((0, 2))]
     points = next((one.points for one in found if len(one)), DOTS)  # a part without targets names no family
     return Observations(
-        ("",),
-        ids,
-        points,
-        np.zeros(sum(count), dtype=np.int64),
-        np.repeat(np.array(cameras, dtype=np.int64), count),
+        ("",), ids, points, np.zeros(sum(count), dtype=np.int64), np.repeat(np.array(cameras, dtype=np.int64), count),
         np.concatenate([np.empty(0, np.int64), *(one.target for one in found)]),
         np.concatenate([np.empty(0, np.int64), *(one.point for one in found)]),
         np.concatenate([*none, *(one.uv for one in found)]),
         np.concatenate([*none, *(one.sigma_uv for one in found)]),
-    )
+    )  # fmt: skip

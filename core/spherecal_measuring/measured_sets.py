@@ -69,10 +69,7 @@ class BodyPose(ByValue):
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Views of one target that do not fit the other cameras': `views` of `of` views by this camera were left out.
-
-    `camera` None: the views of the target contradict each other and which is wrong cannot be decided.
-    """
+    """Views of a target by a camera that fit no other's and were left out; None: which is wrong stays open."""
 
     target: int
     camera: str | None
@@ -130,10 +127,7 @@ class MeasuredSet(ByValue):
 
 @dataclass(frozen=True)
 class CameraHealth:
-    """A camera over all sets so far: its residuals against those of the calibration; its move, where there is one.
-
-    `named_at`: number of the set in which it was first said to have moved.
-    """
+    """A camera over all sets so far: its residuals against those of the calibration; its move, where there is one."""
 
     camera: str
     observations: int
@@ -141,19 +135,16 @@ class CameraHealth:
     calibrated_rms_px: float | None
     left_out: int
     moved: CameraTest | None = None
-    named_at: int | None = None
+    named_at: int | None = None  # the set in which it was first said to have moved
 
 
 @dataclass(frozen=True)
 class Health:
-    """The rig while it measures: sets so far and every camera.
-
-    `tests`: of each camera the newest test over many sets, before there is one that over a few.
-    """
+    """The rig while it measures: sets so far and every camera."""
 
     sets: int
     cameras: tuple[CameraHealth, ...]
-    tests: tuple[CameraTest, ...] = ()
+    tests: tuple[CameraTest, ...] = ()  # of each camera the newest over many sets, before there is one over a few
 
     @property
     def moved(self) -> tuple[str, ...]:

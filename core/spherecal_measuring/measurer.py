@@ -13,20 +13,11 @@ from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 from spherecal.verify.uncertainty import PointErrors, point_errors
+from spherecal_measuring import measured_sets
 from spherecal_measuring.health import RigHealth
-from spherecal_measuring.lateness import Timing, at_one_moment
-from spherecal_measuring.measured_sets import (
-    BodyPose,
-    CameraResidual,
-    Contradiction,
-    Health,
-    MeasuredSet,
-    MeasuredValue,
-    ObservedSet,
-)
+from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
 from spherecal_measuring.measured_values import Unmeasured, measure_bar, measure_ruler
 from spherecal_measuring.measuring_task import Task
-from spherecal_measuring.motion import Velocities
 from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
 from spherecal_measuring.pose import measure_body
 from spherecal_measuring.rejection import reject_views
@@ -55,12 +46,12 @@ class Measurer:
         self._cameras = posed(rig.cameras)
 
     @property
-    def health(self) -> Health:
+    def health(self) -> measured_sets.Health:
         """The rig's health over all sets so far."""
         return self._health.state
 
     @on_one_blas_thread
-    def measure(self, observed: ObservedSet) -> MeasuredSet:
+    def measure(self, observed: measured_sets.ObservedSet) -> measured_sets.MeasuredSet:
         """The points of one set in the rig's world, what the task asks for, and what contradicts.
 
         Cameras that the rig does not have are left out.
@@ -84,25 +75,13 @@ class Measurer:
         self._health.add(observed.number, plain, checked, key, still, expected)
         values, bodies, missing = self._derived(places, errors)
         exposed = list((observed.exposure_s or {}).values())
-        result = MeasuredSet(
-            observed.number,
-            observed.id,
-            observed.time_s,
-            places.names,
-            places.places_mm,
-            places.covariance,
-            places.views,
-            np.array([len(dots) for dots in places.dots], dtype=np.int64),
-            self._speeds(places, observed.time_s),
-            values,
-            bodies,
-            missing,
-            _contradictions(self.rig, checked, key // _POINTS),
-            _camera_residuals(self.rig, checked),
-            checked.noise,
-            max(exposed) - min(exposed) if len(exposed) > 1 else None,
-            None,
-        )
+        result = measured_sets.MeasuredSet(
+            observed.number, observed.id, observed.time_s, places.names, places.places_mm, places.covariance,
+            places.views, np.array([len(dots) for dots in places.dots], dtype=np.int64),
+            self._speeds(places, observed.time_s), values, bodies, missing,
+            _contradictions(self.rig, checked, key // _POINTS), _camera_residuals(self.rig, checked), checked.noise,
+            max(exposed) - min(exposed) if len(exposed) > 1 else None, None,
+        )  # fmt: skip
         if observed.time_s is not None:
             self._last_s = observed.time_s
         if observed.arrived_s is not None:
@@ -111,7 +90,7 @@ class Measurer:
 
     # --- noise and motion --------------------------------------------------------------------------------------------
 
-    def _expected_noise(self, observed: ObservedSet) -> float:
+    def _expected_noise(self, observed: measured_sets.ObservedSet) -> float:
         """What image points of earlier sets showed, in units of sigma; else what their sigmas or the rig say."""
         if self._redundancy >= LEAST_REDUNDANCY:
             return float(np.sqrt(self._cost / self._redundancy))
@@ -125,7 +104,7 @@ class Measurer:
         self._cost, self._redundancy = _FORGET * self._cost + cost, _FORGET * self._redundancy + freedom
 
     def _checked(
-        self, plain: Views, key: IntArray, observed: ObservedSet, expected: float
+        self, plain: Views, key: IntArray, observed: measured_sets.ObservedSet, expected: float
     ) -> tuple[CheckedPoints, PointErrors, FloatArray]:
         """The points at the set's moment, their errors, and the image points' velocities (n, 2) px/s, NaN unknown."""
         if observed.time_s is None:
@@ -142,21 +121,16 @@ class Measurer:
         time_s, target = np.full(len(key), observed.time_s), key // _POINTS
         if moves:
             checked, errors, motion = at_one_moment(
-                plain,
-                checked,
-                timing,
-                lambda x: self._point_motion.of(key, x, time_s).shared_by(target),
-                target,
-                expected,
-                self.rig,
-            )
+                plain, checked, timing, lambda x: self._point_motion.of(key, x, time_s).shared_by(target), target,
+                expected, self.rig,
+            )  # fmt: skip
         else:
             errors = point_errors(checked, self.rig)
             motion = self._point_motion.of(key, checked.points.points, time_s)
         self._point_motion.keep(key, checked.points.points, time_s, motion)
         return checked, errors, seen.mean
 
-    def _timing(self, observed: ObservedSet) -> Timing:
+    def _timing(self, observed: measured_sets.ObservedSet) -> Timing:
         """Each camera's moment: exact, or off by what is stated, or else by what the moments scatter."""
         exposed = observed.exposure_s or {}
         here = (
@@ -197,9 +171,11 @@ class Measurer:
 
     def _derived(
         self, places: LocatedPoints, errors: PointErrors
-    ) -> tuple[tuple[MeasuredValue, ...], tuple[BodyPose, ...], tuple[tuple[str, str], ...]]:
-        values: list[MeasuredValue] = []
-        bodies: list[BodyPose] = []
+    ) -> tuple[
+        tuple[measured_sets.MeasuredValue, ...], tuple[measured_sets.BodyPose, ...], tuple[tuple[str, str], ...]
+    ]:
+        values: list[measured_sets.MeasuredValue] = []
+        bodies: list[measured_sets.BodyPose] = []
         missing: list[tuple[str, str]] = []
         for ruler in self.task.rulers:
             one = measure_ruler(ruler, places, self.rig, errors.with_scale)
@@ -223,8 +199,8 @@ class Measurer:
 
 
 def measure_sets(
-    sets: Iterable[ObservedSet], measurer: Measurer, context: Context | None = None
-) -> Iterator[MeasuredSet]:
+    sets: Iterable[measured_sets.ObservedSet], measurer: Measurer, context: Context | None = None
+) -> Iterator[measured_sets.MeasuredSet]:
     """Measure sets as they come; the one seam of command line, window and Python."""
     context = context or Context()
     for observed in sets:
@@ -239,7 +215,7 @@ def _room(velocity: FloatArray, late_s: float) -> FloatArray:
     return np.where(np.isfinite(speed), speed, fastest)[:, None] * late_s
 
 
-def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple[Contradiction, ...]:
+def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple[measured_sets.Contradiction, ...]:
     """Views left out by target and camera, most first; then targets of which points were given up."""
     views = checked.views
     of_view = target[views.feature]
@@ -248,15 +224,15 @@ def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple
     pairs, count = np.unique(np.stack([of_view[out], views.camera[out]]), axis=1, return_counts=True)
     for (one, camera), views_out in zip(pairs.T.tolist(), count.tolist(), strict=True):
         of = int(((of_view == one) & (views.camera == camera)).sum())
-        found.append(Contradiction(one, rig.cameras[camera].id, views_out, of))
+        found.append(measured_sets.Contradiction(one, rig.cameras[camera].id, views_out, of))
     found.sort(key=lambda c: -c.views)
     given_up, count = np.unique(target[checked.contradicting], return_counts=True)
     for one, points in zip(given_up.tolist(), count.tolist(), strict=True):
-        found.append(Contradiction(one, None, points, int((target == one).sum())))
+        found.append(measured_sets.Contradiction(one, None, points, int((target == one).sum())))
     return tuple(found)
 
 
-def _camera_residuals(rig: Rig, checked: CheckedPoints) -> tuple[CameraResidual, ...]:
+def _camera_residuals(rig: Rig, checked: CheckedPoints) -> tuple[measured_sets.CameraResidual, ...]:
     """Every camera that sees anything."""
     found = []
     square = (checked.points.residual**2).sum(axis=1)
@@ -266,5 +242,5 @@ def _camera_residuals(rig: Rig, checked: CheckedPoints) -> tuple[CameraResidual,
         if mine.any():
             used = mine & checked.kept
             rms = float(np.sqrt(square[used].mean())) if used.any() else None
-            found.append(CameraResidual(camera.id, int(mine.sum()), int((mine & out).sum()), rms))
+            found.append(measured_sets.CameraResidual(camera.id, int(mine.sum()), int((mine & out).sum()), rms))
     return tuple(found)

@@ -146,13 +146,6 @@ class Task(ByValue):
 def registered(bar: RegisteredBar) -> Bar:
     """A bar of the owner's registry, to be measured."""
     return Bar(
-        bar.serial,
-        "check",
-        bar.marks,
-        bar.lengths,
-        bar.expansion_per_kelvin,
-        bar.reference_temperature_c,
-        bar.serial,
-        bar.certificate,
-        bar.assumed,
-    )
+        bar.serial, "check", bar.marks, bar.lengths, bar.expansion_per_kelvin, bar.reference_temperature_c,
+        bar.serial, bar.certificate, bar.assumed,
+    )  # fmt: skip

@@ -28,20 +28,16 @@ _BENT = 4.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LocatedPoints(ByValue):
-    """Places (n, 3) mm of named points: `noise` (n, 3, 3) of their own image points, `gradient` (n, 3, p) by cameras.
-
-    `cameras` (p, p) is the covariance of the cameras' parameters; `views` (n,) counts cameras.
-    `dots` and `by_dot` say of each place on which features it rests, (k,) and (k, 3, 3).
-    """
+    """Places (n, 3) mm of named points, with what their uncertainties come from."""
 
     names: tuple[PointName, ...]
     places_mm: FloatArray
-    noise: FloatArray
-    gradient: FloatArray
-    cameras: FloatArray
-    views: IntArray
-    dots: tuple[IntArray, ...]
-    by_dot: tuple[FloatArray, ...]
+    noise: FloatArray  # (n, 3, 3) of their own image points
+    gradient: FloatArray  # (n, 3, p) by the cameras' parameters
+    cameras: FloatArray  # (p, p) covariance of these
+    views: IntArray  # (n,) cameras
+    dots: tuple[IntArray, ...]  # (k,) of each place: the features it rests on
+    by_dot: tuple[FloatArray, ...]  # (k, 3, 3)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -68,19 +64,13 @@ class LocatedPoints(ByValue):
         return joint
 
     def variance(self, rows: Sequence[int], derivative: FloatArray) -> float:
-        """Variance of a number that depends on some places.
-
-        `derivative`: derivatives of the number by them, (k, 3), in its own unit per mm.
-        """
+        """Variance of a number that depends on some places, by its derivatives (k, 3) per mm."""
         flat = derivative.ravel()
         return float(flat @ self.joint(rows) @ flat)
 
 
 class Layouts:
-    """The layouts of a target set as arrays, for observations that name their points as `points` does.
-
-    `target_set` None: no target has a layout.
-    """
+    """A target set's layouts as arrays, for observations that name their points as `points` does; None: none."""
 
     def __init__(self, target_set: TargetSet | None, points: tuple[str, ...]) -> None:
         self.points = points
@@ -94,10 +84,7 @@ class Layouts:
                     self.flat[row, column[name]] = place
 
     def of(self, target: IntArray, point: IntArray) -> FloatArray:
-        """Places (n, 2) in mm of points on their flat targets, NaN where the layouts have none.
-
-        `target`: each point's target, (n,); `point`: index of each point's name, (n,).
-        """
+        """Places (n, 2) mm on their flat targets, NaN without a layout, of targets (n,) and points' indices (n,)."""
         if not len(self.ids):
             return np.full((len(target), 2), np.nan)
         row = np.searchsorted(self.ids, target).clip(max=len(self.ids) - 1)
@@ -109,18 +96,9 @@ class Layouts:
 
 
 def triangulate_places(
-    target: IntArray,
-    point: IntArray,
-    layouts: Layouts,
-    wanted: frozenset[PointName],
-    errors: PointErrors,
+    target: IntArray, point: IntArray, layouts: Layouts, wanted: frozenset[PointName], errors: PointErrors
 ) -> LocatedPoints:
-    """The places of all targets and wanted points, in mm in the rig's world, sorted by name.
-
-    A target with a layout has its centre; one without has each of its points.
-
-    `target`, `point` (m,).
-    """
+    """Places of all targets (centres by layout, else points) and wanted points (m,), mm, sorted by name."""
     checked, points = errors.checked, errors.checked.points
     usable = np.isfinite(points.points[:, 0]) & points.in_front & ~checked.contradicting
     flat = layouts.of(target, point)
@@ -164,10 +142,7 @@ class _Centres:
 def _centres(
     target: IntArray, flat: FloatArray, usable: BoolArray, checked: CheckedPoints, layouts: Layouts
 ) -> _Centres:
-    """Targets' centres: the flat layout laid over the dots by least squares with equal weights, all targets at once.
-
-    The definition of targets/centre.py, vectorised, with its derivatives to first order.
-    """
+    """Targets' centres: flat layouts laid over the dots as in targets/centre.py, all at once, with derivatives."""
     candidates = np.flatnonzero(usable & np.isfinite(flat[:, 0]))
     candidates = candidates[np.argsort(target[candidates], kind="stable")]
     ids, slot, count = np.unique(target[candidates], return_inverse=True, return_counts=True)
@@ -233,15 +208,9 @@ def _places(
     p = len(views.rotation) * width
     if not n:
         return LocatedPoints(
-            (),
-            places,
-            np.zeros((0, 3, 3)),
-            np.zeros((0, 3, len(errors.cameras))),
-            errors.cameras,
-            np.zeros(0, int),
-            (),
-            (),
-        )
+            (), places, np.zeros((0, 3, 3)), np.zeros((0, 3, len(errors.cameras))), errors.cameras, np.zeros(0, int),
+            (), (),
+        )  # fmt: skip
     of_dot = np.repeat(np.arange(n), [len(d) for d in dots])
     dot, derivative = np.concatenate(dots), np.concatenate(by_dot)
     noise = np.zeros((n, 3, 3))

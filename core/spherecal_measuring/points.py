@@ -185,11 +185,7 @@ def triangulate_points(
     camera = np.concatenate([np.full(len(rows), c) for c, _, rows in seen]) if seen else feature
     uv = np.concatenate([uv[rows] for _, uv, rows in seen]) if seen else np.zeros((0, 2))
     views = Views(
-        feature,
-        camera,
-        *lens_corrected(rig.cameras, camera, uv, np.full(uv.shape, sigma_px)),
-        n,
-        posed(rig.cameras),
+        feature, camera, *lens_corrected(rig.cameras, camera, uv, np.full(uv.shape, sigma_px)), n, posed(rig.cameras)
     )
     by_one = np.bincount(feature, minlength=n) == 1
     if alone := int(by_one.sum()):

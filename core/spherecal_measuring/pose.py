@@ -1,30 +1,96 @@
-"""The pose of a rigid body from its measured points, with its covariance; points that contradict are left out."""
+"""Bodies: their file and pose."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from scipy.special import chdtrc
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.codec import FileFormat, field, identifier, integer, items, name, number, optional, record
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal_measuring.body_file import LEAST_POINTS, line_width
 from spherecal_measuring.measured_sets import BodyPose
 from spherecal_measuring.measured_values import Unmeasured
-from spherecal_measuring.measuring_task import Body
+from spherecal_measuring.measuring_task import CENTRE, Body, BodyPoint, PointName
 from spherecal_measuring.places import LocatedPoints
+
+LEAST_POINTS = 3
+_MOST_POINTS = 1000
+_MOST_MM = 1e6
+# Points nearer to one line than this leave the turn about it undefined: at 1 mm beside 100 mm, 0.01 mm of a point is
+# 0.6 degrees.
+_LEAST_WIDTH_MM = 1.0
+
+
+def _point(target: int, place_mm: tuple[float, float, float], point: str = CENTRE, sigma_mm: float = 0.0) -> BodyPoint:
+    return BodyPoint(PointName(target, point), place_mm, sigma_mm)
+
+
+_POINT = record(
+    "",
+    _point,
+    field("target", integer("The target.", 0, 2**31), "name.target"),
+    optional("point", name("The point of the target; `centre` where absent."), "name.point"),
+    field("xyz_mm", items("Its position.", number("", -_MOST_MM, _MOST_MM, "mm"), length=3), "place_mm"),
+    optional("sigma_mm", number("Standard deviation of its position; 0 where absent.", 0, _MOST_MM, "mm")),
+)
+BODY = FileFormat(
+    "spherecal/body",
+    "body.json",
+    "A rigid body by named points in a frame of its own.",
+    record(
+        "",
+        Body,
+        field("name", identifier("Its name.")),
+        field("points", items("Its points.", _POINT, LEAST_POINTS, _MOST_POINTS, differ="name", what="point")),
+    ),
+    ("No point occurs twice.", "The points are not all on one line."),
+    more="measuring.md#bodies",
+)
+
+
+def read_body(path: Path) -> Body:
+    """The body in a file."""
+    body = BODY.read(path)
+    check_body(body, str(path))
+    return body
+
+
+def check_body(body: Body, where: str) -> None:
+    """Check that a body's points define its pose: three or more, and not within 1 mm (rms) of one line."""
+    if len(body.points) < LEAST_POINTS:
+        raise InputError(
+            Phrase("error-body-points", {"where": where, "least": LEAST_POINTS, "found": len(body.points)})
+        )
+    places = body.places_mm
+    width = line_width(places)
+    if width < _LEAST_WIDTH_MM:
+        raise InputError(Phrase("error-body-line", {"where": where, "body": body.name, "width": width}))
+
+
+def line_width(places: np.ndarray) -> float:
+    """How far (rms, mm) points (n, 3) are from their best line."""
+    spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    return float(np.hypot(spread[1], spread[2] if len(spread) > 2 else 0.0) / np.sqrt(len(places)))
+
+
+def write_body(body: Body, path: Path) -> None:
+    """Write body.json, whole or not at all."""
+    check_body(body, str(path))
+    write_file_whole(path, BODY.bytes(body))
+
 
 # A body of ten points whose points are all right loses one in 10 000 sets; a point 5 sd off is always found.
 _CHANCE = 1e-5
 _STEPS = 4  # Gauss-Newton from the unweighted fit: the third changes nothing above 1e-9 mm
-_LEAST_WIDTH_MM = 1.0  # as body_file.py, of the points that are seen
 
 
 def measure_body(body: Body, places: LocatedPoints) -> BodyPose | Unmeasured:
-    """The pose that fits the body's measured points best, weighted by their own noise and the body file's sigmas.
-
-    The covariance counts what the points' errors have in common through the cameras.
-    """
+    """The pose that fits a body's points best, by their noise, the file's sigmas, and what cameras err in common."""
     seen = [i for i, point in enumerate(body.points) if point.name in places.rows]
     left_out: list[int] = []
     while True:
@@ -38,14 +104,9 @@ def measure_body(body: Body, places: LocatedPoints) -> BodyPose | Unmeasured:
         if wrong is None:
             names = tuple(body.points[i].name for i in left_out)
             return BodyPose(
-                body.name,
-                fit.rotation,
-                fit.translation,
-                fit.covariance,
-                len(used),
-                names,
+                body.name, fit.rotation, fit.translation, fit.covariance, len(used), names,
                 float(np.sqrt((fit.residual**2).sum(axis=1).mean())),
-            )
+            )  # fmt: skip
         if len(used) == LEAST_POINTS or wrong < 0:
             return Unmeasured(f"body {body.name}: its points do not fit the body file")
         left_out.append(used[wrong])

@@ -32,11 +32,7 @@ class _Suspects:
 
 
 def reject_views(views: Views, expected_noise: float) -> CheckedPoints:
-    """The points without views that contradict the others.
-
-    With four or more views the one is left out without which the others agree best, with three only where that is
-    clear. Of two that contradict, and of what still contradicts then, the point is given up.
-    """
+    """The points without views that contradict: with four or more the worst one, with three only where clear."""
     kept = np.ones(len(views.uv), dtype=bool)
     given_up = np.zeros(views.n_features, dtype=bool)
     points = views.triangulate(kept)

@@ -1,7 +1,4 @@
-"""Detection around the last places of the targets: a part of each image, the whole of it once a second.
-
-Each camera has its own turn for the whole image, so that no set waits for all cameras' whole images at once.
-"""
+"""Detection around the last places of the targets; the whole image once a second, each camera in its own turn."""
 
 import math
 from collections.abc import Callable
@@ -151,13 +148,6 @@ def _joined(parts: list[Detections]) -> Detections:
         return np.concatenate([getattr(p, name) for p in parts])[by_id]
 
     return Detections(
-        parts[0].points,
-        target[order],
-        dots("point"),
-        dots("uv"),
-        dots("sigma_uv"),
-        ids[by_id],
-        targets("misfit"),
-        targets("tilt_deg"),
-        targets("blur_px"),
-    )
+        parts[0].points, target[order], dots("point"), dots("uv"), dots("sigma_uv"), ids[by_id], targets("misfit"),
+        targets("tilt_deg"), targets("blur_px"),
+    )  # fmt: skip

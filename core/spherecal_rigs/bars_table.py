@@ -7,6 +7,7 @@ A line that cannot be used costs its own bar only, and is named with the reason;
 import csv
 import io
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime
@@ -16,6 +17,7 @@ from typing import Any
 from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import read_file
 from spherecal.base.messages.values import Phrase
+from spherecal.base.resources import resource_path
 from spherecal.data.session import BarLength, Mark
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.bar_registry import RegisteredBar, read_lengths, read_registered_bar
@@ -24,42 +26,9 @@ from spherecal.files.json_file import JsonValue, printable
 
 _MOST_BYTES = 4 << 20  # ten thousand lengths take 1 MB
 _MOST_LINES = 20_000
-# Heading as it is written -> the headings that mean the same, in lower case, without unit and punctuation.
-_HEADINGS: dict[str, tuple[str, ...]] = {
-    "serial": (
-        "serialnumber", "serialno", "bar", "barserial", "id", "seriennummer", "stab", "stabnummer", "编号", "序列号",
-    ),
-    "description": ("name", "beschreibung", "bezeichnung", "说明", "描述", "名称"),
-    "from": ("mark1", "start", "von", "marke1", "起点"),
-    "from_target": ("target1", "sticker1", "fromsticker", "ziel1", "zielmarke1", "aufkleber1", "标志1", "起点标志"),
-    "to": ("mark2", "end", "bis", "nach", "marke2", "终点"),
-    "to_target": ("target2", "sticker2", "tosticker", "ziel2", "zielmarke2", "aufkleber2", "标志2", "终点标志"),
-    "nominal": ("nominallength", "nennlänge", "nennlaenge", "nennmaß", "nennmass", "标称", "标称长度"),
-    "length": (
-        "certified", "certifiedlength", "calibratedlength", "länge", "laenge", "kalibrierlänge", "istmaß", "istmass",
-        "长度", "校准长度",
-    ),
-    "uncertainty": (
-        "u", "expandeduncertainty", "unsicherheit", "erweiterteunsicherheit", "messunsicherheit", "不确定度",
-        "扩展不确定度",
-    ),
-    "coverage_factor": ("k", "coverage", "factor", "erweiterungsfaktor", "包含因子"),
-    "expansion": (
-        "expansionperkelvin", "cte", "alpha", "\u03b1", "thermalexpansion", "expansioncoefficient", "ausdehnung",
-        "ausdehnungskoeffizient", "膨胀系数",
-    ),
-    "reference_temperature": (
-        "referencetemperaturec", "tref", "temperature", "bezugstemperatur", "referenztemperatur", "参考温度",
-    ),
-    "certificate": (
-        "certificatenumber", "certificateno", "zertifikat", "kalibrierschein", "scheinnummer", "证书", "证书号",
-    ),
-    "laboratory": ("lab", "labor", "laboratorium", "实验室"),
-    "date": ("calibrated", "calibrationdate", "issued", "datum", "kalibriert", "kalibrierdatum", "日期", "校准日期"),
-    "valid_until": (
-        "validuntil", "expires", "expiry", "due", "duedate", "gültigbis", "gueltigbis", "有效期", "有效期至",
-    ),
-}  # fmt: skip
+# Heading as it is written -> the headings that mean the same.
+_WORDS: dict[str, str] = tomllib.loads(resource_path("bars_table.toml").read_text(encoding="utf-8"))["headings"]
+_HEADINGS = {name: tuple(words.split()) for name, words in _WORDS.items()}
 COLUMNS = (
     "serial", "description", "from", "from_target", "to", "to_target", "nominal [mm]", "length [mm]",
     "uncertainty [mm]", "coverage_factor", "expansion [1/K]", "reference_temperature [°C]", "certificate",
@@ -95,10 +64,7 @@ class LineProblem:
 
 @dataclass(frozen=True)
 class BarsTable:
-    """The bars of a table that are whole, in its order, and what is wrong with its other lines.
-
-    `ignored` are headings that are not known.
-    """
+    """The whole bars of a table in its order, what is wrong with its other lines, and headings that are not known."""
 
     bars: tuple[RegisteredBar, ...]
     problems: tuple[LineProblem, ...]
@@ -390,11 +356,8 @@ def _entry(draft: _Draft) -> dict[str, Any]:
     if "certificate" in draft.fields:
         entry["certificate"] = {"number": draft.fields["certificate"], **about}
     elif about:
-        raise InputError(
-            Phrase(
-                "error-in-file", {"file": "", "place": "certificate.number", "problem": Phrase("problem-cell-empty")}
-            )
-        )
+        values = {"file": "", "place": "certificate.number", "problem": Phrase("problem-cell-empty")}
+        raise InputError(Phrase("error-in-file", values))
     return entry
 
 
@@ -433,17 +396,14 @@ def bars_table(bars: Sequence[RegisteredBar]) -> str:
     for bar in bars:
         for number, length in enumerate(bar.lengths):
             first = number == 0
-            writer.writerow([*_bar_cells(bar, first), *_length_cells(bar, length), *_about_cells(bar, first)])
+            own = [cell(bar.serial), cell(bar.description) if first else ""]
+            writer.writerow([*own, *_length_cells(bar, length), *_about_cells(bar, first)])
     return out.getvalue()
 
 
 def write_bars_table(bars: Sequence[RegisteredBar], path: Path) -> None:
     """Write the table, with the mark by which spreadsheets know UTF-8."""
     write_file_whole(path, b"\xef\xbb\xbf" + bars_table(bars).encode())
-
-
-def _bar_cells(bar: RegisteredBar, first: bool) -> list[str]:
-    return [cell(bar.serial), cell(bar.description) if first else ""]
 
 
 def _length_cells(bar: RegisteredBar, length: BarLength) -> list[str]:

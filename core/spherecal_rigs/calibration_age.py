@@ -52,12 +52,7 @@ def validity(
     temperature_c: float | None = None,
     checked: KeptCheck | None = None,
 ) -> Validity:
-    """How far a calibration may be trusted now, at this temperature and after its last quick check.
-
-    A check that finds all well leaves the age as it is: it does not see all that ages.
-
-    `entry` None where none is in use; `now` None: now; `temperature_c` None: not known; `checked` None: none is known.
-    """
+    """How far a calibration may be trusted at this time and temperature, and after its last quick check."""
     if entry is None:
         return Validity("none", ("no calibration is in use",))
     age = ((now or datetime.now(UTC)) - entry.calibrated_at).total_seconds() / 3600

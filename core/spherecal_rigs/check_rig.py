@@ -1,30 +1,124 @@
-"""The check of a calibration by one placement or bar pose: OK, watch or recalibrate, with numbers per camera."""
+"""Whether a rig is still as it was calibrated: cameras, the ball, bars."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from spherecal.base.arrays import ByValue, IntArray
+from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.findings import Finding
-from spherecal.data.observations import Observations, find_features
+from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
+from spherecal.files.write_result import POINT_COLUMNS
+from spherecal.geometry.transform import Similarity, fit_similarity
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.outlying_views import triangulate_checked
 from spherecal.verify.rig_cameras import cameras_in_rig
-from spherecal.verify.uncertainty import point_errors
+from spherecal.verify.uncertainty import PointErrors, calibration_variance, point_errors
 from spherecal.verify.verification import MeasuredLength
 from spherecal.verify.verify_bars import VerifySettings, verify, views_of
-from spherecal_rigs.check_ball import BallCheck, BallDots, check_ball
+from spherecal_rigs.result_folder import read_csv
+
+LEAST_DOTS = 12
+# A sticker that was replaced is off by millimetres, the reconstruction by hundredths.
+_GATE_SIGMAS, _ROUNDS = 4.5, 3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BallDots(ByValue):
+    """The dots of the calibration: by placement a table from (target, point name) to the place (3,) in mm."""
+
+    placements: dict[str, dict[tuple[int, str], FloatArray]]
+
+
+@dataclass(frozen=True)
+class BallCheck:
+    """Dots in common, size against the calibration (ppm) with its sd, shape left after it, dots that moved."""
+
+    placement: str
+    dots: int
+    scale_ppm: float
+    scale_sd_ppm: float
+    shape_rms_mm: float
+    changed: int
+
+    @property
+    def differs(self) -> bool:
+        """Whether the size differs by more than chance (3.5 standard deviations, once in 2000)."""
+        return abs(self.scale_ppm) > 3.5 * self.scale_sd_ppm
+
+
+def read_known_ball(path: Path) -> BallDots | None:
+    """The ball's dots from a points.csv; None if there is no such file."""
+    if not path.is_file():
+        return None
+    table = read_csv(path, POINT_COLUMNS)
+    places = np.column_stack([table.numbers(f"{axis}_mm") for axis in "xyz"])
+    found: dict[str, dict[tuple[int, str], FloatArray]] = {}
+    keys = zip(table.names("placement"), table.whole_numbers("target").tolist(), table.names("point"), strict=True)
+    for (placement, target, point), place in zip(keys, places, strict=True):
+        found.setdefault(placement, {})[target, point] = place
+    return BallDots(found)
+
+
+def check_ball(
+    known: BallDots, placement: int, o: Observations, features: Features, errors: PointErrors
+) -> BallCheck | None:
+    """The ball at a placement against the calibration's that shares most dots; None below 12 in common or in place."""
+    checked = errors.checked
+    usable = np.isfinite(checked.points.points[:, 0]) & checked.points.in_front & ~checked.contradicting
+    rows = np.flatnonzero(usable & (features.placement == placement))
+    names = [(int(features.target[i]), o.points[features.point[i]]) for i in rows]
+    best: dict[tuple[int, str], FloatArray] = max(
+        known.placements.values(), key=lambda dots: sum(name in dots for name in names), default={}
+    )
+    common = [k for k, name in enumerate(names) if name in best]
+    if len(common) < LEAST_DOTS:
+        return None
+    rows = rows[common]
+    before = np.array([best[names[k]] for k in common])
+    now = checked.points.points[rows]
+    noise = np.sqrt(np.trace(errors.covariance[rows], axis1=1, axis2=2) / 3)
+    keep = np.ones(len(rows), dtype=bool)
+    fit, rest, ratio = _fit(before, now, noise, keep)
+    for _ in range(_ROUNDS):
+        keep = rest <= _GATE_SIGMAS * ratio * noise
+        if keep.sum() < LEAST_DOTS:
+            return None
+        fit, rest, ratio = _fit(before, now, noise, keep)
+    sd = _scale_sd(rows[keep], now[keep], errors, ratio)
+    return BallCheck(
+        o.placements[placement], int(keep.sum()), 1e6 * (fit.scale - 1), 1e6 * sd,
+        float(np.sqrt((rest[keep] ** 2).mean())), int((~keep).sum()),
+    )  # fmt: skip
+
+
+def _fit(
+    before: FloatArray, now: FloatArray, noise: FloatArray, keep: BoolArray
+) -> tuple[Similarity, FloatArray, float]:
+    """The similarity, the residual of each dot (n,) mm, and the scatter in units of the noise, at least 1."""
+    fit = fit_similarity(before[keep], now[keep])
+    rest = np.linalg.norm(now - (fit.scale * before @ fit.rotation.T + fit.translation), axis=1)
+    return fit, rest, max(float(np.median(rest / noise)) / 1.538, 1.0)  # the median of a chi of three degrees
+
+
+def _scale_sd(rows: IntArray, now: FloatArray, errors: PointErrors, ratio: float) -> float:
+    """The size's standard uncertainty: noise of both measurements, and the cameras' covariance where not in common."""
+    centred = now - now.mean(axis=0)
+    by_point = centred / (centred**2).sum()  # d(scale) = sum of by_point . dx
+    noise = float(np.einsum("ki,kij,kj->", by_point, errors.covariance[rows], by_point))
+    return float(np.sqrt(2 * ratio**2 * noise + calibration_variance(rows, by_point, errors)))
+
 
 Verdict = Literal["ok", "watch", "recalibrate"]
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
@@ -53,10 +147,7 @@ class CheckedCamera:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(ByValue):
-    """The result of a check: verdict, cameras worst first, those not seen, balls and bars measured, findings.
-
-    `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.
-    """
+    """A check: verdict, cameras worst first, those not seen, balls, bars, findings; a move's tolerance in mm."""
 
     verdict: Verdict
     tolerance_mm: float | None
@@ -98,11 +189,7 @@ def check(
     limit: LengthLimit | None = None,
     context: Context | None = None,
 ) -> Check:
-    """Whether the rig is still as it was calibrated, by all data of the session; nothing is calibrated.
-
-    A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
-    docs/verification.md says what OK, watch and recalibrate mean.
-    """
+    """Whether the rig is still as calibrated, by all data of the session (docs/verification.md)."""
     context = context or Context()
     session = observed(session, context)
     context.report("check", 0.0, Phrase("comparing"))
@@ -112,10 +199,7 @@ def check(
     consistency = examine_cameras(views, rig, expected)
     lengths, findings = _measure_bars(session, rig, limit, context)
     if len(consistency.cameras) < _LEAST_CAMERAS and not lengths:
-        raise InputError(
-            Phrase("error-too-little-seen", {"folder": str(session.where)}),
-            Phrase("error-show-more"),
-        )
+        raise InputError(Phrase("error-too-little-seen", {"folder": str(session.where)}), Phrase("error-show-more"))
     context.report("check", 0.5, Phrase("measuring"))
     balls = [] if known is None else _check_balls(session, rig, known, own, camera, consistency)
     if known is not None and not balls and not lengths:
@@ -126,10 +210,7 @@ def check(
 def _check_balls(
     session: Session, rig: Rig, known: BallDots, own: Observations, camera: IntArray, consistency: Consistency
 ) -> list[BallCheck]:
-    """The ball at each placement by the cameras that have not moved.
-
-    One that moved bends what it sees: on the demo rig 9 px of one camera made the ball 720 ppm larger.
-    """
+    """The ball at each placement by cameras that have not moved: 9 px of one made it 720 ppm larger (demo rig)."""
     moved = [test.id for test in consistency.moved]
     stays = ~np.isin(np.array([c.id for c in rig.cameras])[camera], moved)
     own, camera = own.select(stays), camera[stays]
@@ -152,12 +233,8 @@ def _of_rig(session: Session, rig: Rig) -> tuple[Observations, IntArray]:
     for spec in session.cameras:
         placed = rig.camera(spec.id)
         if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
-            raise InputError(
-                Phrase(
-                    "error-other-serial",
-                    {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial},
-                )
-            )
+            values = {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial}
+            raise InputError(Phrase("error-other-serial", values))
     own = o.select(in_rig[o.camera] >= 0)
     return own, in_rig[own.camera]
 
@@ -192,15 +269,7 @@ def _judged(
     by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
     words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
     worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
-    return Check(
-        worst,
-        tolerance,
-        tuple(cameras),
-        consistency.untested,
-        tuple(balls),
-        lengths,
-        tuple(found),
-    )
+    return Check(worst, tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths, tuple(found))
 
 
 def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
@@ -217,12 +286,7 @@ def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
 
 
 def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CheckedCamera:
-    """A camera's verdict, with the reason.
-
-    A camera that moved is to be recalibrated or watched, by how far; one whose residuals have doubled is to be watched.
-
-    `tolerance_mm` None: one of more than 0.
-    """
+    """A camera's verdict, with the reason: moved by more than the tolerance, or residuals doubled."""
     placed = rig.camera(test.id)
     before = placed.rms_px if placed is not None else None
     if test.moved:

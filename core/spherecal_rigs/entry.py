@@ -10,28 +10,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, Verdict
-from spherecal.files.codec import (
-    FileFormat,
-    boolean,
-    celsius,
-    digest,
-    entries,
-    field,
-    group,
-    identifier,
-    items,
-    matrix,
-    number,
-    one_of,
-    optional,
-    positive,
-    prose,
-    record,
-    serial,
-    text,
-    time,
-    unread,
-)
+from spherecal.files import codec
+from spherecal.files.codec import serial
 from spherecal.files.json_file import JsonValue, software_entry
 from spherecal.files.rig_file import read_rig
 from spherecal.verify.verification_file import OVERRIDE, Override
@@ -62,11 +42,7 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class Entry:
-    """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world.
-
-    `care`: what it is to be used with care for, in words; empty where nothing is. `verdict` is that of the bars;
-    `failed` says that they show the rig to be wrong, `override` who uses it all the same.
-    """
+    """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world."""
 
     saved_at: datetime
     calibrated_at: datetime
@@ -83,13 +59,13 @@ class Entry:
     scale_artefact: str | None = None
     scale_relative_uncertainty: float | None = None
     volume_mm: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    verdict: str | None = None
+    verdict: str | None = None  # of the bars
     bar_mean_error_mm: float | None = None
     bar_max_error_mm: float | None = None
     written_by: str = ""
-    care: str = ""
-    failed: bool = False
-    override: Override | None = None
+    care: str = ""  # what it is to be used with care for, in words; empty where nothing is
+    failed: bool = False  # the bars show the rig to be wrong
+    override: Override | None = None  # who uses it all the same
 
     @property
     def calibration_verdict(self) -> Verdict:
@@ -112,88 +88,96 @@ def _check_settings(settings: Mapping[str, Setting], value: JsonValue) -> None:
         raise value.error(Phrase("problem-many-settings", {"most": _MOST_SETTINGS}))
 
 
-_SETTING = one_of(
-    "", boolean(""), text(""), items("", number("")).mapped(lambda found: list(found[:_MOST_NUMBERS])), number("")
+_SETTING = codec.one_of(
+    "",
+    codec.boolean(""),
+    codec.text(""),
+    codec.items("", codec.number("")).mapped(lambda found: list(found[:_MOST_NUMBERS])),
+    codec.number(""),
 )
-SETTINGS = entries("Its settings by name.", _SETTING).checked(_check_settings, maxProperties=_MOST_SETTINGS)
+SETTINGS = codec.entries("Its settings by name.", _SETTING).checked(_check_settings, maxProperties=_MOST_SETTINGS)
 """A camera's settings by name: numbers, texts, true or false, or a few numbers (a region)."""
-_CAMERA = record(
+_CAMERA = codec.record(
     "",
     CameraEntry,
-    field("id", identifier("Its id.")),
-    optional("serial", serial("Its serial number.")),
-    optional("model", text("The model name that its maker uses.")),
-    optional("pixel_pitch_um", positive("Pixel pitch of its sensor.", "um")),
-    optional("focal_length_mm", positive("Focal length of its lens.", "mm")),
-    optional("temperature_c", celsius("Its temperature in degrees Celsius.")),
-    optional("settings", SETTINGS),
+    codec.field("id", codec.identifier("Its id.")),
+    codec.optional("serial", serial("Its serial number.")),
+    codec.optional("model", codec.text("The model name that its maker uses.")),
+    codec.optional("pixel_pitch_um", codec.positive("Pixel pitch of its sensor.", "um")),
+    codec.optional("focal_length_mm", codec.positive("Focal length of its lens.", "mm")),
+    codec.optional("temperature_c", codec.celsius("Its temperature in degrees Celsius.")),
+    codec.optional("settings", SETTINGS),
 )
-_QUALITY = group(
+_QUALITY = codec.group(
     "quality",
     "As in rig.json.",
-    field("valid", boolean("As in rig.json.")),
-    unread("verdict", "As in rig.json.", "calibration_verdict"),
-    optional("care", prose("What requires care; empty where nothing does.")),
-    optional("rms_px", number("As in rig.json.", 0)),
-    optional("sigma0", number("As in rig.json.", 0)),
+    codec.field("valid", codec.boolean("As in rig.json.")),
+    codec.unread("verdict", "As in rig.json.", "calibration_verdict"),
+    codec.optional("care", codec.prose("What requires care; empty where nothing does.")),
+    codec.optional("rms_px", codec.number("As in rig.json.", 0)),
+    codec.optional("sigma0", codec.number("As in rig.json.", 0)),
 )
-_SCALE = group(
+_SCALE = codec.group(
     "scale",
     "Where the scale comes from.",
-    field("source", text("As in rig.json."), "scale_source"),
-    optional("artefact", text("The bar or board."), "scale_artefact"),
-    optional("relative_uncertainty", number("Relative standard uncertainty.", 0), "scale_relative_uncertainty"),
+    codec.field("source", codec.text("As in rig.json."), "scale_source"),
+    codec.optional("artefact", codec.text("The bar or board."), "scale_artefact"),
+    codec.optional(
+        "relative_uncertainty", codec.number("Relative standard uncertainty.", 0), "scale_relative_uncertainty"
+    ),
 )
-_VERIFICATION = group(
+_VERIFICATION = codec.group(
     "verification",
     "The result of the verification with bars.",
-    field("verdict", text("The verdict.")),
-    optional("mean_error_mm", number("Mean error."), "bar_mean_error_mm"),
-    optional("max_abs_error_mm", number("Largest error, without its sign.", 0), "bar_max_error_mm"),
-    optional("failed", boolean("Whether it shows the rig to be wrong."), omit=False),
-    optional("override", OVERRIDE, omit=None),
+    codec.field("verdict", codec.text("The verdict.")),
+    codec.optional("mean_error_mm", codec.number("Mean error."), "bar_mean_error_mm"),
+    codec.optional("max_abs_error_mm", codec.number("Largest error, without its sign.", 0), "bar_max_error_mm"),
+    codec.optional("failed", codec.boolean("Whether it shows the rig to be wrong."), omit=False),
+    codec.optional("override", OVERRIDE, omit=None),
     is_needed=False,
 )
-_FILES = record(
+_FILES = codec.record(
     "SHA-256 of the files beside it.",
     dict,
-    field(RIG_FILE, text("The rig.")),
-    *(optional(file, text(f"{file}.")) for file in FILES if file != RIG_FILE),
+    codec.field(RIG_FILE, codec.text("The rig.")),
+    *(codec.optional(file, codec.text(f"{file}.")) for file in FILES if file != RIG_FILE),
 )
-_SOFTWARE = group(
+_SOFTWARE = codec.group(
     "software",
     "The program that wrote it.",
-    optional("version", text("Its version."), "written_by"),
-    unread("name", "Its name.", lambda _: "SphereCal"),
+    codec.optional("version", codec.text("Its version."), "written_by"),
+    codec.unread("name", "Its name.", lambda _: "SphereCal"),
     is_needed=False,
 )
-ENTRY = FileFormat(
+ENTRY = codec.FileFormat(
     "spherecal/profile-entry",
     ENTRY_FILE,
     "A calibration in a profile, and the files beside it.",
-    record(
+    codec.record(
         "",
         Entry,
-        field("saved_at", time("When it was saved.")),
-        field("calibrated_at", time("When it was calibrated.")),
-        optional("note", text("A note.")),
+        codec.field("saved_at", codec.time("When it was saved.")),
+        codec.field("calibrated_at", codec.time("When it was calibrated.")),
+        codec.optional("note", codec.text("A note.")),
         _QUALITY,
         _SCALE,
-        optional("sphere_diameter_mm", positive("Diameter of the ball.", "mm")),
-        optional("temperature_c", celsius("The rig's temperature in degrees Celsius.")),
-        optional("volume_mm", matrix("Low and high corner of the calibrated points.", 2, 3).checked(_check_corners)),
+        codec.optional("sphere_diameter_mm", codec.positive("Diameter of the ball.", "mm")),
+        codec.optional("temperature_c", codec.celsius("The rig's temperature in degrees Celsius.")),
+        codec.optional(
+            "volume_mm", codec.matrix("Low and high corner of the calibrated points.", 2, 3).checked(_check_corners)
+        ),
         _VERIFICATION,
-        field(
+        codec.field(
             "cameras",
-            items(
+            codec.items(
                 "The cameras.",
                 _CAMERA,
                 most=_MOST_CAMERAS,
                 excess=Phrase("problem-many-entries", {"most": _MOST_CAMERAS}),
             ),
         ),
-        field("input_sha256", digest("`input_sha256` of the rig.")),
-        field("files_sha256", replace(_FILES, entry=dict), "files"),
+        codec.field("input_sha256", codec.digest("`input_sha256` of the rig.")),
+        codec.field("files_sha256", replace(_FILES, entry=dict), "files"),
         _SOFTWARE,
     ),
     ("`volume_mm` has the low corner first.",),

@@ -1,8 +1,9 @@
-"""The user's frame of a result: its places, the frame that three of them define, and a rig given in it."""
+"""The user's frame: its file, a rig in it, and its definition by places of a result."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,16 +11,70 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
+from spherecal.files import codec
+from spherecal.files.atomic import write_file_whole
 from spherecal.files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
-from spherecal.files.json_file import printable, read_json
-from spherecal.files.rig_file import read_rig
+from spherecal.files.json_file import JsonValue, printable, read_json
+from spherecal.files.rig_file import read_rig, rotation
 from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
-from spherecal.geometry.user_frame import FrameDefinition, UserFrame, user_frame
+from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 from spherecal.geometry.volume_map import LengthMap
 from spherecal.verify.verification_file import VERIFICATION
-from spherecal_rigs.result_table import CsvTable, read_csv
+from spherecal_rigs.result_folder import CsvTable, read_csv
+
+
+def _check_places(made: FrameDefinition, value: JsonValue) -> None:
+    if (made.origin, made.x, made.xy).count(None) not in (0, 3):
+        raise value.error(Phrase("problem-three-places"))
+
+
+_DEFINITION = codec.record(
+    "How it was defined; `origin`, `x` and `xy` are all given or none.",
+    FrameDefinition,
+    codec.optional("origin", codec.text("The place of the origin.")),
+    codec.optional("x", codec.text("A place on the x axis.")),
+    codec.optional("xy", codec.text("A place in the xy plane.")),
+    codec.optional("offset_mm", codec.numbers("Shift of the origin.", 3)),
+    codec.optional("turns", codec.items("Turns by 90 degrees.", codec.choice("", TURNS))),
+).checked(_check_places)
+_SIGMAS = codec.items("", codec.number("", 0), length=3).mapped(np.array)
+FIELDS = (
+    codec.field("rotation", rotation("x_user = R x_world + t.")),
+    codec.field("translation_mm", codec.numbers("The same.", 3).mapped(np.array)),
+    codec.field("definition", _DEFINITION),
+    codec.optional("reference_camera", codec.name("The reference camera of the calibration.")),
+    codec.optional("input_sha256", codec.text("`input_sha256` of the calibration.")),
+    codec.optional("distance_mm", codec.number("Distance from the origin to the place on the x axis.", 0)),
+    codec.optional("angle_deg", codec.number("Between the two places, seen from the origin.", 0, 180, "°")),
+    codec.optional("origin_sigma_mm", _SIGMAS.described("Standard uncertainties of the origin.")),
+    codec.optional("axes_sigma_deg", _SIGMAS.described("Standard uncertainties of the axes.")),
+)
+FRAME = codec.FileFormat(
+    "spherecal/frame",
+    "frame.json",
+    "The user's frame.",
+    codec.record("", UserFrame, *FIELDS, codec.software()),
+    ("The rotation is orthogonal within 1e-5.",),
+    more="exports.md#the-users-frame",
+)
+
+
+def write_frame(frame: UserFrame, path: Path) -> None:
+    """Write the file whole."""
+    write_file_whole(path, FRAME.bytes(frame))
+
+
+def frame_entry(frame: UserFrame) -> dict[str, Any]:
+    """A frame as files have it."""
+    return codec.record("", UserFrame, *FIELDS).entry(frame)
+
+
+def read_frame(path: Path) -> UserFrame:
+    """The frame in a file."""
+    return FRAME.read(path)
+
 
 _AXES = ("x_mm", "y_mm", "z_mm")
 _MOST_NAMED = 12
@@ -27,10 +82,7 @@ _MOST_NAMED = 12
 
 @dataclass(frozen=True)
 class Place:
-    """A place in a rig's world, (3,) mm, with its covariance (3, 3) mm^2, NaN where it is not known.
-
-    `kind`: `ball` (the centre of the ball at a placement), `mark` (an end of a verified check bar) or `point`.
-    """
+    """A place (3,) mm with covariance (3, 3) mm^2, NaN if not known: a ball's centre, a bar's mark or a point."""
 
     name: str
     kind: str
@@ -39,11 +91,7 @@ class Place:
 
 
 def result_places(folder: Path, requested: Collection[str] = ()) -> dict[str, Place]:
-    """The places of a result folder by name, ball centres first.
-
-    `P1` is the ball's centre at placement P1. `A-01/A1` is the mark A1 of a bar verified in the pose A-01: its longest
-    length's ends, without covariance. `B-01/901/centre` is a point of points.csv.
-    """
+    """The places of a result by name: P1 (ball centre), A-01/A1 (mark of a verified bar), B-01/901/centre (a point)."""
     table = read_csv(folder / "points.csv", POINT_COLUMNS)
     xyz = np.column_stack([table.numbers(axis) for axis in _AXES]).reshape(-1, 3)
     sigma = np.column_stack([table.lengths(f"sigma_{axis}", may_be_empty=True) for axis in _AXES]).reshape(-1, 3)
@@ -161,11 +209,7 @@ def _places_there(places: Mapping[str, Place]) -> str:
 
 
 def in_frame(rig: Rig, frame: UserFrame) -> Rig:
-    """The rig with its world exchanged for the user's frame; without a reference camera, whose frame the world was.
-
-    The cameras' covariance and rotation sigmas are about their own axes and stay. Centres' sigmas are turned, with the
-    correlations of the covariance; without it, as if there were none. Findings keep their words.
-    """
+    """The rig with the user's frame for its world: centres' sigmas are turned, those about the cameras stay."""
     if frame.reference_camera != rig.reference_camera:
         names = {"camera": frame.reference_camera or "-", "own": rig.reference_camera or "-"}
         raise InputError(Phrase("error-other-reference", names))
@@ -180,13 +224,9 @@ def in_frame(rig: Rig, frame: UserFrame) -> Rig:
         for repair in rig.repairs
     )
     return replace(
-        rig,
-        reference_camera=None,
-        cameras=cameras,
-        earlier_poses=earlier,
-        repairs=repairs,
+        rig, reference_camera=None, cameras=cameras, earlier_poses=earlier, repairs=repairs,
         length_map=_map(rig.length_map, frame),
-    )
+    )  # fmt: skip
 
 
 def _camera(camera: RigCamera, frame: UserFrame, correlation: FloatArray) -> RigCamera:

@@ -10,23 +10,7 @@ from typing import Any, Literal, get_args
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_below
 from spherecal.base.messages.values import Phrase
-from spherecal.files.codec import (
-    Field,
-    FileFormat,
-    Kind,
-    celsius,
-    choice,
-    field,
-    items,
-    name,
-    number,
-    optional,
-    prose,
-    record,
-    software,
-    time,
-    unread,
-)
+from spherecal.files import codec
 
 FOLDER = "checks"
 _ID = re.compile(r"[0-9]{8}T[0-9]{12}Z")
@@ -38,20 +22,16 @@ Verdict = Literal["ok", "watch", "recalibrate"]
 
 @dataclass(frozen=True)
 class KeptCheck:
-    """One check: when, of which calibration, its verdict, and what it measured; None where it was not measured.
-
-    `point_mm` gives by camera the largest error of a point that its move causes. `scale_ppm` is the ball's size against
-    the calibration, `bar_error_mm` the mean error of the bars' lengths.
-    """
+    """One check: when, of which calibration, its verdict, and what it measured; None where it was not measured."""
 
     at: datetime
     calibration: str
     verdict: Verdict
     sentence: str
-    point_mm: Mapping[str, float]
+    point_mm: Mapping[str, float]  # by camera, the largest error of a point by its move
     rms_px: float | None
-    scale_ppm: float | None
-    bar_error_mm: float | None
+    scale_ppm: float | None  # the ball's size against the calibration
+    bar_error_mm: float | None  # mean of the bars' lengths
     temperature_c: float | None
 
 
@@ -72,48 +52,50 @@ def _kept(
     )
 
 
-def _part(*read: Field, others: Sequence[str]) -> Kind[tuple[dict[str, Any], ...]]:
+def _part(*read: codec.Field, others: Sequence[str]) -> codec.Kind[tuple[dict[str, Any], ...]]:
     """Cameras, balls or lengths of check.json, of which only some fields are read."""
-    return items("As in check.json.", record("", dict, *read, *(unread(key, "As in check.json.") for key in others)))
+    return codec.items(
+        "As in check.json.", codec.record("", dict, *read, *(codec.unread(key, "As in check.json.") for key in others))
+    )
 
 
 _CAMERAS = _part(
-    field("id", name("Its id.")),
-    optional("point_mm", number("Largest shift of a point.", 0)),
-    optional("rms_px", number("Root mean square of its residuals.", 0)),
-    optional("points", number("Points that it saw.", 0)),
+    codec.field("id", codec.name("Its id.")),
+    codec.optional("point_mm", codec.number("Largest shift of a point.", 0)),
+    codec.optional("rms_px", codec.number("Root mean square of its residuals.", 0)),
+    codec.optional("points", codec.number("Points that it saw.", 0)),
     others=("verdict", "calibrated_rms_px", "moved", "move_px", "shift_mm", "turn_deg", "probability", "reason"),
 )
 _BALLS = _part(
-    field("scale_ppm", number("Size of the ball.")),
+    codec.field("scale_ppm", codec.number("Size of the ball.")),
     others=("placement", "dots", "scale_sd_ppm", "shape_rms_mm", "changed"),
 )
 _LENGTHS = _part(
-    field("error_mm", number("Error of the length.")),
+    codec.field("error_mm", codec.number("Error of the length.")),
     others=("bar", "from", "to", "pose", "length_mm", "reference_mm", "u_mm"),
 )
-_CHECK = record(
+_CHECK = codec.record(
     "The result, as in check.json.",
     dict,
-    field("verdict", choice("The verdict.", get_args(Verdict))),
-    field("sentence", prose("The verdict in words.")),
-    unread("tolerance_mm", "As in check.json."),
-    field("cameras", _CAMERAS),
-    field("balls", _BALLS),
-    field("lengths", _LENGTHS),
+    codec.field("verdict", codec.choice("The verdict.", get_args(Verdict))),
+    codec.field("sentence", codec.prose("The verdict in words.")),
+    codec.unread("tolerance_mm", "As in check.json."),
+    codec.field("cameras", _CAMERAS),
+    codec.field("balls", _BALLS),
+    codec.field("lengths", _LENGTHS),
 )
-PROFILE_CHECK = FileFormat(
+PROFILE_CHECK = codec.FileFormat(
     "spherecal/profile-check",
     "checks/*.json",
     "A quick check kept in a profile.",
-    record(
+    codec.record(
         "",
         _kept,
-        field("checked_at", time("When it was checked.")),
-        field("calibration", name("The calibration that was checked.")),
-        optional("temperature_c", celsius("The rig's temperature in degrees Celsius.")),
-        field("check", replace(_CHECK, entry=dict)),
-        software(),
+        codec.field("checked_at", codec.time("When it was checked.")),
+        codec.field("calibration", codec.name("The calibration that was checked.")),
+        codec.optional("temperature_c", codec.celsius("The rig's temperature in degrees Celsius.")),
+        codec.field("check", replace(_CHECK, entry=dict)),
+        codec.software(),
     ),
     more="profiles.md",
 )

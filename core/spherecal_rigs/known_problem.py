@@ -18,10 +18,7 @@ ENOUGH = 2500
 
 @dataclass(frozen=True)
 class PlacedBall:
-    """The ball where it was put: dots (k,3) as points `point` (k,), outward normals (k,3), centre (3,), radius, mm.
-
-    They are in the world of its root placement.
-    """
+    """The ball where it was put, in its root's world: dots (k,3) as points (k,), normals (k,3), centre, radius, mm."""
 
     point: IntArray
     dots: FloatArray
@@ -32,25 +29,19 @@ class PlacedBall:
 
 @dataclass(frozen=True)
 class KnownNetwork:
-    """A calibration's network in millimetres: observations with their weights, state, and the ball.
-
-    - `size` (c,2): the cameras' image sizes, px.
-    - `sigma_px`: noise of one image coordinate, the same of all cameras.
-    - `scale_relative`: relative standard uncertainty of the scale.
-    - `centres` (t,3) and `turns` (t,3,3): where the ball was, against its root.
-    """
+    """A calibration's network in millimetres: observations with their weights, state, and the ball."""
 
     network: Network
     state: State
     places: Places
     body: PlacedBall
-    size: FloatArray
+    size: FloatArray  # (c,2) images, px
     camera_ids: tuple[str, ...]
     placement_ids: tuple[str, ...]
-    sigma_px: float
-    scale_relative: float
-    centres: FloatArray
-    turns: FloatArray
+    sigma_px: float  # of one image coordinate, the same of all cameras
+    scale_relative: float  # standard uncertainty of the scale
+    centres: FloatArray  # (t,3) where the ball was, against its root
+    turns: FloatArray  # (t,3,3)
 
 
 def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | None:

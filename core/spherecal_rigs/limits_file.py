@@ -6,17 +6,9 @@ from typing import TYPE_CHECKING
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.files import codec
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.codec import (
-    FileFormat,
-    boolean,
-    integer,
-    number,
-    only,
-    optional,
-    record,
-    text,
-)
+from spherecal.files.codec import text
 from spherecal.files.json_file import JsonValue
 from spherecal.files.registry import settings_path
 
@@ -36,30 +28,21 @@ Value = int | float | str | bool
 
 @dataclass(frozen=True)
 class Limits:
-    """What somebody responsible allows; as made here, they are those that the program is delivered with.
+    """What somebody responsible allows; as made here, they are those that the program is delivered with."""
 
-    `needed_dots`: dots that a camera should see at a placement. The demo's and rig A's cameras see 270 to 420; a
-    quarter of that gives twice the standard deviation of everything that is estimated from it. The four of validity:
-    profile.validity.
-
-    `verification_limit`: A + L/K of a new project's length errors, empty for none. `verification_limit_open`: whether a
-    project may have another. `unverified_use`: whether a calibration that was not verified may be put to use, with a
-    reason.
-    """
-
-    needed_dots: int = 100
-    ageing_hours: float = 5.0
+    needed_dots: int = 100  # of 270 to 420 seen by the demo's and rig A's cameras; a quarter gives twice the sd of all
+    ageing_hours: float = 5.0  # of a calibration, as in `ValidityLimits`
     stale_hours: float = 12.0
     ageing_kelvin: float = 1.0
     stale_kelvin: float = 2.0
-    verification_limit: str = ""
-    verification_limit_open: bool = True
-    unverified_use: bool = True
+    verification_limit: str = ""  # A + L/K of a new project's length errors, empty for none
+    verification_limit_open: bool = True  # a project may have another
+    unverified_use: bool = True  # a calibration that was not verified may be put to use, with a reason
 
     @property
     def validity(self) -> "ValidityLimits":
         """Those of a calibration's age and temperature, as a profile has them."""
-        from spherecal_rigs.calibration_age import ValidityLimits
+        from spherecal_rigs.calibration_age import ValidityLimits  # imports scipy
 
         return ValidityLimits(self.ageing_hours, self.stale_hours, self.ageing_kelvin, self.stale_kelvin)
 
@@ -83,34 +66,37 @@ def _check_pairs(limits: Limits, value: JsonValue) -> None:
             raise value.error(Phrase("problem-ageing", {"ageing": ageing, "stale": stale}))
 
 
-_LIMITS = record(
+_LIMITS = codec.record(
     "The limits; what is absent is as delivered.",
     Limits,
-    optional("needed_dots", integer("Dots that each camera needs at a placement.", *DOTS)),
-    optional(
-        "ageing_hours", number("Age from which a calibration is ageing, not above `stale_hours`.", *HOURS, "hours")
+    codec.optional("needed_dots", codec.integer("Dots that each camera needs at a placement.", *DOTS)),
+    codec.optional(
+        "ageing_hours",
+        codec.number("Age from which a calibration is ageing, not above `stale_hours`.", *HOURS, "hours"),
     ),
-    optional("stale_hours", number("Age from which it is stale.", *HOURS, "hours")),
-    optional(
+    codec.optional("stale_hours", codec.number("Age from which it is stale.", *HOURS, "hours")),
+    codec.optional(
         "ageing_kelvin",
-        number("Change of the rig's temperature from which it is ageing, not above `stale_kelvin`.", *KELVIN, "kelvin"),
+        codec.number(
+            "Change of the rig's temperature from which it is ageing, not above `stale_kelvin`.", *KELVIN, "kelvin"
+        ),
     ),
-    optional("stale_kelvin", number("Change from which it is stale.", *KELVIN, "kelvin")),
-    optional(
+    codec.optional("stale_kelvin", codec.number("Change from which it is stale.", *KELVIN, "kelvin")),
+    codec.optional(
         "verification_limit",
         text("A + L/K of the length errors in new projects of the wizard; empty for none.").checked(_check_formula),
     ),
-    optional("verification_limit_open", boolean("Whether a project may have another limit.")),
-    optional(
+    codec.optional("verification_limit_open", codec.boolean("Whether a project may have another limit.")),
+    codec.optional(
         "unverified_use",
-        boolean("Whether a calibration that no bar has verified may be put to use, with a reason."),
+        codec.boolean("Whether a calibration that no bar has verified may be put to use, with a reason."),
     ),
 ).checked(_check_pairs)
-LIMITS = FileFormat(
+LIMITS = codec.FileFormat(
     "spherecal/limits",
     "limits.json",
     "What the responsible person has set, in the user's settings; `SPHERECAL_LIMITS` names another file.",
-    only("limits", _LIMITS),
+    codec.only("limits", _LIMITS),
     ("`verification_limit` is a limit such as `0.03+L/20000`.",),
     more="#limitsjson",
 )

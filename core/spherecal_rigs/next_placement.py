@@ -46,30 +46,20 @@ FOUND = 0.85
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidate(ByValue):
-    """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement.
-
-    - `axis` (3,) is a unit vector in the rig's frame, None where it is not turned.
-    - `expanded_mm` is what a length of 500 mm would be measured to (k = 2, median over the volume).
-    - `nearest` is the camera that the ball would be closest to.
-    - `fewest_dots` is what the camera that sees least of it is sure to find.
-    """
+    """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement."""
 
     centre_mm: FloatArray
     turn_deg: float
-    axis: FloatArray | None
-    expanded_mm: float
+    axis: FloatArray | None  # (3,) unit vector in the rig's frame, None where it is not turned
+    expanded_mm: float  # what a length of 500 mm would be measured to (k = 2, median over the volume)
     cameras: int
-    nearest: str
-    fewest_dots: int
+    nearest: str  # the camera that the ball would be closest to
+    fewest_dots: int  # what the camera that sees least of it is sure to find
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guidance(ByValue):
-    """What stopping now would give (k = 2, 500 mm, median over the volume), and the candidates, best first.
-
-    A candidate at which a camera would not see enough dots comes after all at which every camera does.
-    `placements_mm` (t,3): where the ball has been; `volume` what the cameras see.
-    """
+    """What stopping now would give (k = 2, 500 mm, median over the volume), and the candidates, best first."""
 
     now_mm: float | None
     candidates: tuple[Candidate, ...]
@@ -102,10 +92,7 @@ class Guidance(ByValue):
 def advise(
     session: Session, calibration: Calibration, context: Context | None = None, enough_dots: int = ENOUGH_DOTS
 ) -> Guidance | None:
-    """Where to put the ball next, from a calibration with the placements recorded so far; None without a ball.
-
-    Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm.
-    """
+    """Where to put the ball next, by the placements so far and to first order, in mm; None without a ball."""
     context = context or Context()
     known = what_is_known(session, calibration)
     if known is None:
@@ -130,10 +117,7 @@ def advise(
 
 @on_one_blas_thread
 def first_guess(session: Session, calibration: Calibration, enough_dots: int = ENOUGH_DOTS) -> Guidance | None:
-    """A place that enough cameras see, as far as can be from those so far, turned about the volume's thin axis.
-
-    By geometry alone, for an answer at once; no length is predicted (`expanded_mm` NaN). None without a ball.
-    """
+    """A place that enough cameras see, turned about the volume's thin axis: by geometry alone, at once."""
     known = what_is_known(session, calibration)
     if known is None:
         return None
@@ -324,16 +308,10 @@ def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: Fl
     once = np.bincount(point, minlength=n_points) >= 2
     keep = once[point]
     problem, _ = sorted_problem(
-        camera[keep],
-        point[keep],
-        np.zeros((int(keep.sum()), 2)),
-        sigma[keep],
-        n_points,
-        free_pose=np.ones(len(known.camera_ids), dtype=bool),
-        free_intrinsics=network.free,
-        group=network.group,
+        camera[keep], point[keep], np.zeros((int(keep.sum()), 2)), sigma[keep], n_points,
+        free_pose=np.ones(len(known.camera_ids), dtype=bool), free_intrinsics=network.free, group=network.group,
         ball=Rigid(placement[keep], free),
-    )
+    )  # fmt: skip
     seen = np.unique(np.stack([problem.point, problem.placement], axis=1), axis=0)
     cofactors = camera_cofactors(problem, state, Places(seen[:, 0], seen[:, 1]))
     if cofactors is None:

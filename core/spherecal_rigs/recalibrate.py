@@ -1,28 +1,30 @@
-"""Recalibration of some cameras while the others are locked, for example if one was touched or has a new lens.
-
-The locked cameras give the frame and the scale; the ball needs only to be seen by the selected cameras and some others.
-"""
+"""Some cameras calibrated again, the others locked, with what their covariance follows."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, solve_free
 from spherecal.ball.selection import ModelChoice
-from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.lens_model import like
+from spherecal.data.observations import find_features
 from spherecal.data.recording import Recording
-from spherecal.data.rig import Calibration, Rig
+from spherecal.data.rig import Calibration, CameraCovariance, CameraSigma, Quality, Rig, RigCamera
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
+from spherecal.geometry.length_uncertainty import Cameras
+from spherecal.geometry.volume_map import LengthMap, Volume, length_map
 from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.result.build_result import build_failed_result, build_result
@@ -30,7 +32,74 @@ from spherecal.scale.metric import MetricFit, Solution, fit_spheres
 from spherecal.steps.fit_ball import ball_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import describe_network
-from spherecal_rigs.followed_covariance import What, followed_covariance, map_as_before, with_sigma, without_map
+from spherecal.verify.consistency import camera_normal
+from spherecal.verify.outlying_views import triangulate_checked
+from spherecal.verify.pose_plan import volume_box
+from spherecal.verify.verify_bars import views_of
+
+What = Literal["all", "pose", "intrinsics"]
+
+
+def followed_covariance(
+    session: Session, rig: Rig, before: CameraCovariance, cameras: tuple[str, ...], what: What
+) -> CameraCovariance:
+    """All cameras' covariance: what is new of `cameras` has its own noise and the locked cameras' errors."""
+    o = session.observations
+    assert o is not None
+    index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+    in_rig = np.array([index.get(name, -1) for name in o.cameras], dtype=np.int64)
+    own = o.select((o.placement < len(session.placements)) & (in_rig[o.camera] >= 0))
+    features = find_features(own)
+    views, expected = views_of(own, features, in_rig[own.camera], rig)
+    checked = triangulate_checked(views, expected)
+    normal = camera_normal(views, checked.kept, replace(rig, covariance=before))
+    w = POSE + len(before.intrinsics)
+    own_columns = {"pose": np.arange(POSE), "intrinsics": np.arange(POSE, w), "all": np.arange(w)}[what]
+    free = np.concatenate([index[name] * w + own_columns for name in cameras])
+    rest = np.setdiff1d(np.arange(len(normal)), free)
+    inverse = np.linalg.pinv(normal[np.ix_(free, free)], rcond=1e-12, hermitian=True)
+    follow = np.zeros((len(normal), len(normal)))
+    follow[rest, rest] = 1.0
+    follow[np.ix_(free, rest)] = -inverse @ normal[np.ix_(free, rest)]
+    matrix = follow @ before.matrix @ follow.T
+    matrix[np.ix_(free, free)] += checked.noise**2 * inverse
+    return CameraCovariance((matrix + matrix.T) / 2, before.intrinsics)
+
+
+def with_sigma(rig: Rig, i: int, cameras: tuple[str, ...]) -> RigCamera:
+    """A camera with what is new of it and the standard uncertainties from the covariance."""
+    camera, covariance = rig.cameras[i], rig.covariance
+    if covariance is None or camera.id not in cameras:
+        return camera
+    w = POSE + len(covariance.intrinsics)
+    own = covariance.matrix[i * w : (i + 1) * w, i * w : (i + 1) * w]
+    centre = camera.rotation.T @ own[3:POSE, 3:POSE] @ camera.rotation
+    intrinsics = np.zeros(16)
+    intrinsics[covariance.intrinsics] = _root(own)[POSE:]
+    sigma = CameraSigma(np.degrees(_root(own)[:3]), _root(centre), intrinsics)
+    return replace(camera, sigma=sigma)
+
+
+def _root(matrix: FloatArray) -> FloatArray:
+    return np.sqrt(np.maximum(np.diag(matrix), 0.0))
+
+
+def map_as_before(rig: Rig, before: Rig) -> LengthMap | None:
+    """The map of a length's uncertainty in the volume of the former map, if there was one."""
+    if before.length_map is None or rig.covariance is None or rig.reference_camera != before.reference_camera:
+        return None
+    box = volume_box(before, (np.zeros(3), np.ones(3)))
+    cameras = Cameras(
+        np.array([c.intrinsics for c in rig.cameras]), np.array([c.rotation for c in rig.cameras]),
+        np.array([c.translation_mm for c in rig.cameras]), np.array([c.image_size for c in rig.cameras], dtype=float),
+        rig.covariance.matrix, rig.covariance.intrinsics, tuple(c.field for c in rig.cameras),
+    )  # fmt: skip
+    return length_map(cameras, Volume(box.middle, box.axes, box.half), before.length_map.sigma_px)
+
+
+def without_map(quality: Quality) -> Quality:
+    """The findings without the one on lengths, which does not include the locked cameras' uncertainty."""
+    return replace(quality, findings=tuple(f for f in quality.findings if f.code != "length-uncertainty"))
 
 
 @dataclass(frozen=True)
@@ -49,10 +118,7 @@ def recalibrate(
     settings: CalibrationSettings | None = None,
     context: Context | None = None,
 ) -> Calibration:
-    """The rig with the selected cameras recalibrated from a session; frame and scale are those of the locked ones.
-
-    A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
-    """
+    """The rig with the selected cameras recalibrated, frame and scale of the locked (else the first locked) ones."""
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     rig = _with_reference(rig, selection)
     _check(session, rig, selection)

@@ -13,7 +13,7 @@ from spherecal.files.rig_file import read_rig
 from spherecal.verify.verification_file import Override
 from spherecal_rigs.compare_rigs import ComparisonVolume, seen_volume
 from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
-from spherecal_rigs.read_verification import refuse_failed
+from spherecal_rigs.result_folder import refuse_failed
 from spherecal_rigs.save_entry import points_box
 from spherecal_rigs.store import is_profile, open_profile
 
@@ -57,10 +57,7 @@ def refuse_failed_rig(path: Path) -> Override | None:
 
 
 def corners_beside(path: Path) -> tuple[FloatArray, FloatArray] | None:
-    """The lowest and highest corner (3,), mm, of the points beside a rig.json or in a result folder; None without them.
-
-    Wrong points are cut off: see `points_box`.
-    """
+    """The corners (3,), mm, of the box of points beside a rig.json or in a result folder (`points_box`), or None."""
     box = points_box((path if path.is_dir() else path.parent) / "points.csv")
     return None if box is None else (np.array(box[0]), np.array(box[1]))
 

@@ -23,7 +23,7 @@ from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.verify.verification_file import VERIFICATION
 from spherecal_cameras.camera_settings import read_profile, settings_json
 from spherecal_rigs.entry import FILES, RIG_FILE, CameraEntry, Entry
-from spherecal_rigs.result_table import read_csv
+from spherecal_rigs.result_folder import read_csv
 from spherecal_rigs.store import Profile, add_entry
 
 _MOST_BYTES = 64 << 20
@@ -146,10 +146,7 @@ def _artefact(session: Session | None) -> str | None:
 
 
 def points_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-    """The box that holds 98 % of the points along each axis: its low and high corner (3,), mm.
-
-    The rest is left out so that a wrong point cannot enlarge it. None where there is no such file, or no point in it.
-    """
+    """The corners (3,), mm, of the box of 98 % of the points along each axis, so without wrong ones; or None."""
     if not path.is_file():
         return None
     table = read_csv(path, POINT_COLUMNS)

@@ -15,21 +15,8 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from spherecal.base import filesystem
 from spherecal.base.errors import InputError, OutputError, reason
-from spherecal.base.filesystem import (
-    PARTIAL,
-    confirming,
-    is_link,
-    is_plain_file_below,
-    make_folder_below,
-    move_below,
-    read_below,
-    remove_own_folder,
-    sync,
-    write_below,
-    write_new,
-    write_together,
-)
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
 from spherecal.data.rig import Rig
@@ -37,14 +24,7 @@ from spherecal.files.codec import FileFormat, field, items, name, number, option
 from spherecal.files.json_file import JsonValue
 from spherecal.files.lock import LOCK, locked
 from spherecal_rigs.calibration_age import Validity, ValidityLimits, validity
-from spherecal_rigs.entry import (
-    ENTRY_FILE,
-    RIG_FILE,
-    Entry,
-    checked_rig,
-    entry_bytes,
-    read_entry,
-)
+from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, entry_bytes, read_entry
 from spherecal_rigs.kept_checks import FOLDER as CHECKS
 from spherecal_rigs.kept_checks import last_check
 
@@ -133,12 +113,8 @@ class Profile:
             Where there is none; lists those there are.
         """
         if calibration not in self.entries:
-            raise InputError(
-                Phrase(
-                    "error-no-calibration",
-                    {"folder": self.folder, "calibration": calibration, "names": list(self.entries)},
-                )
-            )
+            values = {"folder": self.folder, "calibration": calibration, "names": list(self.entries)}
+            raise InputError(Phrase("error-no-calibration", values))
         return self.entries[calibration]
 
     def path_of(self, calibration: str) -> Path:
@@ -196,10 +172,7 @@ PROFILE = FileFormat(
         _profile,
         field("name", name("Name of the rig.")),
         optional("validity", replace(_STATED, read=_read_limits), "limits"),
-        field(
-            "applied",
-            _EVENTS,
-        ),
+        field("applied", _EVENTS),
         software(),
     ),
     more="profiles.md",
@@ -208,7 +181,7 @@ PROFILE = FileFormat(
 
 def is_profile(folder: Path) -> bool:
     """Whether a folder is (or at least says that it is) a profile."""
-    return is_plain_file_below(folder, PROFILE_FILE)
+    return filesystem.is_plain_file_below(folder, PROFILE_FILE)
 
 
 def open_profile(folder: Path) -> Profile:
@@ -232,7 +205,7 @@ def _put_to_use(folder: Path, applied: tuple[Applied, ...], entries: dict[str, E
 def _copy(folder: Path) -> str | None:
     """The hash of a profile's rig.json; None where it cannot be read."""
     try:
-        return _sha256(read_below(folder, RIG_FILE, _MOST_BYTES))
+        return _sha256(filesystem.read_below(folder, RIG_FILE, _MOST_BYTES))
     except InputError:
         return None
 
@@ -242,9 +215,10 @@ def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
     entries: dict[str, Entry] = {}
     problems: list[str] = []
     try:
-        if is_link((folder / HISTORY).lstat()):
+        if filesystem.is_link((folder / HISTORY).lstat()):
             raise InputError(Phrase("error-link-in-profile", {"folder": folder / HISTORY}))
-        found = sorted((path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)), key=_number)
+        there = [path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)]
+        found = sorted(there, key=lambda path: (int(path.name), path.name))
     except FileNotFoundError:
         return {}, ()
     except OSError as error:
@@ -259,15 +233,8 @@ def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
     return entries, tuple(problems)
 
 
-def _number(path: Path) -> tuple[int, str]:
-    return int(path.name), path.name
-
-
 def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits | None = None) -> Profile:
-    """Make an empty profile in a new or empty folder, or open the one that is there.
-
-    `name` None: the folder's; `limits` None: those delivered.
-    """
+    """Make an empty profile in a new or empty folder, or open the one there; its name is the folder's by default."""
     if is_profile(folder):
         return open_profile(folder)
     called = name or Path(os.path.abspath(folder)).name
@@ -284,7 +251,7 @@ def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits
         raise _refused(folder, error) from error
     with locked(folder / PROFILE_FILE):
         if not is_profile(folder):  # another program may have made it meanwhile
-            make_folder_below(folder, HISTORY)
+            filesystem.make_folder_below(folder, HISTORY)
             write_profile(Profile(folder, called, limits or ValidityLimits(), (), {}))
     return open_profile(folder)
 
@@ -299,43 +266,43 @@ def set_limits(folder: Path, **given: float) -> Profile:
 
 def write_profile(profile: Profile) -> None:
     """Replace profile.json whole: the one step by which a profile changes from one state to the next."""
-    write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile), alone=True)  # under the profile's lock
+    filesystem.write_below(profile.folder, PROFILE_FILE, PROFILE.bytes(profile), alone=True)  # under the profile's lock
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
     """Add a calibration to the history, whole or not at all; its id. The one in use stays in use."""
     root = profile.folder
-    new = f"{HISTORY}/.{secrets.token_hex(6)}{PARTIAL}"
+    new = f"{HISTORY}/.{secrets.token_hex(6)}{filesystem.PARTIAL}"
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     written = {**files, ENTRY_FILE: entry_bytes(replace(entry, files=hashes))}
     try:
         with locked(root / PROFILE_FILE):
             _sweep(root / HISTORY)
-            make_folder_below(root, new)
+            filesystem.make_folder_below(root, new)
             for name, data in written.items():
-                write_new(root, f"{new}/{name}", data, durable=True)
+                filesystem.write_new(root, f"{new}/{name}", data, durable=True)
             taken = [int(path.name) for path in (root / HISTORY).iterdir() if _ID.fullmatch(path.name)]
             number = f"{max(taken, default=0) + 1:04d}"
-            move_below(root, new, f"{HISTORY}/{number}")
-            with confirming(root / HISTORY / number):
-                sync(root / HISTORY)
+            filesystem.move_below(root, new, f"{HISTORY}/{number}")
+            with filesystem.confirming(root / HISTORY / number):
+                filesystem.sync(root / HISTORY)
             return number
     except OSError as error:
         raise _refused(root, error) from error
     finally:
-        remove_own_folder(root / new)
+        filesystem.remove_own_folder(root / new)
 
 
 def _sweep(history: Path) -> None:
-    """Remove what crashed processes have left half written; what was touched within an hour may be someone's work.
-
-    Also what lies more than an hour ahead: the clock was put back.
-    """
-    for path in history.glob(f".*{PARTIAL}"):
+    """Remove what crashed processes have left half written, older than an hour (or so far ahead: a clock put back)."""
+    for path in history.glob(f".*{filesystem.PARTIAL}"):
         try:
             state = path.lstat()
-            if not is_link(state) and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS:
-                remove_own_folder(path)
+            if (
+                not filesystem.is_link(state)
+                and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS
+            ):
+                filesystem.remove_own_folder(path)
         except OSError:
             continue
 
@@ -350,10 +317,10 @@ def apply(profile: Profile, calibration: str, note: str = "", despite_findings: 
 def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool) -> Profile:
     entry = profile.entry(calibration)
     profile.rig(calibration)
-    rig = read_below(profile.folder, f"{HISTORY}/{calibration}/{RIG_FILE}", _MOST_BYTES)
+    rig = filesystem.read_below(profile.folder, f"{HISTORY}/{calibration}/{RIG_FILE}", _MOST_BYTES)
     if _sha256(rig) != entry.files[RIG_FILE]:
         raise InputError(Phrase("error-changed-since", {"file": profile.path_of(calibration) / RIG_FILE}))
-    if os.path.lexists(profile.folder / RIG_FILE) and not is_plain_file_below(profile.folder, RIG_FILE):
+    if os.path.lexists(profile.folder / RIG_FILE) and not filesystem.is_plain_file_below(profile.folder, RIG_FILE):
         raise InputError(Phrase("error-copy-of-rig", {"file": profile.folder / RIG_FILE}))
     if not entry.valid and not despite_findings:
         raise InputError(Phrase("error-not-put-to-use", {"calibration": calibration}))
@@ -363,7 +330,7 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
         raise InputError(Phrase("error-with-care", {"calibration": calibration, "care": entry.care}))
     event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
     changed = replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:])
-    write_together(profile.folder, {PROFILE_FILE: PROFILE.bytes(changed), RIG_FILE: rig}, alone=True)
+    filesystem.write_together(profile.folder, {PROFILE_FILE: PROFILE.bytes(changed), RIG_FILE: rig}, alone=True)
     return open_profile(profile.folder)
 
 
@@ -379,10 +346,7 @@ def saying_what_is_in_use(folder: Path) -> Iterator[None]:
 
 
 def restore(profile: Profile, calibration: str | None = None, note: str = "") -> Profile:
-    """Put an earlier calibration back to use: the last good one, or the one named.
-
-    `calibration` None: the last valid one that was in use before.
-    """
+    """Put an earlier calibration back to use: the one named, else the last valid one that was in use before."""
     chosen = calibration or profile.last_good_id
     if chosen is None:
         raise InputError(Phrase("error-nothing-to-restore", {"folder": profile.folder}))

@@ -52,19 +52,15 @@ class TrendSeries:
 
 @dataclass(frozen=True)
 class Trend:
-    """A profile's history: ids and times, series of the rig, and one for each camera, NaN where it is missing.
-
-    A camera's series is in mm. Of calibrations it is the rms shift of its rays in the volume against the first one. Of
-    checks it is the shift of a point by its move against the calibration then in use. `verdicts` are those of checks.
-    """
+    """A profile's history: ids and times, series of the rig, and one for each camera, NaN where it is missing."""
 
     profile: str
     ids: tuple[str, ...]
     times: tuple[datetime, ...]
     series: tuple[TrendSeries, ...]
-    cameras: tuple[TrendSeries, ...]
+    cameras: tuple[TrendSeries, ...]  # mm: rms shift of rays in the volume against the first one, of checks of a point
     kind: Literal["calibration", "check"] = "calibration"
-    verdicts: tuple[str, ...] = ()
+    verdicts: tuple[str, ...] = ()  # of checks
 
 
 def make_trend(profile: Profile) -> Trend:
@@ -106,14 +102,10 @@ def make_check_trend(profile: Profile) -> Trend:
     names = sorted({name for one in checks for name in one.point_mm})
     cameras = tuple(_series(name, "mm", [one.point_mm.get(name, np.nan) for one in checks], 0.0) for name in names)
     return Trend(
-        profile.name,
-        tuple(str(i + 1) for i in range(len(checks))),
-        tuple(one.at for one in checks),
-        tuple(one for one in series if np.isfinite(one.values).any()),
-        cameras,
-        "check",
+        profile.name, tuple(str(i + 1) for i in range(len(checks))), tuple(one.at for one in checks),
+        tuple(one for one in series if np.isfinite(one.values).any()), cameras, "check",
         tuple(one.verdict for one in checks),
-    )
+    )  # fmt: skip
 
 
 def _number(value: float | None) -> float:
@@ -130,11 +122,7 @@ def _series(name: str, unit: str, values: Sequence[float], least: float = -np.in
 
 
 def control_limits(values: FloatArray) -> ControlLimits | None:
-    """Median and limits of a chart of single values (n,), NaN left out; None for fewer than four, or no spread.
-
-    The limits are the median +- 3 sd with sd = median moving range / 0.954 (D. J. Wheeler, Understanding Statistical
-    Process Control).
-    """
+    """Median +- 3 sd, sd = median moving range / 0.954 (Wheeler), of values (n,); None for fewer than four."""
     finite = values[np.isfinite(values)]
     if len(finite) < _LEAST_VALUES:
         return None

@@ -15,14 +15,7 @@ _STEP_PX = 0.05  # of the numeric derivatives; the sampled ellipse is linear ove
 def dot_bounds(
     centres: FloatArray, outline_moments: FloatArray, exposure: NDArray[np.float32], kernel: FloatArray, sensor: Sensor
 ) -> FloatArray:
-    """Cramer-Rao bounds sqrt(var u + var v) of dots' centres, (n,) px; NaN where the window leaves the image.
-
-    The model has nine parameters: centre, three of the ellipse, contrast, and a background plane; the blur is known.
-
-    `centres`: the dots' centres, (n, 2) px; `outline_moments`: central moments of their outlines per area, (n, 2, 2)
-    px^2; `exposure`: noise-free image (height, width), 1 = full scale; `kernel`: weights of the cells around a pixel
-    (optics.pixel_kernel), (k, k).
-    """
+    """Cramer-Rao bounds sqrt(var u + var v) of dots' centres, (n,) px: nine parameters, the blur known."""
     terms = separable(kernel)
     blur = len(kernel) / CELLS / 2
     bounds = np.full(len(centres), np.nan)

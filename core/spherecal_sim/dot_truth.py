@@ -1,4 +1,4 @@
-"""The truth of every dot in an image: where it is by three definitions, how it is seen, how well it can be measured."""
+"""The truth about dots: where they are in the world and in an image of a station."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,25 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.kernels import njit
 from spherecal.geometry.camera import project, reach_of
 from spherecal_sim.simulated_ball import Ball, wrap
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene, trace
 from spherecal_sim.unowned import unowned
+
+
+@dataclass(frozen=True)
+class Station:
+    """A simulated camera at the moment of an image: world-to-camera pose, 16 intrinsics, image (width, height) px."""
+
+    id: str
+    rotation: FloatArray
+    translation_mm: FloatArray
+    intrinsics: FloatArray
+    size: tuple[int, int]
+
+    @property
+    def centre_mm(self) -> FloatArray:
+        """The projection centre in the world, (3,) mm."""
+        return -self.rotation.T @ self.translation_mm
+
 
 RIM_POINTS = 32
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -19,10 +35,7 @@ _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 @dataclass(frozen=True)
 class TrueDots:
-    """Dots in the world: surface place (n, 3), outward normal (n, 3) and rim (n, RIM_POINTS, 3) of each, mm.
-
-    `sheets` (s, 4, 3) are the corners of their stickers, mm.
-    """
+    """Dots in the world, mm: places, outward normals (n, 3), rims (n, RIM_POINTS, 3); stickers' corners (s, 4, 3)."""
 
     target: IntArray
     point: IntArray
@@ -32,42 +45,28 @@ class TrueDots:
     sheets: FloatArray
 
     def moved(self, rotation: FloatArray, place: FloatArray) -> "TrueDots":
-        """The dots after `x' = rotation @ x + place`.
-
-        `rotation`: rotation, (3, 3); `place`: shift, (3,) mm.
-        """
+        """The dots after `x' = rotation (3, 3) @ x + place (3,) mm`."""
         return TrueDots(
-            self.target,
-            self.point,
-            self.places @ rotation.T + place,
-            self.normals @ rotation.T,
-            self.rims @ rotation.T + place,
-            self.sheets @ rotation.T + place,
-        )
+            self.target, self.point, self.places @ rotation.T + place, self.normals @ rotation.T,
+            self.rims @ rotation.T + place, self.sheets @ rotation.T + place,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class DotTruth:
-    """What an image shows of its dots, row by row; image points in px.
-
-    `uv` (n, 2): the surface point at the dot's centre. `uv_rim` (n, 2): the centre of the rim's plane, which on a ball
-    is r^2 / 2R deeper. `uv_cen` (n, 2): the centroid of the dot's outline in the image. `view_deg` (n,): angle between
-    the surface normal and the line of sight. `fully_visible` (n,): the whole rim shows. `gap_px` (n,): distance to the
-    nearest other outline. `moments_px2` (n, 2, 2): the outline's central moments per area; `axes_px` (n, 2): its long
-    and short diameter. `bound_px` (n,): Cramer-Rao bound, 2-D, NaN where it is not computed.
-    """
+    """What an image shows of its dots, row by row; image points in px."""
 
     target: IntArray
     point: IntArray
-    uv: FloatArray
-    uv_rim: FloatArray
-    uv_cen: FloatArray
-    moments_px2: FloatArray
-    view_deg: FloatArray
-    fully_visible: BoolArray
-    gap_px: FloatArray
-    axes_px: FloatArray
-    bound_px: FloatArray
+    uv: FloatArray  # (n, 2) the surface point at the dot's centre
+    uv_rim: FloatArray  # (n, 2) the centre of the rim's plane, which on a ball is r^2 / 2R deeper
+    uv_cen: FloatArray  # (n, 2) the centroid of the dot's outline in the image
+    moments_px2: FloatArray  # (n, 2, 2) the outline's central moments per area
+    view_deg: FloatArray  # (n,) between the surface normal and the line of sight
+    fully_visible: BoolArray  # (n,) the whole rim shows
+    gap_px: FloatArray  # (n,) to the nearest other outline
+    axes_px: FloatArray  # (n, 2) the outline's long and short diameter
+    bound_px: FloatArray  # (n,) Cramer-Rao bound, 2-D, NaN where it is not computed
 
     def __len__(self) -> int:
         return len(self.target)
@@ -83,13 +82,9 @@ def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> TrueD
     corners = np.tile(half_sticker_mm * _CORNERS, (len(ball.frames), 1))
     sheets = wrap(ball.radius_mm, ball.bumps, np.repeat(ball.frames, 4, axis=0), corners)[1]
     return TrueDots(
-        ball.dot_target,
-        ball.dot_point,
-        ball.dots_mm,
-        ball.normals,
-        rims.reshape(n, RIM_POINTS, 3),
+        ball.dot_target, ball.dot_point, ball.dots_mm, ball.normals, rims.reshape(n, RIM_POINTS, 3),
         sheets.reshape(-1, 4, 3),
-    )
+    )  # fmt: skip
 
 
 def bar_dots(scene: TracedScene, targets: tuple[int, ...]) -> TrueDots:
@@ -104,13 +99,9 @@ def bar_dots(scene: TracedScene, targets: tuple[int, ...]) -> TrueDots:
     sheets[..., :2] = scene.half_sticker * _CORNERS
     sheets[..., 0] += scene.mark_x[:, None]
     return TrueDots(
-        np.repeat(np.array(targets), dots),
-        np.tile(np.arange(dots), marks),
-        world[:, 0],
-        np.tile(-rotation[:, 2], (marks * dots, 1)),
-        world[:, 1:],
-        sheets @ rotation.T + place,
-    )
+        np.repeat(np.array(targets), dots), np.tile(np.arange(dots), marks), world[:, 0],
+        np.tile(-rotation[:, 2], (marks * dots, 1)), world[:, 1:], sheets @ rotation.T + place,
+    )  # fmt: skip
 
 
 def _circle(radius: float) -> FloatArray:

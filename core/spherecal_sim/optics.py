@@ -16,29 +16,22 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class Psf:
-    """A lens's point-spread function; its centroid is zero, so that it moves no image.
-
-    `size_px` is the standard deviation of `gaussian` or the radius of `disc` (defocus). For `coma` it is the standard
-    deviation of a core with a flare of twice the width and one sixth of the light to one side.
-    """
+    """A lens's point-spread function; its centroid is zero, so that it moves no image."""
 
     kind: Literal["gaussian", "disc", "coma"] = "gaussian"
+    # sd of gaussian and coma's core (flare: twice the width, a sixth of the light), radius of disc
     size_px: float = 0.65
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """How a sensor counts: electrons at full scale, read noise, digits; 0 and full scale clip.
+    """How a sensor counts: electrons at full scale, read noise, digits, as a 3.45 um CMOS; 0 and full scale clip."""
 
-    The figures are those of a 3.45 um CMOS sensor. `gain` multiplies electrons before counting, `black` is the
-    offset as a part of full scale. More than 8 bits go into 16-bit pixels, in the high bits if `high_bits`.
-    """
-
-    bits: int = 8
+    bits: int = 8  # more than 8 go into 16-bit pixels
     full_well_e: float = 10_500.0
     read_noise_e: float = 2.5
-    black: float = 0.01
-    gain: float = 1.0
+    black: float = 0.01  # offset, part of full scale
+    gain: float = 1.0  # of electrons, before counting
     noise: bool = True
     high_bits: bool = False
 
@@ -97,10 +90,7 @@ def gather(
     margin: int,
     image: NDArray[np.float32],
 ) -> None:
-    """Add to `image` the cells weighted by column x row around each pixel's centre.
-
-    `column`, `row`: weights along both directions, (k,), a `KernelTerm`; `image`: image to add to, (rows, columns).
-    """
+    """Add to an image the cells weighted by column x row, (k,) each, around each pixel's centre."""
     k = len(column)
     offset = margin * CELLS + CELLS // 2 - k // 2
     line = np.empty(cells.shape[1], np.float32)
@@ -119,10 +109,7 @@ def gather(
 
 
 def vignetting(intrinsics: FloatArray, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Natural vignetting cos^4 of the angle from the axis, (height, width).
-
-    `intrinsics`: intrinsics, (16,); `size`: image size (width, height), px.
-    """
+    """Natural vignetting cos^4 of the angle from the axis, (height, width), of a lens (16,)."""
     width, height = size
     x2 = ((np.arange(width) - intrinsics[2]) / intrinsics[0]) ** 2
     y2 = ((np.arange(height) - intrinsics[3]) / intrinsics[1]) ** 2

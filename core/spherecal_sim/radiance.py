@@ -146,17 +146,9 @@ def trace_band(
                 fill_bilinear(block, value[i, j], value[i, j + 1], value[i + 1, j], value[i + 1, j + 1], TILE * CELLS)
             else:
                 trace_tile(
-                    scene,
-                    rotation,
-                    centre,
-                    intrinsics,
-                    tile_marks,
-                    u_first + TILE * j,
-                    v_first + TILE * i,
-                    coarse_x[i, j],
-                    coarse_y[i, j],
-                    block,
-                )
+                    scene, rotation, centre, intrinsics, tile_marks, u_first + TILE * j, v_first + TILE * i,
+                    coarse_x[i, j], coarse_y[i, j], block,
+                )  # fmt: skip
 
 
 @njit(nogil=True, cache=True)

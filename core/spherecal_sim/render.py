@@ -9,11 +9,10 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import image_reach, is_fisheye, project
 from spherecal_sim.dot_bound import dot_bounds
-from spherecal_sim.dot_truth import DotTruth, Outlines, TrueDots, outline_dots, see_dots
+from spherecal_sim.dot_truth import DotTruth, Outlines, Station, TrueDots, outline_dots, see_dots
 from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
 from spherecal_sim.radiance import CELLS, DENSE, EDGE, TILE, trace_band
 from spherecal_sim.simulated_scene import RenderSettings, blob_places
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 
 
@@ -37,10 +36,7 @@ def render_image(
     rng: np.random.Generator,
     context: Context | None = None,
 ) -> Rendered:
-    """The image that a simulated camera takes of a scene, and the truth about the scene's dots.
-
-    `context` None never stops.
-    """
+    """The image that a simulated camera takes of a scene, and the truth about the scene's dots."""
     context = context or Context()
     scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))
     outlines = outline_dots(dots, station)
@@ -89,10 +85,7 @@ def _tiles(pixels: int) -> int:
 def _pixel_marks(
     scene: TracedScene, station: Station, outlines: Outlines, sheets: FloatArray, margin: int
 ) -> NDArray[np.uint8]:
-    """Where finer sampling is needed, with `margin` px all around.
-
-    EDGE on blobs, DENSE around dots and on dirty stickers.
-    """
+    """Where finer sampling is needed, with `margin` px around: EDGE on blobs, DENSE on dots and dirty stickers."""
     width, height = station.size
     marks = np.zeros((_tiles(height) * TILE + 2 * margin, _tiles(width) * TILE + 2 * margin), np.uint8)
     places, radii = blob_places(scene)

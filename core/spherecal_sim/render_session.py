@@ -19,14 +19,13 @@ from spherecal.data.session import BarPose, Placement, Session
 from spherecal.files.atomic import SESSION, write_folder_whole
 from spherecal.targets.png_file import png_bytes
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots
+from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots
 from spherecal_sim.optics import Image
 from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.rigs import TrueCamera
 from spherecal_sim.session_folder import fill_session_folder
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
 
@@ -46,12 +45,7 @@ def render_session(
     options: SimulationOptions | None = None,
     settings: RenderSettings | None = None,
 ) -> Truth:
-    """Render a session folder with images, truth.json and truth_dots.csv, whole or not at all; its truth.
-
-    The same seed gives the same images, however many threads there are.
-
-    `context` None does neither; `options` None is `RENDERED`; `settings` None is `CLUTTERED`.
-    """
+    """Render a session folder with images, truth.json and truth_dots.csv, whole, same on any threads; its truth."""
     context = context or Context()
     options, settings = options or RENDERED, settings or CLUTTERED
     if options.shape_change_mm or options.mark_points != "dots" or options.misfit_px:
@@ -68,24 +62,16 @@ def render_session(
 
 
 def render_placement(
-    session: Session,
-    truth: Truth,
-    placement: int,
-    camera: int,
-    settings: RenderSettings | None = None,
-    seed: int = 0,
+    session: Session, truth: Truth, placement: int, camera: int, settings: RenderSettings | None = None
 ) -> Rendered:
-    """One image of the ball, with the truth about its dots.
-
-    `settings` None is `CLUTTERED`.
-    """
+    """One image of the ball, with the truth about its dots; `settings` None is `CLUTTERED`."""
     settings = settings or CLUTTERED
     targets = _target_set(session)
     scene = lit_for(ball_scene(truth, targets, placement, settings), truth, camera, settings)
     dots = ball_dots(truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
     dots = dots.moved(truth.ball_rotations[placement], truth.ball_places_mm[placement])
     station = station_at(truth.cameras[camera], truth, placement)
-    return render_image(scene, dots, station, settings, np.random.default_rng(seed))
+    return render_image(scene, dots, station, settings, np.random.default_rng(0))
 
 
 def station_at(camera: TrueCamera, truth: Truth, placement: int) -> Station:
@@ -179,10 +165,7 @@ def _take(shot: _Shot) -> DotTruth:
 
 
 def write_png(path: Path, image: Image) -> None:
-    """Write a grey image of 8 or 16 bits as PNG.
-
-    `image`: the image, (height, width).
-    """
+    """Write a grey image (height, width) of 8 or 16 bits as PNG."""
     create(path, png_bytes(image))
 
 

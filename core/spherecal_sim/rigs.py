@@ -1,7 +1,4 @@
-"""Simulated rigs: the two of [Tao21], halls and domes; where their cameras are and aim, and what their lenses do.
-
-The world is the rig's frame: x along the rig, y across, z up, millimetres. For the rest see docs/conventions.md.
-"""
+"""Simulated rigs, x along, y across, z up, mm: the two of [Tao21], halls, domes; where cameras are, aims, lenses."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -41,21 +38,17 @@ SMALL = CameraKind("simulated 1.3 MP", (1280, 1024), 4.8, 8.0)
 
 @dataclass(frozen=True)
 class RigDesign:
-    """A rig as drawn: camera places and aims (n, 3) mm, the image's upward direction (3,), and the volumes in use.
-
-    `volume_mm` (2, 3) is the measuring volume's lowest and highest corner, `ball_box_mm` (2, 3) that of the ball's
-    centres. `walk`: the ball is walked along x instead of put on a grid.
-    """
+    """A rig as drawn: camera places and aims (n, 3) mm, the image's upward direction (3,), and the volumes in use."""
 
     name: str
     kind: CameraKind
     places_mm: FloatArray
     aims_mm: FloatArray
     up: FloatArray
-    volume_mm: FloatArray
-    ball_box_mm: FloatArray
+    volume_mm: FloatArray  # (2, 3) lowest and highest corner
+    ball_box_mm: FloatArray  # (2, 3) of the ball's centres
     placements: int = STANDARD_PLACEMENTS
-    walk: bool = False
+    walk: bool = False  # the ball is walked along x instead of put on a grid
 
 
 @dataclass(frozen=True)
@@ -75,11 +68,7 @@ class TrueCamera:
 
 
 def rig_design(preset: str) -> RigDesign:
-    """The drawing of a preset.
-
-    A preset is also any `hallN` (N even, >= 6), `domeN` (N >= 3) and `wideN` (lenses with a field of N degrees, 60 to
-    160).
-    """
+    """The drawing of a preset, also any `hallN` (N even, >= 6), `domeN` (>= 3), `wideN` (field 60 to 160 degrees)."""
     if preset == "rigA":
         return _rig_a()
     if preset == "rigB":
@@ -100,14 +89,10 @@ def _rig_a() -> RigDesign:
     places = np.column_stack([x, y, np.full(10, 1200.0)])
     aims = np.column_stack([0.3 * x, -0.2 * y, np.full(10, 250.0)])
     return RigDesign(
-        "rigA",
-        G319B,
-        places,
-        aims,
-        np.array([0.0, 1.0, 0.0]),
+        "rigA", G319B, places, aims, np.array([0.0, 1.0, 0.0]),
         volume_mm=np.array([[-450.0, -300.0, 100.0], [450.0, 300.0, 600.0]]),
         ball_box_mm=np.array([[-300.0, -200.0, 300.0], [300.0, 200.0, 300.0]]),
-    )
+    )  # fmt: skip
 
 
 def _rig_b() -> RigDesign:
@@ -116,14 +101,10 @@ def _rig_b() -> RigDesign:
     places = np.column_stack([x, y, z])
     aims = np.column_stack([-0.2 * x, 0.0 * y, 495.0 - 0.2 * (z - 495.0)])
     return RigDesign(
-        "rigB",
-        CA050,
-        places,
-        aims,
-        np.array([0.0, 0.0, 1.0]),
+        "rigB", CA050, places, aims, np.array([0.0, 0.0, 1.0]),
         volume_mm=np.array([[-300.0, -250.0, 250.0], [300.0, 250.0, 740.0]]),
         ball_box_mm=np.array([[-137.0, -82.0, 495.0], [137.0, 82.0, 495.0]]),
-    )
+    )  # fmt: skip
 
 
 def _demo() -> RigDesign:
@@ -133,14 +114,10 @@ def _demo() -> RigDesign:
     places = np.column_stack([x, y, np.full(6, 1150.0)])
     aims = np.column_stack([0.05 * x, 0.05 * y, np.full(6, 330.0)])
     return RigDesign(
-        "demo",
-        SMALL,
-        places,
-        aims,
-        np.array([0.0, 1.0, 0.0]),
+        "demo", SMALL, places, aims, np.array([0.0, 1.0, 0.0]),
         volume_mm=np.array([[-300.0, -200.0, 150.0], [300.0, 200.0, 550.0]]),
         ball_box_mm=np.array([[-150.0, -100.0, 330.0], [150.0, 100.0, 330.0]]),
-    )
+    )  # fmt: skip
 
 
 # hall50 is 25 columns over 7.5 m and takes 7 to 12 hops from end to end
@@ -181,14 +158,10 @@ def dome(n_cameras: int) -> RigDesign:
     direction = np.column_stack([rim * np.cos(azimuth), rim * np.sin(azimuth), z])
     centre = np.array([0.0, 0.0, 300.0])
     return RigDesign(
-        f"dome{n_cameras}",
-        G319B,
-        centre + 1200.0 * direction,
-        np.tile(centre, (n_cameras, 1)),
-        np.array([0.0, 0.0, 1.0]),
-        volume_mm=np.array([[-300.0, -300.0, 50.0], [300.0, 300.0, 550.0]]),
+        f"dome{n_cameras}", G319B, centre + 1200.0 * direction, np.tile(centre, (n_cameras, 1)),
+        np.array([0.0, 0.0, 1.0]), volume_mm=np.array([[-300.0, -300.0, 50.0], [300.0, 300.0, 550.0]]),
         ball_box_mm=np.array([[-120.0, -120.0, 300.0], [120.0, 120.0, 300.0]]),
-    )
+    )  # fmt: skip
 
 
 def wide(field_deg: int) -> RigDesign:
@@ -200,13 +173,9 @@ def wide(field_deg: int) -> RigDesign:
     focal_mm = float(half_px / np.deg2rad(field_deg / 2)) * G319B.pixel_pitch_um / 1e3
     kind = replace(G319B, focal_length_mm=round(focal_mm, 3), fisheye=True)
     return replace(
-        plain,
-        name=f"wide{field_deg}",
-        kind=kind,
-        aims_mm=plain.aims_mm * [0.5, 1.0, 1.0],
-        placements=8,
+        plain, name=f"wide{field_deg}", kind=kind, aims_mm=plain.aims_mm * [0.5, 1.0, 1.0], placements=8,
         ball_box_mm=np.array([[-650.0, -450.0, 250.0], [650.0, 450.0, 550.0]]),
-    )
+    )  # fmt: skip
 
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
@@ -226,11 +195,7 @@ def build_cameras(design: RigDesign, rng: np.random.Generator) -> tuple[TrueCame
 
 
 def look_at(place: FloatArray, aim: FloatArray, up: FloatArray) -> FloatArray:
-    """World-to-camera rotation (3, 3) of a camera that looks at a place.
-
-    `place`: where the camera is, (3,) mm; `aim`: what it looks at, (3,) mm; `up`: direction of the image's top, (3,),
-    not along the line of sight.
-    """
+    """World-to-camera rotation (3, 3) of a camera at a place (3,) that looks at another, `up` not along the way."""
     z = (aim - place) / np.linalg.norm(aim - place)
     x = np.cross(z, up)
     x /= np.linalg.norm(x)

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 from spherecal.base.filesystem import create
 from spherecal.data.session import Session
@@ -20,13 +19,10 @@ def write_session(session: Session, truth: Truth, folder: Path) -> None:
 
 def fill_session_folder(session: Session, truth: Truth, folder: Path) -> None:
     """Write the files of a session into an existing folder."""
-    _write_json(session_json(session, folder), folder / "session.json")
+    document = json.dumps(session_json(session, folder), indent=1) + "\n"
+    create(folder / "session.json", document.encode())
     if session.target_set is not None:
         write_target_set(folder / "targets.json", session.target_set)
     if session.observations is not None:
         write_observations(folder / "observations.csv", session.observations)
     write_truth(truth, folder / "truth.json")
-
-
-def _write_json(document: dict[str, Any], path: Path) -> None:
-    create(path, (json.dumps(document, indent=1) + "\n").encode())

@@ -3,20 +3,7 @@
 import numpy as np
 
 from spherecal.base.kernels import njit
-from spherecal_sim.tracing import (
-    ARM,
-    ARM_SKIN,
-    BALL,
-    BALL_SKIN,
-    BAR,
-    BAR_SKIN,
-    BLOB,
-    DOT,
-    MARK,
-    PAPER,
-    STICKER,
-    WALL,
-)
+from spherecal_sim.tracing import ARM, ARM_SKIN, BALL, BALL_SKIN, BAR, BAR_SKIN, BLOB, DOT, MARK, PAPER, STICKER, WALL
 
 
 @njit(nogil=True, cache=False, forceinline=True)

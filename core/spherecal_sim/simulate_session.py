@@ -9,17 +9,8 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import CameraSpec, Placement, Scale, Session
 from spherecal.targets.family import make_target_set
-from spherecal_sim.observe import ObservingCameras, Seen, look, observe
-from spherecal_sim.recording_faults import lens_misfit, shape_changes, spoil
-from spherecal_sim.rigs import (
-    RigDesign,
-    TrueCamera,
-    ball_places,
-    ball_turns,
-    build_cameras,
-    nominal_intrinsics,
-    rig_design,
-)
+from spherecal_sim import rigs
+from spherecal_sim.observe import ObservingCameras, Seen, lens_misfit, look, observe, shape_changes, spoil
 from spherecal_sim.simulated_ball import make_ball
 from spherecal_sim.simulated_bars import certify, make_bars, mark_places, pose_bars, recorded_poses
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
@@ -28,18 +19,12 @@ _N_MARKS = 8  # two bars of four
 
 
 def simulate_session(preset: str, seed: int, options: SimulationOptions | None = None) -> tuple[Session, Truth]:
-    """A session of observations on a simulated rig and the truth behind it; the same seed gives the same session.
-
-    Rig, ball, placements, bars, noise and faults draw from streams of their own, so that, say, more noise leaves the
-    rig as it was. The world of the truth is the rig's frame.
-
-    `options` None is the standard session.
-    """
+    """A session of observations and its truth, in the rig's frame; rig, noise, ... draw from streams of their own."""
     options = options or SimulationOptions()
-    design = rig_design(preset)
+    design = rigs.rig_design(preset)
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)]
     of_rig, of_ball, of_places, of_bars, of_noise, of_faults, of_priors = streams
-    cameras = build_cameras(design, of_rig)
+    cameras = rigs.build_cameras(design, of_rig)
     targets = make_target_set(options.targets + _N_MARKS)
     ball_targets = tuple(range(1, options.targets + 1))
     ball = make_ball(targets, ball_targets, of_ball, options.ball_radius_mm, options.bump_mm, options.print_sd_mm)
@@ -56,8 +41,8 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
         misfit_phases=of_faults.uniform(0.0, 2 * np.pi, (len(cameras), 4)),
         ball=ball,
         placements=_names("P", count),
-        ball_rotations=ball_turns(count, options.turns, of_places),
-        ball_places_mm=ball_places(design, count, options.layout),
+        ball_rotations=rigs.ball_turns(count, options.turns, of_places),
+        ball_places_mm=rigs.ball_places(design, count, options.layout),
         shape_changes_mm=shape_changes(ball, count, options.shape_change_mm, options.shape_change, of_faults)
         if options.shape_change_mm
         else None,
@@ -78,18 +63,12 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
     observations, outlier = _recorded(observations, truth, of_noise, of_faults)
     truth = replace(truth, outlier=outlier)
     session = Session(
-        folder=Path(),
-        cameras=_camera_specs(design, cameras, options, of_priors),
+        folder=Path(), cameras=_camera_specs(design, cameras, options, of_priors),
         placements=tuple(Placement(name) for name in truth.placements),
         bars=certify(bars, "B" if options.scale == "bar" else None, of_bars),
-        bar_poses=recorded_poses(truth.bar_poses, of_bars),
-        scale=_scale(options, targets.layouts[1]),
-        board=None,
-        sphere_diameter_mm=2 * options.ball_radius_mm,
-        target_set=targets,
-        observations=observations,
-        input_sha256="",
-    )
+        bar_poses=recorded_poses(truth.bar_poses, of_bars), scale=_scale(options, targets.layouts[1]), board=None,
+        sphere_diameter_mm=2 * options.ball_radius_mm, target_set=targets, observations=observations, input_sha256="",
+    )  # fmt: skip
     return session, truth
 
 
@@ -105,13 +84,13 @@ def _names(letter: str, count: int) -> tuple[str, ...]:
 
 
 def _camera_specs(
-    design: RigDesign, cameras: tuple[TrueCamera, ...], options: SimulationOptions, rng: np.random.Generator
+    design: rigs.RigDesign, cameras: tuple[rigs.TrueCamera, ...], options: SimulationOptions, rng: np.random.Generator
 ) -> tuple[CameraSpec, ...]:
     """The cameras as a user knows them, priors with the errors that the options ask for."""
     kind = design.kind
     specs = []
     for camera in cameras:
-        prior = nominal_intrinsics(kind)
+        prior = rigs.nominal_intrinsics(kind)
         prior[:2] *= 1 + options.prior_focal_error * rng.uniform(-1, 1)
         prior[2:4] += options.prior_centre_error_px * rng.uniform(-1, 1, 2)
         specs.append(

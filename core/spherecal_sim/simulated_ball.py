@@ -1,7 +1,4 @@
-"""The imperfect ball: a sphere with smooth bumps, and flat stickers bent onto it with their arc lengths kept.
-
-Ball frame: origin at the ball's nominal centre, millimetres.
-"""
+"""The imperfect ball, mm about its nominal centre: a sphere with bumps, stickers bent onto it by arc length."""
 
 from dataclasses import dataclass
 
@@ -13,10 +10,7 @@ from spherecal.targets.target_set import TargetSet
 
 @dataclass(frozen=True)
 class Bumps:
-    """Smooth departures from the sphere: b(n) = sum over lobes k of the polynomial `coefficients[k]` in n . axes[k].
-
-    `axes` (k, 3) unit, `coefficients` (k, 6) in mm, ascending powers. The lobes are zonal harmonics.
-    """
+    """Smooth departures b(n) = sum of polynomials (k, 6), mm, in n . axes[k], (k, 3) unit: zonal harmonics."""
 
     axes: FloatArray
     coefficients: FloatArray
@@ -104,17 +98,10 @@ def make_ball(
     frames = _sticker_frames(len(targets), radius_mm, rng)
     directions, dots = wrap(radius_mm, bumps, np.repeat(frames, len(points), axis=0), layouts.reshape(-1, 2))
     return Ball(
-        radius_mm,
-        bumps,
-        points,
-        np.array(targets),
-        frames,
-        layouts,
-        dot_target=np.repeat(np.array(targets), len(points)),
-        dot_point=np.tile(np.arange(len(points)), len(targets)),
-        dots_mm=dots,
-        normals=_surface_normals(radius_mm, bumps, directions),
-    )
+        radius_mm, bumps, points, np.array(targets), frames, layouts,
+        dot_target=np.repeat(np.array(targets), len(points)), dot_point=np.tile(np.arange(len(points)), len(targets)),
+        dots_mm=dots, normals=_surface_normals(radius_mm, bumps, directions),
+    )  # fmt: skip
 
 
 _JITTER_MM = 3.0  # stickers are put on by hand; 200 of 28 mm are 60 mm apart on a 500 mm ball
@@ -144,13 +131,7 @@ _NODES = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 
 
 def wrap(radius_mm: float, bumps: Bumps, frames: FloatArray, flat_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit directions (n, 3) and places (n, 3) mm in the ball frame of flat sticker places bent onto the ball.
-
-    A dot at distance d from its sticker's centre is carried along the ball's normal section in the dot's direction
-    until the arc there is d long (exponential map).
-
-    `frames`: axes of each dot's sticker, (n, 3, 3), as in `Ball`; `flat_mm`: places on the stickers, (n, 2) mm.
-    """
+    """Directions (n, 3) and places (n, 3) mm of flat places (n, 2) on stickers (n, 3, 3) bent onto the ball by arc."""
     length = np.hypot(flat_mm[:, 0], flat_mm[:, 1])
     along = flat_mm / np.where(length > 0, length, 1.0)[:, None]
     tangent = along[:, :1] * frames[:, 0] + along[:, 1:] * frames[:, 1]

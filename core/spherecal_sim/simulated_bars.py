@@ -7,8 +7,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, Mark
-from spherecal_sim.observe import ObservingCameras, look, observe
-from spherecal_sim.recording_faults import lens_misfit
+from spherecal_sim.observe import ObservingCameras, lens_misfit, look, observe
 from spherecal_sim.rigs import random_rotations
 from spherecal_sim.truth import TrueBar, TrueBarPose, Truth
 
@@ -35,10 +34,7 @@ def make_bars(first_target: int, rng: np.random.Generator) -> tuple[TrueBar, ...
 
 
 def certify(bars: tuple[TrueBar, ...], scale_bar: str | None, rng: np.random.Generator) -> tuple[Bar, ...]:
-    """The bars as a session describes them: certificates with errors of their stated uncertainty.
-
-    `scale_bar` None: all bars check.
-    """
+    """The bars as a session describes them, with errors of their stated uncertainty; one the scale, or all check."""
     certified = []
     for bar in bars:
         lengths = []
@@ -55,10 +51,7 @@ def certify(bars: tuple[TrueBar, ...], scale_bar: str | None, rng: np.random.Gen
 
 
 def mark_places(bar: TrueBar, pose: TrueBarPose, flat_mm: FloatArray) -> FloatArray:
-    """World places of points of a bar's marks, (marks, points, 3) mm.
-
-    `flat_mm`: the points on their stickers, (marks, points, 2) mm.
-    """
+    """World places of points of a bar's marks, (marks, points, 3) mm, from those on their stickers, (.., 2) mm."""
     stretch = 1 + bar.expansion_per_kelvin * (pose.temperature_c - bar.reference_temperature_c)
     x = np.zeros((*flat_mm.shape[:2], 3))
     x[..., :2] = flat_mm
@@ -74,13 +67,7 @@ def pose_bars(
     view_limit_deg: float | None,
     rng: np.random.Generator,
 ) -> tuple[TrueBarPose, ...]:
-    """`count` poses of each bar over the volume, every mark inside it and in at least 3 views.
-
-    There are fewer poses where the volume does not have room for them.
-
-    `volume_mm`: the measuring volume's lowest and highest corner, (2, 3) mm; `view_limit_deg` None: they are seen from
-    all around.
-    """
+    """At most `count` poses of each bar over the volume (2, 3) mm, every mark inside it and in at least 3 views."""
     poses = []
     for bar in bars:
         rotations, places = _fitting_poses(bar.x_mm, count, view, volume_mm, view_limit_deg, rng)
@@ -134,10 +121,7 @@ def _fitting_poses(
 
 @dataclass(frozen=True)
 class StudyBars:
-    """Bars for accuracy studies: true ends (n, 2, 3) mm in the rig's frame, true lengths (n,) mm and observations.
-
-    The observations name bar i as placement i; targets 1 and 2, point `centre`, are its ends.
-    """
+    """Bars for studies: true ends (n, 2, 3) mm, lengths (n,) mm; observed as placement i, targets 1 and 2, centre."""
 
     ends_mm: FloatArray
     lengths_mm: FloatArray
@@ -161,13 +145,8 @@ def study_bars(truth: Truth, rng: np.random.Generator, per_length: int = 8) -> S
     camera, end, uv = seen.camera[order], seen.point[order], seen.uv[order]
     uv = uv + lens_misfit(uv, view.sizes[camera], truth.misfit_phases[camera], truth.options.misfit_px)
     observations = Observations(
-        placements=tuple(f"S{i + 1:02d}" for i in range(len(ends_mm))),
-        cameras=tuple(c.id for c in truth.cameras),
-        points=("centre",),
-        placement=end // 2,
-        camera=camera,
-        target=1 + end % 2,
-        point=np.zeros(len(end), dtype=np.int64),
-        uv=uv + rng.normal(size=uv.shape) * truth.sigma_px[camera, None],
-    )
+        placements=tuple(f"S{i + 1:02d}" for i in range(len(ends_mm))), cameras=tuple(c.id for c in truth.cameras),
+        points=("centre",), placement=end // 2, camera=camera, target=1 + end % 2,
+        point=np.zeros(len(end), dtype=np.int64), uv=uv + rng.normal(size=uv.shape) * truth.sigma_px[camera, None],
+    )  # fmt: skip
     return StudyBars(ends_mm, np.linalg.norm(ends_mm[:, 1] - ends_mm[:, 0], axis=1), observations)

@@ -18,10 +18,7 @@ _VIEW_LIMIT_DEG = 65.0  # beyond, dots are too slender to be measured
 
 @dataclass(frozen=True)
 class SimulatedRecording:
-    """A session of observations, the simulated cameras as they are, and the true places of its features.
-
-    `points_mm` (placements, points, 3) in the rig's frame: board points in their order, or the bar's marks.
-    """
+    """A session of observations, the true cameras, and true features (placements, points, 3) mm, rig's frame."""
 
     session: Session
     cameras: tuple[TrueCamera, ...]
@@ -113,18 +110,9 @@ def simulate_waved_bar(
     )
     bar = Bar("W", "scale", marks, lengths, 1.15e-5, 20.0)
     session = Session(
-        Path(),
-        _specs(cameras),
-        (),
-        (bar,),
-        tuple(BarPose(name, "W", 20.0) for name in names),
-        Scale("bar", bar="W"),
-        None,
-        None,
-        None,
-        observations,
-        "",
-    )
+        Path(), _specs(cameras), (), (bar,), tuple(BarPose(name, "W", 20.0) for name in names), Scale("bar", bar="W"),
+        None, None, None, observations, "",
+    )  # fmt: skip
     return SimulatedRecording(session, cameras, points)
 
 
@@ -169,12 +157,7 @@ def _observations(
     counts = [len(one.camera) for one in seen]
     uv = np.concatenate([one.uv for one in seen])
     return Observations(
-        names,
-        tuple(c.id for c in cameras),
-        ("centre",),
-        np.repeat(np.arange(len(seen)), counts),
-        np.concatenate([one.camera for one in seen]),
-        targets[np.concatenate([one.point for one in seen])],
-        np.zeros(len(uv), dtype=np.int64),
-        uv + sigma_px * rng.normal(size=uv.shape),
-    )
+        names, tuple(c.id for c in cameras), ("centre",), np.repeat(np.arange(len(seen)), counts),
+        np.concatenate([one.camera for one in seen]), targets[np.concatenate([one.point for one in seen])],
+        np.zeros(len(uv), dtype=np.int64), uv + sigma_px * rng.normal(size=uv.shape),
+    )  # fmt: skip

@@ -15,27 +15,21 @@ from spherecal_sim.truth import TrueBarPose, Truth
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How images are made; the defaults are a well-kept rig.
-
-    `exposure` 1 brings a white surface at the ball's usual distance to 80 % of full scale. `blobs` white discs are on
-    the room's walls, `specks` and `scratches` are mean counts a sticker, `gloss` is the height of the highlight (a
-    white dot has 0.85). `psf_of` gives single simulated cameras a point-spread function of their own. `bounds` adds
-    each dot's Cramer-Rao bound to the truth about it (about 1 ms a dot).
-    """
+    """How images are made; the defaults are a well-kept rig."""
 
     psf: Psf = field(default_factory=Psf)
-    psf_of: dict[str, Psf] = field(default_factory=dict)
+    psf_of: dict[str, Psf] = field(default_factory=dict)  # of single simulated cameras
     sensor: Sensor = field(default_factory=Sensor)
-    exposure: float = 1.0
+    exposure: float = 1.0  # 1: a white surface at the ball's usual distance has 80 % of full scale
     lighting: Literal["rings", "flat"] = "rings"
     ambient: float = 0.02
-    gloss: float = 0.05
+    gloss: float = 0.05  # height of the highlight; a white dot has 0.85
     vignetting: bool = True
-    blobs: int = 0
+    blobs: int = 0  # white discs on the room's walls
     arm: bool = False
-    specks: float = 0.0
+    specks: float = 0.0  # mean count a sticker
     scratches: float = 0.0
-    bounds: bool = False
+    bounds: bool = False  # add each dot's Cramer-Rao bound to its truth, 1 ms a dot
 
     def psf_at(self, camera: str) -> Psf:
         """The point-spread function of a camera."""
@@ -105,42 +99,20 @@ def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> 
     lights = np.empty((0, 3)) if flat else np.array([c.centre_mm for c in truth.cameras])
     none = np.empty((0, 3))
     return TracedScene(
-        ball_radius=0.0,
-        ball_reach=0.0,
-        ball_rotation=np.eye(3),
-        ball_place=np.zeros(3),
-        lobe_axes=np.empty((3, 0)),
-        lobe_coefficients=np.empty((6, 0)),
-        sticker_frames=np.empty((0, 3, 3)),
-        sticker_dots=np.empty((0, len(truth.ball.points), 2)),
-        sticker_grid=np.empty((1, 1, 1, 0), dtype=np.int32),
-        bar_rotations=np.empty((0, 3, 3)),
-        bar_places=none,
-        bar_faces=none,
-        mark_bar=np.empty(0, dtype=np.int64),
-        mark_x=np.empty(0),
-        mark_dots=np.empty((0, len(truth.ball.points), 2)),
-        half_sticker=targets.size_mm / 2,
-        dot_radius=targets.dot_diameter_mm / 2,
-        dirt=np.empty((0, 0, 6)),
-        arms=np.empty((0, 7)),
-        room=room,
-        blobs=blobs,
-        blob_grid=_blob_grid(blobs, room),
-        albedos=np.array([white, black, _GREY, _GREY, 0.4, _WALL, WHITE]),
-        lights=lights,
-        light_power=1.0,
-        ambient=1.0 if flat else 0.0,
-        gloss=0.0 if flat else settings.gloss,
-    )
+        ball_radius=0.0, ball_reach=0.0, ball_rotation=np.eye(3), ball_place=np.zeros(3), lobe_axes=np.empty((3, 0)),
+        lobe_coefficients=np.empty((6, 0)), sticker_frames=np.empty((0, 3, 3)),
+        sticker_dots=np.empty((0, len(truth.ball.points), 2)), sticker_grid=np.empty((1, 1, 1, 0), dtype=np.int32),
+        bar_rotations=np.empty((0, 3, 3)), bar_places=none, bar_faces=none, mark_bar=np.empty(0, dtype=np.int64),
+        mark_x=np.empty(0), mark_dots=np.empty((0, len(truth.ball.points), 2)), half_sticker=targets.size_mm / 2,
+        dot_radius=targets.dot_diameter_mm / 2, dirt=np.empty((0, 0, 6)), arms=np.empty((0, 7)), room=room,
+        blobs=blobs, blob_grid=_blob_grid(blobs, room),
+        albedos=np.array([white, black, _GREY, _GREY, 0.4, _WALL, WHITE]), lights=lights, light_power=1.0,
+        ambient=1.0 if flat else 0.0, gloss=0.0 if flat else settings.gloss,
+    )  # fmt: skip
 
 
 def lit_for(scene: TracedScene, truth: Truth, camera: int, settings: RenderSettings) -> TracedScene:
-    """The scene with its light scaled to the exposure of one simulated camera.
-
-    A white surface that faces the camera where the ball's near side usually is comes to 80 % of full scale times
-    `settings.exposure`.
-    """
+    """The scene lit so that a white surface facing the camera at the ball is 80 % of full scale times `exposure`."""
     level = settings.exposure * _FULL_SCALE_OF_WHITE / WHITE
     if not len(scene.lights):
         return scene._replace(ambient=level)
@@ -215,10 +187,7 @@ _WALL_CELLS = 100
 
 
 def _blobs(count: int, room: FloatArray, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, like bolts and labels.
-
-    They are where the cameras look past the ball, around `middle` (3,).
-    """
+    """White discs on the walls where cameras look past the ball, (count, 4): wall, two coordinates, radius."""
     wall = rng.integers(0, 6, count)
     first, second = np.where(wall < 2, 1, 0), np.where(wall >= 4, 1, 2)
     low, high = room

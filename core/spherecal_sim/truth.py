@@ -17,10 +17,7 @@ from spherecal_sim.simulated_ball import Ball
 
 @dataclass(frozen=True)
 class CameraMove:
-    """A simulated camera that was knocked: from placement index `from_placement` on it is shifted and rotated.
-
-    Shift and turn are of the given size, in directions `direction_shift`, `direction_turn` (unit, camera frame).
-    """
+    """A camera knocked from placement index `from_placement` on: sizes and unit directions of shift and turn."""
 
     camera: str
     from_placement: int
@@ -123,10 +120,7 @@ class Truth(ByValue):
 
 
 def camera_pose(camera: TrueCamera, move: CameraMove | None, placement: int) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and translation (3,) mm of a simulated camera at a placement, after its move if it had one.
-
-    `move` None: none was.
-    """
+    """Rotation (3, 3) and translation (3,) mm of a simulated camera at a placement, after its move if it had one."""
     if move is None or move.camera != camera.id or placement < move.from_placement:
         return camera.rotation, camera.translation_mm
     turn = exp_rotation(move.turn_rad * np.array(move.direction_turn))

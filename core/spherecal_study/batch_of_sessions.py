@@ -1,4 +1,4 @@
-"""Calibrate every session below a folder through the studies' executor; one failing session does not end the batch."""
+"""A folder of sessions calibrated, and the page of all."""
 
 import csv
 import hashlib
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from spherecal import __version__
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError, SpherecalError
 from spherecal.base.filesystem import read_below, remove_below, shown_name, write_together
@@ -28,9 +29,54 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.verification import Verification
 from spherecal.verify.verify_bars import verify
 from spherecal.verify.write_verification import write_verification
-from spherecal_documents.report.style import report_style
-from spherecal_study.batch_page import batch_page
+from spherecal_documents.report.model import Cell, Strong
+from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, report_style, significant
 from spherecal_study.executor import Result, Trial, Workers, run_trials, trial_file
+from spherecal_study.study_page import Document
+
+_WORDS = {
+    "valid": Strong("valid", GOOD), "use with care": Strong("with care", CAUTION),
+    "not valid": Strong("not valid", BAD), "failed": Strong("failed", BAD),
+}  # fmt: skip
+_VERDICTS = {"consistent": Strong("consistent", GOOD), "inconsistent": Strong("inconsistent", BAD)}
+
+
+def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> Document:
+    """The document with one line for each session; the same rows give the same bytes."""
+    document = Document("SphereCal batch", "Batch of calibrations", f"Batch by SphereCal {__version__}")
+    counts = {word: sum(row["outcome"] == word for row in rows) for word in _WORDS}
+    said = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+    document.paragraph(f"{len(rows)} sessions: {said}.")
+    document.caption(
+        "Settings: " + ", ".join(f"{name} {_word(value)}" for name, value in settings.items()) + ". Each result lies "
+        "in results/ under the session's name, as `spherecal calibrate` writes it; the same table is in batch.csv."
+    )
+    heads = (
+        "session", "outcome", "form", "scale", "bars", "cameras", "rms px", "lengths", "mean\nerror mm", "sd mm",
+        "largest\nmm",
+    )  # fmt: skip
+    document.table(heads, [_row(row) for row in rows], 5)
+    record = [row for row in rows if row["message"]]
+    if record:
+        document.begin_section("What was wrong")
+        for row in record:
+            document.caption(f"{row['session']}: {row['message']}")
+    return document
+
+
+def _row(row: dict[str, Any]) -> list[Cell]:
+    cameras = NONE if row["cameras"] is None else f"{row['cameras_placed']} of {row['cameras']}"
+    return [
+        row["session"], _WORDS[row["outcome"]], row["form"] or NONE, (row["scale"] or NONE).replace("_", " "),
+        _VERDICTS.get(row["verification"] or "", NONE), cameras, significant(row["rms_px"], 3),
+        str(row["lengths"]) if row["lengths"] else NONE, significant(row["mean_error_mm"], 3),
+        significant(row["sd_mm"], 3), significant(row["max_abs_error_mm"], 3),
+    ]  # fmt: skip
+
+
+def _word(value: Any) -> str:
+    return {True: "yes", False: "no"}.get(value, str(value)) if isinstance(value, bool) else str(value)
+
 
 RESULTS, TRIALS = "results", "trials"
 _OURS = {RESULTS, TRIALS, "batch.csv", "batch.json", "batch.pdf"}
@@ -80,10 +126,7 @@ def _check_output(output: Path) -> None:
 
 
 def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
-    """Calibrate all sessions below a folder; results go into `output/results`, a table page and CSV beside them.
-
-    A session that was done before, unchanged since, is not done again; those that failed are.
-    """
+    """Calibrate all sessions below a folder into `output/results`, but for those done and unchanged; page and CSV."""
     sessions = find_sessions(folder, output)
     _check_output(output)
     names = [path.relative_to(folder).as_posix() for path in sessions]
@@ -117,10 +160,7 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
 
 
 def fingerprint_of(folder: Path) -> str:
-    """A hash that changes whenever session.json does or any file of the session is replaced; reads no images.
-
-    A session.json that cannot be read, which `calibrate_session` will refuse, counts by its error.
-    """
+    """A hash that changes with session.json (or its error) and when a file is replaced; reads no images."""
     try:
         digest = hashlib.sha256(read_below(folder, SESSION.file, _MOST_BYTES))
     except InputError as error:
@@ -137,10 +177,7 @@ def fingerprint_of(folder: Path) -> str:
 
 
 def calibrate_session(session: str, output: str, fingerprint: str, settings: dict[str, Any]) -> Result:
-    """Calibrate one session folder and write its result, verified where it has check bars; a row (see COLUMNS).
-
-    Whatever goes wrong is the row's message.
-    """
+    """Calibrate a session folder, verify it by its check bars, write the result; a row (COLUMNS), also of errors."""
     del fingerprint
     try:
         return _calibrated(Path(session), Path(output), CalibrationSettings(**settings))

@@ -6,24 +6,9 @@ from typing import Any
 import numpy as np
 
 from spherecal.data.session import STANDARD_PLACEMENTS
-from spherecal_study.document import Document
+from spherecal_study import study_page
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Estimate, below, estimate, like, ordered
-from spherecal_study.study_page import (
-    Options,
-    PaperComparison,
-    Results,
-    StudyPage,
-    begin,
-    columns_by_group,
-    local_and_global_s,
-    pairs,
-    paper_table,
-    pooled_rms,
-    pooled_sd,
-    table,
-    with_seeds,
-)
 
 TITLE = "This method, a board and a bar (Figs. 16 to 19, Table III)"
 RUNS = 3
@@ -59,12 +44,12 @@ _ROWS = {
 _SUB_BARS = ("A1A2", "A3A4", "B1B2", "B1B3", "B1B4")
 
 
-def trials(options: Options) -> list[Trial]:
+def trials(options: study_page.Options) -> list[Trial]:
     """Every method with the paper's number of placements and frames, or with as many as can be rendered."""
     return [_trial(name, options, s) for name in _rows(options) for s in options.seeds]
 
 
-def _rows(options: Options) -> dict[str, _Row]:
+def _rows(options: study_page.Options) -> dict[str, _Row]:
     """The methods compared; stickers with wrong prints are not rendered."""
     return {
         name: row
@@ -73,7 +58,7 @@ def _rows(options: Options) -> dict[str, _Row]:
     }
 
 
-def _trial(name: str, options: Options, seed: int) -> Trial:
+def _trial(name: str, options: study_page.Options, seed: int) -> Trial:
     row = _ROWS[name]
     settings = {**options.plain(_RIG), "seed": seed, **row.settings}
     if row.kind == "ball":
@@ -83,16 +68,16 @@ def _trial(name: str, options: Options, seed: int) -> Trial:
     return Trial(row.kind, {**settings, {"board": "placements", "bar": "frames"}[row.kind]: amount[row.kind]})
 
 
-_Found = dict[str, Results]
+_Found = dict[str, study_page.Results]
 _COLUMNS = (
     "method", "n", "images", "sd of bars, mm", "size of mean error, mm",
     "calibration alone, um", "px", "CPU s",
 )  # fmt: skip
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
+def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
     """The study's page: all methods by residuals, bars and time, and the table paper / ours."""
-    document = begin(
+    document = study_page.begin(
         TITLE,
         options,
         [
@@ -108,7 +93,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     )
     names = _rows(options)
     wanted = {name: {_trial(name, options, s).key for s in options.seeds} for name in names}
-    both = with_seeds(listed, results)
+    both = study_page.with_seeds(listed, results)
     found = {name: [r for t, r in both if t.key in wanted[name]] for name in names}
     found = {name: some for name, some in found.items() if some}
     _all_methods(document, found, options)
@@ -118,28 +103,28 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     return _against_paper(document, found)
 
 
-def bars_sd(some: Results) -> Estimate:
+def bars_sd(some: study_page.Results) -> Estimate:
     """The standard deviation of bars within a run, each length about its own mean, mm: mean over the runs."""
-    return estimate([pooled_sd(list(r["bars"].values())) for r in some])
+    return estimate([study_page.pooled_sd(list(r["bars"].values())) for r in some])
 
 
-def bars_mean(some: Results) -> Estimate:
+def bars_mean(some: study_page.Results) -> Estimate:
     """The size of the mean error of a length, mm, mean over lengths and runs."""
     return estimate([float(np.mean([abs(np.mean(e)) for e in r["bars"].values() if e])) for r in some if r["bars"]])
 
 
-def alone_um(some: Results) -> Estimate:
+def alone_um(some: study_page.Results) -> Estimate:
     """The rms error of bars with perfect images in a run, um, mean over the runs."""
-    return estimate([1e3 * pooled_rms([r["exact_errors_mm"]]) for r in some])
+    return estimate([1e3 * study_page.pooled_rms([r["exact_errors_mm"]]) for r in some])
 
 
-def _all_methods(document: Document, found: _Found, options: Options) -> None:
+def _all_methods(document: study_page.Document, found: _Found, options: study_page.Options) -> None:
     rows = []
     for name, some in found.items():
         row = _ROWS[name]
         amounts = _RENDERED if options.images else {"board": _BOARD, "bar": _FRAMES}
         images = amounts.get(row.kind, STANDARD_PLACEMENTS) * options.cameras(_RIG)
-        cpu = sum(local_and_global_s(some))
+        cpu = sum(study_page.local_and_global_s(some))
         px = estimate([r["mean_px"] for r in some]).mean
         rows.append(
             [
@@ -154,14 +139,14 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
             ]
         )
     document.begin_section("All methods")
-    table(document, _COLUMNS, rows)
+    study_page.table(document, _COLUMNS, rows)
     document.caption(
         "Means over runs with their standard errors. Bars recorded like everything else carry the noise of their own "
         "images, 0.01 mm; what the calibration itself does is in the column after it."
     )
     labels = [_ROWS[name].text for name in found]
     errors = {"rms error": [alone_um(some).error for some in found.values()]}
-    columns_by_group(
+    study_page.columns_by_group(
         document,
         [label.replace(", ", ",\n") for label in labels],
         {"rms error": [alone_um(some).mean for some in found.values()]},
@@ -171,7 +156,7 @@ def _all_methods(document: Document, found: _Found, options: Options) -> None:
     )
 
 
-def _residuals(document: Document, found: _Found) -> None:
+def _residuals(document: study_page.Document, found: _Found) -> None:
     """Fig. 16: mean absolute residuals and standard deviations in x and y."""
     document.begin_section("Residuals (Fig. 16)")
     chosen = [name for name in ("tao", "free", "rigid", "board-chained", "bar-chained") if name in found]
@@ -182,7 +167,7 @@ def _residuals(document: Document, found: _Found) -> None:
         figures = [estimate([row[i] for row in each]) for i in range(4)]
         series[_ROWS[name].text] = [f.mean for f in figures]
         errors[_ROWS[name].text] = [f.error for f in figures]
-    columns_by_group(
+    study_page.columns_by_group(
         document,
         groups,
         series,
@@ -193,7 +178,7 @@ def _residuals(document: Document, found: _Found) -> None:
     document.caption("Residuals tell how well the model fits what was seen, not how well the rig measures.")
 
 
-def _by_length(document: Document, found: _Found) -> None:
+def _by_length(document: study_page.Document, found: _Found) -> None:
     """Fig. 17 and Table III: each sub-bar's standard deviation and mean error."""
     document.begin_section("Sub-bars (Figs. 17 and 18, Table III)")
     chosen = [
@@ -203,43 +188,43 @@ def _by_length(document: Document, found: _Found) -> None:
         series = {_ROWS[n].text: [what(found[n], bar).mean for bar in _SUB_BARS] for n in chosen}
         errors = {_ROWS[n].text: [what(found[n], bar).error for bar in _SUB_BARS] for n in chosen}
         paper = {"paper: ball": 0.125, "paper: 1-D": 0.175, "paper: 2-D": 0.2} if what is _sd_of else None
-        columns_by_group(document, _SUB_BARS, series, label, paper=paper, errors=errors)
+        study_page.columns_by_group(document, _SUB_BARS, series, label, paper=paper, errors=errors)
     rows = [
         [f"{bar}, {_ROWS[n].text}", _mean_of(some, bar).words(4), _sd_of(some, bar).words(4), _stated(some, bar)]
         for bar in _SUB_BARS
         for n, some in found.items()
     ]
-    table(document, ("length, method", "mean error mm", "sd mm", "U (k = 2) stated mm"), rows)
+    study_page.table(document, ("length, method", "mean error mm", "sd mm", "U (k = 2) stated mm"), rows)
     document.caption("What Fig. 18 shows is not on record here; sub-bars by their mean error stand in its place.")
 
 
-def _sd_of(some: Results, bar: str) -> Estimate:
-    return estimate([pooled_sd([r["bars"].get(bar, [])]) for r in some])
+def _sd_of(some: study_page.Results, bar: str) -> Estimate:
+    return estimate([study_page.pooled_sd([r["bars"].get(bar, [])]) for r in some])
 
 
-def _mean_of(some: Results, bar: str) -> Estimate:
+def _mean_of(some: study_page.Results, bar: str) -> Estimate:
     return estimate([float(np.mean(r["bars"][bar])) for r in some if r["bars"].get(bar)])
 
 
-def _stated(some: Results, bar: str) -> float:
+def _stated(some: study_page.Results, bar: str) -> float:
     return estimate([2 * r["bars_u_mm"].get(bar, float("nan")) for r in some]).mean
 
 
-def _time(document: Document, found: _Found) -> None:
+def _time(document: study_page.Document, found: _Found) -> None:
     """Computing alone: there are no measured operators, and handling is left out."""
     document.begin_section("Time of computing")
     rows = []
     for name, some in found.items():
-        local, rest = local_and_global_s(some)
+        local, rest = study_page.local_and_global_s(some)
         rows.append([_ROWS[name].text, local, rest, local + rest])
-    table(document, ("method", "local s", "global s", "sum s"), rows)
+    study_page.table(document, ("method", "local s", "global s", "sum s"), rows)
     document.caption(
         "Processor seconds on one core from observations to the result, the median of the runs. The paper's 168.71, "
         "237.89 and 319.20 s (Fig. 19) are mostly handling by hand, which was not measured here and is not compared."
     )
 
 
-def _against_paper(document: Document, found: _Found) -> StudyPage:
+def _against_paper(document: study_page.Document, found: _Found) -> study_page.StudyPage:
     sd = {name: bars_sd(some) for name, some in found.items()}
     nothing = estimate([])
 
@@ -250,7 +235,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
         return "; ".join(f"{_SHORT[n]} {sd[n].words(4)}" for n in names if n in sd) + " mm"
 
     rows = [
-        PaperComparison(
+        study_page.PaperComparison(
             f"bars, sd: {_ROWS[name].text}",
             "below 0.125 mm",
             f"{of(name).words(4)} mm",
@@ -265,7 +250,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
     for name, value in (("board-chained-print", 0.2), ("board-chained", 0.2), ("bar-chained", 0.175)):
         if name in found:
             rows.append(
-                PaperComparison(
+                study_page.PaperComparison(
                     f"bars, sd: {_ROWS[name].text}",
                     f"{value:g} mm",
                     f"{of(name).words(4)} mm",
@@ -281,7 +266,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
             _difference(found["board-chained-print"], found["bar-chained"]),
         ]
         rows.append(
-            PaperComparison(
+            study_page.PaperComparison(
                 "order of the methods",
                 "ball, bar, board",
                 words("tao", "bar-chained", "board-chained-print"),
@@ -294,7 +279,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
     if {"tao-print", "board-chained-print"} <= found.keys():
         step = _difference(found["board-chained-print"], found["tao-print"])
         rows.append(
-            PaperComparison(
+            study_page.PaperComparison(
                 "ball before board, both printed",
                 "yes",
                 words("tao-print", "board-chained-print"),
@@ -309,7 +294,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
             each = {bar: _sd_of(found[name], bar) for bar in _SUB_BARS}
             worst = max(each, key=lambda bar: each[bar].mean)
             rows.append(
-                PaperComparison(
+                study_page.PaperComparison(
                     f"each of five sub-bars, sd: {_ROWS[name].text}",
                     "below 0.125 mm",
                     f"{each[worst].words(4)} mm at most ({worst})",
@@ -320,7 +305,7 @@ def _against_paper(document: Document, found: _Found) -> StudyPage:
                 )
             )
     rows = [replace(row, pipeline=row.pipeline or _pipeline(row.what)) for row in rows]
-    return paper_table(document, [*rows, *_rivals(found)])
+    return study_page.paper_table(document, [*rows, *_rivals(found)])
 
 
 def _pipeline(what: str) -> str:
@@ -331,30 +316,26 @@ def _pipeline(what: str) -> str:
     return row.settings.get("method") or f"{row.kind} --no-joint"
 
 
-def _rivals(found: _Found) -> list[PaperComparison]:
+def _rivals(found: _Found) -> list[study_page.PaperComparison]:
     """The paper's method against its rivals: mean errors and uncertainties (Table III), residuals, computing time."""
     names = ("tao", "bar-chained", "board-chained-print")
     if not found.keys() >= set(names):
         return []
     lines = []
     for what, value, unit, why, said in (
-        (
-            "mean error of bars",
-            _size_of_mean,
-            "mm",
-            "the ball's is the arc that (18) takes for a line.",
-            "smaller",
-        ),
+        ("mean error of bars", _size_of_mean, "mm", "the ball's is the arc that (18) takes for a line.", "smaller"),
         ("uncertainty of a mean of 20 poses (type A)", _type_a, "mm", "", "smaller"),
     ):
-        steps = [estimate([value(b) - value(a) for a, b in pairs(found["tao"], found[n])]) for n in names[1:]]
+        steps = [
+            estimate([value(b) - value(a) for a, b in study_page.pairs(found["tao"], found[n])]) for n in names[1:]
+        ]
         lines.append(_compared(f"{what}, ball against bar and board", said, found, value, unit, steps, why))
     residual = "mean absolute residual (Fig. 16)"
     why = "each on its own images; residuals do not show how well the rig measures."
     lines.append(_compared(residual, "-", found, _mean_residual, "px", [], why))
-    seconds = "; ".join(f"{_SHORT[name]} {sum(local_and_global_s(found[name])):.2f} s" for name in names)
+    seconds = "; ".join(f"{_SHORT[name]} {sum(study_page.local_and_global_s(found[name])):.2f} s" for name in names)
     lines.append(
-        PaperComparison(
+        study_page.PaperComparison(
             "time (Fig. 19)",
             "ball 168.71 s, 1-D 319.20 s, 2-D 237.89 s, handling included",
             seconds,
@@ -374,13 +355,13 @@ def _mean_residual(result: dict[str, Any]) -> float:
 
 def _compared(
     what: str, said: str, found: _Found, value: Any, unit: str, steps: list[Estimate], why: str
-) -> PaperComparison:
+) -> study_page.PaperComparison:
     names = ("tao", "bar-chained", "board-chained-print")
     each = {name: estimate([value(r) for r in found[name]]) for name in names}
     ours = "; ".join(f"{_SHORT[name]} {figure.words(4)}" for name, figure in each.items()) + f" {unit}"
     verdict, test = (ordered(steps), "order") if steps else (None, "")
     n = min(figure.n for figure in each.values())
-    return PaperComparison(what, said, ours, verdict, why, test, n, "all three")
+    return study_page.PaperComparison(what, said, ours, verdict, why, test, n, "all three")
 
 
 def _size_of_mean(result: dict[str, Any]) -> float:
@@ -391,10 +372,15 @@ def _type_a(result: dict[str, Any]) -> float:
     return float(np.mean([np.std(e, ddof=1) / np.sqrt(len(e)) for e in result["bars"].values() if len(e) > 1]))
 
 
-def _difference(one: Results, other: Results) -> Estimate:
+def _difference(one: study_page.Results, other: study_page.Results) -> Estimate:
     """How much larger the sd of bars is run by run: the same seeds, the same bars."""
-    both = pairs(one, other)
-    return estimate([pooled_sd(list(a["bars"].values())) - pooled_sd(list(b["bars"].values())) for a, b in both])
+    both = study_page.pairs(one, other)
+    return estimate(
+        [
+            study_page.pooled_sd(list(a["bars"].values())) - study_page.pooled_sd(list(b["bars"].values()))
+            for a, b in both
+        ]
+    )
 
 
 _WHY = {

@@ -19,17 +19,9 @@ from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise.camera_path import Path, Search, find_paths
 from spherecal.initialise.local import LocalNetwork
 from spherecal.initialise.view_graph import edges_of
+from spherecal.steps import tao2021
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import StartValues
-from spherecal.steps.tao2021 import (
-    bundle_adjustment,
-    grouped_points,
-    local_reconstruction,
-    optimal_path_transformation,
-    plain_state,
-    spherical_projection,
-    with_points,
-)
 from spherecal_sim.truth import Truth
 
 PERCENT = (10, 15, 20, 25)
@@ -39,19 +31,16 @@ _SEARCHES: tuple[Search, ...] = ("opt", "dijkstra", "first", "first-listed")
 
 
 def published_cases(session: Session, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
-    """How the paper's adjustment ends from every variant of its start: OPT, Dijkstra, none-OPT; SPO, none-SPO.
-
-    `adjust_s` is the adjustment's processor time.
-    """
+    """How the paper's adjustment ends from its starts (OPT, Dijkstra, none-OPT; SPO, none-SPO), processor s."""
     cases: list[dict[str, Any]] = []
     best: dict[str, Any] | None = None
     whole = Recording.of(session)
-    groups = local_reconstruction(whole, settings, Context())
+    groups = tao2021.local_reconstruction(whole, settings, Context())
     for search in _SEARCHES:
         chosen = replace(settings, search=search)
         paths = find_paths(groups.graph, groups.triples, search, settings.base)
-        recording, local, _ = grouped_points(whole, replace(groups, paths=paths), chosen)
-        chained = optimal_path_transformation(recording, local, chosen)
+        recording, local, _ = tao2021.grouped_points(whole, replace(groups, paths=paths), chosen)
+        chained = tao2021.optimal_path_transformation(recording, local, chosen)
         best = best or _optimum(chained, truth, chosen)
         lengths = [path_length(local, path, chosen) for path in local.paths.values() if path.triples]
         known = {
@@ -60,7 +49,7 @@ def published_cases(session: Session, truth: Truth, settings: CalibrationSetting
             "length": float(np.mean(lengths)) if lengths and np.isfinite(lengths).all() else None,
         }
         for spo in (True, False):
-            start = spherical_projection(recording, chained) if spo else chained
+            start = tao2021.spherical_projection(recording, chained) if spo else chained
             cases.append({**known, "spo": spo, **_ended(start, best, chosen)})
     assert best is not None
     return {"cases": cases, "best_rms_px": best["rms_px"], "cameras": len(session.cameras)}
@@ -78,13 +67,12 @@ def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) 
 def displaced_cases(
     session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int] = PERCENT
 ) -> dict[str, Any]:
-    """How adjustments end whose points are displaced by a share of the ball's radius, with SPO and without (22).
-
-    The start is the paper's, in millimetres: by the ball's true radius over that of the spheres fitted to the points.
-    """
+    """How adjustments end from the paper's start, in mm, displaced by shares of the radius, SPO and none (22)."""
     recording = Recording.of(session)
-    recording, local, _ = grouped_points(recording, local_reconstruction(recording, settings, Context()), settings)
-    start = optimal_path_transformation(recording, local, settings)
+    recording, local, _ = tao2021.grouped_points(
+        recording, tao2021.local_reconstruction(recording, settings, Context()), settings
+    )
+    start = tao2021.optimal_path_transformation(recording, local, settings)
     radius = truth.options.ball_radius_mm
     scaled = start.poses.state.scaled(radius / _radius(start.poses.state.points, recording.features.placement))
     start = replace(start, poses=replace(start.poses, state=scaled))
@@ -103,8 +91,8 @@ def _displaced(
     points = start.poses.state.points
     for percent in percents:
         rng = np.random.default_rng([seed, percent * 100])
-        displaced = with_points(start, points + percent / 100 * radius * _within_one(rng, points.shape))
-        yield percent, "spo", spherical_projection(recording, displaced)
+        displaced = tao2021.with_points(start, points + percent / 100 * radius * _within_one(rng, points.shape))
+        yield percent, "spo", tao2021.spherical_projection(recording, displaced)
         yield percent, "none", displaced
 
 
@@ -112,19 +100,19 @@ def _optimum(start: StartValues, truth: Truth, settings: CalibrationSettings) ->
     """Where the adjustment of the same observations ends from the true cameras."""
     state = _true_state(start.network, truth)
     points = np.where(np.isfinite(start.poses.state.points), state.points, np.nan)
-    known = with_points(replace(start, poses=replace(start.poses, state=state)), points)
-    return _figures(bundle_adjustment(known, replace(settings, damping="diagonal"), Context()))
+    known = tao2021.with_points(replace(start, poses=replace(start.poses, state=state)), points)
+    return _figures(tao2021.bundle_adjustment(known, replace(settings, damping="diagonal"), Context()))
 
 
 def _ended(start: StartValues, best: dict[str, Any], settings: CalibrationSettings) -> dict[str, Any]:
     """Where a start begins and ends, in how many steps and seconds, and whether that is the optimum."""
     began = time.process_time()
-    adjusted = bundle_adjustment(start, settings, Context())
+    adjusted = tao2021.bundle_adjustment(start, settings, Context())
     seconds = time.process_time() - began
     done = _figures(adjusted)
     return {
         **done,
-        "start_px": float(np.median(_sizes(adjusted, plain_state(start)))),
+        "start_px": float(np.median(_sizes(adjusted, tao2021.plain_state(start)))),
         "adjust_s": seconds,
         "converged": done["rms_px"] <= best["rms_px"] * SAME_RMS,
     }

@@ -52,10 +52,7 @@ class Trial:
 
 
 class Workers(Protocol):
-    """Where trials run; `results` yields (number of the trial, result) in any order.
-
-    The result is None for a trial that ended its worker every time.
-    """
+    """Where trials run; `results` yields (trial's number, result) in any order, None where it ended every worker."""
 
     def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
         """Run all trials; each result with the number of its trial as it comes."""
@@ -69,10 +66,7 @@ def run_trials(
     context: Context,
     instead: Callable[[Trial], Result] | None = None,
 ) -> list[Result]:
-    """The results of all trials in their order; those already in `folder` are not run again, equal ones once.
-
-    `instead` None: such a trial is an error.
-    """
+    """All trials' results in order, those in `folder` and equal ones not run again; `instead` of what cannot run."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -121,10 +115,7 @@ def kept_result(folder: Path, trial: Trial) -> Result | None:
 
 
 def run_here(trial: Trial) -> Result:
-    """The result of one trial run in this process.
-
-    BLAS has one thread: the last bits depend on the number of threads.
-    """
+    """The result of one trial in this process, BLAS with one thread: the last bits depend on their number."""
     from spherecal_study.trials import KINDS
 
     with threadpool_limits(1):
@@ -215,10 +206,7 @@ class DaskCluster:
     run: Callable[[Trial], Result] = run_here
 
     def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
-        """Run all trials; each result with the number of its trial as it comes.
-
-        The cluster repeats the trials of a lost worker.
-        """
+        """Run all trials; each result with its trial's number as it comes. A lost worker's trials are repeated."""
         client = self._client()
         from distributed import KilledWorker
 
@@ -268,8 +256,5 @@ def _wait_a_little(pending: set) -> None:
 
 
 def workers_for(count: int, cluster: str | None) -> Workers:
-    """A cluster where an address is given, else local processes.
-
-    `cluster` None.
-    """
+    """An existing cluster where an address is given, else local processes."""
     return DaskCluster(cluster) if cluster else LocalProcesses(count)

@@ -10,25 +10,18 @@ ORDER = ("compare", "layouts", "path", "noise", "cameras", "rigB", "bar")
 
 @dataclass(frozen=True)
 class KeptPage:
-    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options.
-
-    `compared` has rows `what`, `paper`, `ours`, `agrees` (None: no matter of agreeing), `why`. `options` has `runs`,
-    `sigma_px` (None: rendered images), `seed`, `preset` (None: the paper's rig), or a recorded `session`.
-    """
+    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options."""
 
     name: str
     title: str
     pdf: Path
     pictures: tuple[Path, ...]
-    compared: tuple[dict[str, Any], ...]
-    options: dict[str, Any]
+    compared: tuple[dict[str, Any], ...]  # `what`, `paper`, `ours`, `agrees` (or None), `why`
+    options: dict[str, Any]  # `runs`, `sigma_px` (None: images), `seed`, `preset` (None: the paper's), or `session`
 
 
 def pages(folder: Path) -> tuple[KeptPage, ...]:
-    """The pages in a folder that `spherecal study -o FOLDER` wrote, the comparison of methods first.
-
-    Empty where the folder is missing; a page whose files are incomplete or damaged is left out.
-    """
+    """The complete pages in a folder of `spherecal study -o FOLDER`, the comparison of methods first."""
     found = [page for path in sorted(folder.glob("*.json")) if (page := _read(path)) is not None]
     return tuple(sorted(found, key=lambda page: (_place(page.name), page.name)))
 
@@ -43,13 +36,9 @@ def _read(path: Path) -> KeptPage | None:
         if d["format"] != "spherecal/study":
             return None
         page = KeptPage(
-            d["study"],
-            d["title"],
-            path.parent / d["pdf"],
-            tuple(path.parent / name for name in d["pictures"]),
-            tuple(d["compared"]),
-            d["options"],
-        )
+            d["study"], d["title"], path.parent / d["pdf"], tuple(path.parent / name for name in d["pictures"]),
+            tuple(d["compared"]), d["options"],
+        )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return page if all(file.is_file() for file in (page.pdf, *page.pictures)) else None

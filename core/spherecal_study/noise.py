@@ -4,20 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from spherecal_study import study_page
 from spherecal_study.displacement import PERCENT
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Estimate, always, estimate, never, share_interval
-from spherecal_study.study_page import (
-    Options,
-    PaperComparison,
-    Results,
-    StudyPage,
-    begin,
-    columns_by_group,
-    paper_table,
-    table,
-)
 
 TITLE = "Spherical projection and displaced points (Table II)"
 RUNS = 3
@@ -35,7 +25,7 @@ _CASES = (
 )
 
 
-def trials(options: Options) -> list[Trial]:
+def trials(options: study_page.Options) -> list[Trial]:
     """All percentages with and without projection, by each damping, with nominal and with known intrinsics."""
     return [
         Trial(
@@ -57,7 +47,7 @@ def trials(options: Options) -> list[Trial]:
     ]
 
 
-def _cases(options: Options) -> list[tuple[str, str, bool, str, str]]:
+def _cases(options: study_page.Options) -> list[tuple[str, str, bool, str, str]]:
     """What is run: of another rig than the paper's, that rig alone."""
     alone = options.images or options.preset
     return [case for case in _CASES if (case[2] or not options.known) and not (alone and case[0] == _WIDE)]
@@ -67,9 +57,9 @@ _Cases = list[dict[str, Any]]
 _USUAL_STEPS = 50
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
+def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
     """The study's page: which starts converge, final errors by camera, and the table paper / ours."""
-    document = begin(
+    document = study_page.begin(
         TITLE,
         options,
         [
@@ -78,12 +68,12 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             "start is the paper's own (`--method tao2021`: poses and points chained along OPT's paths). The adjustment "
             "is plain, all unknowns at once, 200 steps at most: damped by the identity with lengths in millimetres "
             "(Levenberg), or by the diagonal (Marquardt). Rig B has wide baselines and weak groups. Converged: the "
-            "optimum's rms within 5 %.",
+            "optimum's rms within 5 %."
         ],
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
-    def some(rig: str, damping: str, known: bool) -> Results:
+    def some(rig: str, damping: str, known: bool) -> study_page.Results:
         preset = rig if rig == _WIDE else options.rig(_RIG)
         of = [(s, r) for s, r in both if s["preset"] == preset and s["damping"] == damping]
         return [r for s, r in of if s.get("known", False) == known]
@@ -97,7 +87,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         for way, name in _WAYS:
             percents = _ENDS if damping == "identity" else (*PERCENT, *_FAR) if known == options.known else PERCENT
             rows += [_row(f"{name}, {text}", p, cases(rig, damping, known, way, p)) for p in percents]
-    table(
+    study_page.table(
         document,
         ("start and adjustment", "a", "converged", "95 %", "in 50 steps", "start px", "steps", "final px"),
         rows,
@@ -107,7 +97,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         for rig, damping, known, _, short in _cases(options)
         for way, name in _WAYS
     }
-    columns_by_group(document, [f"{p} %" for p in _ENDS], series, "converged, %")
+    study_page.columns_by_group(document, [f"{p} %" for p in _ENDS], series, "converged, %")
     for known in (False, True):
         _by_camera(document, some(_RIG, "identity", known), known)
     return _against_paper(document, cases, options)
@@ -134,7 +124,7 @@ def _share(chosen: _Cases) -> float:
     return 100 * sum(c["converged"] for c in chosen) / len(chosen) if chosen else float("nan")
 
 
-def _by_camera(document: Document, some: Results, known: bool) -> None:
+def _by_camera(document: study_page.Document, some: study_page.Results, known: bool) -> None:
     """Final px of each camera at the largest displacement, with SPO and without."""
     if not some:
         return
@@ -148,10 +138,10 @@ def _by_camera(document: Document, some: Results, known: bool) -> None:
             own = [c for r in some for c in r["cases"] if c["way"] == way and c["percent"] == PERCENT[-1]]
             cells.append(estimate([c["camera_mean_px"][number] for c in own]).words(4))
         rows.append(cells)
-    table(document, ("camera", "SPO, final px", "none-SPO, final px"), rows)
+    study_page.table(document, ("camera", "SPO, final px", "none-SPO, final px"), rows)
 
 
-def _against_paper(document: Document, cases: Any, options: Options) -> StudyPage:
+def _against_paper(document: study_page.Document, cases: Any, options: study_page.Options) -> study_page.StudyPage:
     def runs(rig: str, damping: str, known: bool, way: str, *percents: int) -> tuple[int, int]:
         """In how many runs all of the percentages converge, and of how many; cases of one run are not independent."""
         chosen, each = cases(rig, damping, known, way, *percents), len(percents or PERCENT)
@@ -173,7 +163,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
         for percent in _ENDS:
             found = cases(_RIG, "identity", options.known, way, percent)
             within.append(
-                PaperComparison(
+                study_page.PaperComparison(
                     f"{name}, {percent} %, identity: converged within {_USUAL_STEPS} steps",
                     "does not converge" if (way, percent) == ("none", _ENDS[-1]) else "converges",
                     f"{sum(_is_soon(c) for c in found)} of {len(found)} runs; within 200 steps "
@@ -194,20 +184,14 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
         if with_spo[1]:
             what = f"{rig}, {'known' if known else 'nominal'} intrinsics, {percent} %, diagonal, runs that converge"
             ours = f"{with_spo[0]} of {with_spo[1]} with SPO, {without[0]} of {without[1]} without"
-            wide.append(PaperComparison(what, "-", ours, None, "", "", with_spo[1]))
-    return paper_table(
+            wide.append(study_page.PaperComparison(what, "-", ours, None, "", "", with_spo[1]))
+    return study_page.paper_table(
         document,
         [
-            PaperComparison(
-                "with SPO, 10 and 25 %",
-                "always converges",
-                f"in {spo} of {n} runs",
-                always(spo, n),
-                "",
-                "share",
-                n,
+            study_page.PaperComparison(
+                "with SPO, 10 and 25 %", "always converges", f"in {spo} of {n} runs", always(spo, n), "", "share", n
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "without SPO, 25 %",
                 "does not converge",
                 f"converges in {none} of {n_none} runs",
@@ -219,7 +203,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 "share",
                 n_none,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "damped by the diagonal, without SPO, 20 and 25 %",
                 "does not converge",
                 f"converges in {tried['the diagonal'][0]} of {tried['the diagonal'][1]} runs",
@@ -228,7 +212,7 @@ def _against_paper(document: Document, cases: Any, options: Options) -> StudyPag
                 "share",
                 tried["the diagonal"][1],
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "steps, SPO against none-SPO",
                 "-",
                 f"{_words(steps['spo'])} with, {_words(steps['none'])} without",

@@ -14,13 +14,12 @@ from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal_documents.report.style import report_style
 from spherecal_study.batch_of_sessions import fingerprint_of
-from spherecal_study.document import Document
 from spherecal_study.executor import Result, Trial, Workers, run_trials
-from spherecal_study.measures import all_errors
 from spherecal_study.path_study import SEARCHES, draw_graph
 from spherecal_study.recorded_trials import apart_mm, seen_along_the_thinnest
 from spherecal_study.studies import write_page
-from spherecal_study.study_page import Results, StudyPage, columns_by_group, curves, mean, pooled_rms, table
+from spherecal_study.study_agreement import all_errors
+from spherecal_study.study_page import Document, Results, StudyPage, columns_by_group, curves, mean, pooled_rms, table
 
 NAMES = ("layouts", "path", "cameras")
 _WHY_NOT = {
@@ -96,10 +95,7 @@ def _layouts(session: Session, whole: Result, plain: dict[str, Any], options: Se
         drawn = {tuple(sorted(rng.choice(len(names), n, replace=False).tolist())) for _ in range(options.runs)}
         parts += [[names[i] for i in chosen] for chosen in sorted(drawn)]
     return [
-        Trial(
-            "recorded",
-            {**plain, "method": method, "without": [f"placement:{p}" for p in names if p not in part]},
-        )
+        Trial("recorded", {**plain, "method": method, "without": [f"placement:{p}" for p in names if p not in part]})
         for method in ("free", "auto")
         for part in parts
     ]
@@ -140,7 +136,7 @@ def _page_of_parts(what: str, total: Callable[[Session], int]):
                 f"Parts of the recording are calibrated as if no more had been recorded: {_HOW[what]} Judged by the "
                 "check bars, where there are any, and by how far the cameras then stand from where the whole recording "
                 "has them. A part shares its data with the whole, so this understates its error where little is "
-                "left out.",
+                "left out."
             ],
         )
         rows, px, bars, apart = [], {}, {}, {}
@@ -169,17 +165,7 @@ def _page_of_parts(what: str, total: Callable[[Session], int]):
         if any(np.isfinite(values).any() for _, values in bars.values()):
             curves(document, bars, what, "rms error of check bars, mm")
         curves(document, apart, what, "cameras off the whole recording's, mm")
-        table(
-            document,
-            (
-                f"form, {what}",
-                "valid",
-                "reprojection px",
-                "bars rms mm",
-                "cameras off mm",
-            ),
-            rows,
-        )
+        table(document, (f"form, {what}", "valid", "reprojection px", "bars rms mm", "cameras off mm"), rows)
         return StudyPage(document, ())
 
     return page
@@ -203,7 +189,7 @@ def _page_of_paths(
         [
             "OPT takes the path with the least b^m g by A*; none-OPT grows from the reference by the first triple that "
             "reaches a camera. Paths make the start; what the adjustment ends with is another matter, so both are "
-            "shown.",
+            "shown."
         ],
     )
     found = {(t.kind, t.settings["search"]): r for t, r in zip(listed, results, strict=True)}

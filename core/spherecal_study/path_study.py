@@ -5,26 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from spherecal_documents.report.sheet import PageBox, Sheet
-from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT
+from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT, PageBox, Sheet
 from spherecal_sim.rigs import rig_design
-from spherecal_study.document import Document
+from spherecal_study import study_page
 from spherecal_study.executor import Trial
-from spherecal_study.measures import all_errors
-from spherecal_study.study_agreement import RATIO, Estimate, above, estimate, like
-from spherecal_study.study_page import (
-    Options,
-    PaperComparison,
-    Results,
-    StudyPage,
-    begin,
-    columns_by_group,
-    pairs,
-    paper_table,
-    pooled_rms,
-    table,
-    with_seeds,
-)
+from spherecal_study.study_agreement import RATIO, Estimate, above, all_errors, estimate, like
 
 TITLE = "Paths through the camera graph (Figs. 9 and 10)"
 RUNS = 5
@@ -34,7 +19,7 @@ SEARCHES = {
 _RIGS = ("rigA", "rigB")
 
 
-def trials(options: Options) -> list[Trial]:
+def trials(options: study_page.Options) -> list[Trial]:
     """The paper's graph, paths and starts, what its adjustment makes of them, and whole calibrations."""
     starts = [
         Trial("paths", {**_plain(options, rig), "seed": s, "search": search, **({"known": True} if known else {})})
@@ -66,32 +51,29 @@ def trials(options: Options) -> list[Trial]:
 _WEAK: dict[str, Any] = {"th_pt": 8, "paths": [1.0, 1.0, 1e6, 1.1]}
 
 
-def _published(options: Options) -> list[tuple[str, bool, dict[str, Any]]]:
-    """Rigs, whether intrinsics are known, and settings from whose starts the paper's adjustment is run.
-
-    On the last rig with known intrinsics and by weak groups too: on rig A every start ends alike.
-    """
+def _published(options: study_page.Options) -> list[tuple[str, bool, dict[str, Any]]]:
+    """Rigs, whether intrinsics are known, and settings to start from; weak groups tell only on the last rig."""
     rigs = [rig for rig in _rigs(options) if not rig_design(rig).walk]
     weak = [(rigs[-1], options.known, _WEAK)] if rigs and options.paths is None else []
     known = [(rigs[-1], True, {})] if rigs and not (options.known or options.images) else []
     return [*((rig, options.known, {}) for rig in rigs), *known, *weak]
 
 
-def _plain(options: Options, rig: str) -> dict[str, Any]:
+def _plain(options: study_page.Options, rig: str) -> dict[str, Any]:
     return {**options.plain(rig), "preset": rig}
 
 
-def _known(options: Options) -> tuple[bool, ...]:
+def _known(options: study_page.Options) -> tuple[bool, ...]:
     return (True,) if options.known else (False,) if options.images else (False, True)
 
 
-def _rigs(options: Options) -> tuple[str, ...]:
+def _rigs(options: study_page.Options) -> tuple[str, ...]:
     return (options.rig(_RIGS[0]),) if options.images or options.preset else _RIGS
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
+def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
     """The study's page: paths, starts and results of each search, the graph, and the table paper / ours."""
-    document = begin(
+    document = study_page.begin(
         TITLE,
         options,
         [
@@ -99,14 +81,14 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             "weigh the triples' reprojection error and one over the common points. OPT takes the path with the least "
             "b^m g by A*; none-OPT grows from the reference by the first triple that reaches a camera. All of this "
             "page is the paper's own pipeline (`--method tao2021`): every group of TH_pt = 12 common points, poses and "
-            "points chained as they are, SPO or not, then one Levenberg-Marquardt adjustment of everything.",
+            "points chained as they are, SPO or not, then one Levenberg-Marquardt adjustment of everything."
         ],
     )
     rigs = _rigs(options)
     whole = [rig for rig in rigs[:1] if not rig_design(rig).walk]
-    both = with_seeds(listed, results)
+    both = study_page.with_seeds(listed, results)
 
-    def some(kind: str, rig: str, search: str, known: bool = False) -> Results:
+    def some(kind: str, rig: str, search: str, known: bool = False) -> study_page.Results:
         return [r for t, r in both if t.kind == kind and _is(t.settings, rig, search, known or options.known)]
 
     for known in _known(options):
@@ -117,7 +99,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     if opt and first:
         draw_graph(document, opt[0], first[0])
     if not whole:
-        return StudyPage(document, ())
+        return study_page.StudyPage(document, ())
     rows = []
     for rig in whole:
         for s, name in SEARCHES.items():
@@ -125,7 +107,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             if chosen:
                 px = estimate([r["mean_px"] for r in chosen])
                 rows.append([f"{rig}, {name}", len(chosen), px.words(4), _bars(chosen).words(4)])
-    table(document, ("rig, search", "runs", "px at the end", "bars rms mm"), rows)
+    study_page.table(document, ("rig, search", "runs", "px at the end", "bars rms mm"), rows)
     ends += [_search_line(rig, some("paths", rig, "opt"), some("paths", rig, "dijkstra")) for rig in rigs]
     return _against_paper(document, rigs[0], some, options, ends)
 
@@ -139,7 +121,9 @@ _WAYS = (
 )  # fmt: skip
 
 
-def _ends(document: Document, both: Sequence[tuple[Trial, dict[str, Any]]], options: Options) -> list[PaperComparison]:
+def _ends(
+    document: study_page.Document, both: Sequence[tuple[Trial, dict[str, Any]]], options: study_page.Options
+) -> list[study_page.PaperComparison]:
     """What the paper's adjustment makes of every variant of its start, as a table and as lines."""
     lines = []
     for rig, known, more in _published(options):
@@ -152,7 +136,7 @@ def _ends(document: Document, both: Sequence[tuple[Trial, dict[str, Any]]], opti
         document.begin_section(f"The adjustment from each start: {words}")
         heads = ("start", "converged", "other minimum", "not settled", "unplaced", "start px", "steps", "CPU ms")
         rows = [[name, *_ended([_case(r, s, spo) for r in runs], runs[0]["cameras"])] for name, s, spo in _WAYS]
-        table(document, heads, rows)
+        study_page.table(document, heads, rows)
         lines.append(_line(words, runs, options))
     document.caption(
         "Converged: the rms of the same observations' optimum within 5 %, all cameras placed. Not settled: stopped at "
@@ -192,7 +176,7 @@ def _ended(cases: _Cases, cameras: int) -> list[str]:
 _MEDIANS = (("start_px", 1), ("iterations", 1), ("adjust_s", 1e3))
 
 
-def _line(words: str, runs: Results, options: Options) -> PaperComparison:
+def _line(words: str, runs: study_page.Results, options: study_page.Options) -> study_page.PaperComparison:
     """How many runs end in the optimum from each start, beside our robust start."""
     cameras, n = runs[0]["cameras"], len(runs)
     cases = {name: [_case(r, s, spo) for r in runs] for name, s, spo in _WAYS}
@@ -201,7 +185,7 @@ def _line(words: str, runs: Results, options: Options) -> PaperComparison:
     counts["our robust start"] = sum(
         r["ours"]["cameras"] == cameras and (r["ours"]["rms_px"] or np.inf) < limit for r in runs
     )
-    return PaperComparison(
+    return study_page.PaperComparison(
         f"runs of {n} that end in the optimum, {words}",
         "-",
         ", ".join(map(str, counts.values())),
@@ -212,12 +196,12 @@ def _line(words: str, runs: Results, options: Options) -> PaperComparison:
     )
 
 
-def _search_line(rig: str, opt: Results, dijkstra: Results) -> PaperComparison:
+def _search_line(rig: str, opt: study_page.Results, dijkstra: study_page.Results) -> study_page.PaperComparison:
     """The time of A* against Dijkstra's."""
-    both = pairs(opt, dijkstra)
+    both = study_page.pairs(opt, dijkstra)
     ms = [estimate([1e3 * pair[way]["search_s"] for pair in both]) for way in (0, 1)]
     same = sum(a["paths"] == b["paths"] for a, b in both)
-    return PaperComparison(
+    return study_page.PaperComparison(
         f"time of the path search, {rig}",
         "-",
         f"{ms[0].words(2)} ms by A*, {ms[1].words(2)} ms by Dijkstra",
@@ -236,8 +220,8 @@ def _is(settings: Mapping[str, Any], rig: str, search: str, known: bool) -> bool
     return same and settings.get("known", False) == known
 
 
-def _bars(chosen: Results) -> Estimate:
-    return estimate([pooled_rms([all_errors(r)]) for r in chosen])
+def _bars(chosen: study_page.Results) -> Estimate:
+    return estimate([study_page.pooled_rms([all_errors(r)]) for r in chosen])
 
 
 def _length(result: dict[str, Any]) -> float | None:
@@ -246,7 +230,9 @@ def _length(result: dict[str, Any]) -> float | None:
     return None if None in lengths else float(np.mean(lengths))
 
 
-def _starts(document: Document, rigs: Sequence[str], known: bool, some: Callable[..., Results]) -> None:
+def _starts(
+    document: study_page.Document, rigs: Sequence[str], known: bool, some: Callable[..., study_page.Results]
+) -> None:
     """Lengths, starts and what the term 1/N does, with nominal or with known intrinsics."""
     words = "known" if known else "nominal"
     rows, starts, errors = [], {}, {}
@@ -274,9 +260,9 @@ def _starts(document: Document, rigs: Sequence[str], known: bool, some: Callable
                 ]
             )
     document.begin_section(f"Paths, {words} intrinsics")
-    columns_by_group(document, rigs, starts, "start: median residual, px", errors=errors)
+    study_page.columns_by_group(document, rigs, starts, "start: median residual, px", errors=errors)
     heads = ("rig, search", "runs", "mean path length", "refused", "start px", "share of 1/N, %", "changed by 1/N")
-    table(document, heads, rows)
+    study_page.table(document, heads, rows)
     document.caption(
         "Refused: runs in which a path leads over an edge beyond TH_er, whose length is infinite. Changed by 1/N: "
         "paths that are others when xi2 = 0."
@@ -284,16 +270,20 @@ def _starts(document: Document, rigs: Sequence[str], known: bool, some: Callable
 
 
 def _against_paper(
-    document: Document, rig: str, some: Callable[..., Results], options: Options, ends: list[PaperComparison]
-) -> StudyPage:
+    document: study_page.Document,
+    rig: str,
+    some: Callable[..., study_page.Results],
+    options: study_page.Options,
+    ends: list[study_page.PaperComparison],
+) -> study_page.StudyPage:
     rows = []
     for known in _known(options):
         words = "known" if known else "nominal"
         for s in ("first", "first-listed"):
-            both = pairs(some("paths", rig, "opt", known), some("paths", rig, s, known))
+            both = study_page.pairs(some("paths", rig, "opt", known), some("paths", rig, s, known))
             ratio = estimate([_over(_length(b), _length(a)) for a, b in both])
             rows.append(
-                PaperComparison(
+                study_page.PaperComparison(
                     f"length of the paths, {SEARCHES[s]}, {words} intrinsics",
                     "1.54 times",
                     f"{ratio.words(3)} times OPT's",
@@ -305,12 +295,14 @@ def _against_paper(
             )
     opt = some("ball", rig, "opt")
     for s in ("first", "first-listed"):
-        chosen = pairs(opt, some("ball", rig, s))
+        chosen = study_page.pairs(opt, some("ball", rig, s))
         ratio = estimate([b["mean_px"] / a["mean_px"] for a, b in chosen])
-        bars = estimate([pooled_rms([all_errors(b)]) / pooled_rms([all_errors(a)]) for a, b in chosen])
+        bars = estimate(
+            [study_page.pooled_rms([all_errors(b)]) / study_page.pooled_rms([all_errors(a)]) for a, b in chosen]
+        )
         px = estimate([a["mean_px"] for a, _ in chosen])
         rows += [
-            PaperComparison(
+            study_page.PaperComparison(
                 f"reprojection error at the end, {SEARCHES[s]} over OPT",
                 "0.15 over 0.09 px",
                 f"{ratio.words(4)} ({px.words(4)} px with OPT)",
@@ -319,7 +311,7 @@ def _against_paper(
                 "value",
                 ratio.n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 f"error of bars, {SEARCHES[s]} over OPT",
                 "much larger than OPT's 0.11 mm",
                 bars.words(4),
@@ -329,7 +321,7 @@ def _against_paper(
                 bars.n,
             ),
         ]
-    return paper_table(document, [*rows, *ends], "tao2021")
+    return study_page.paper_table(document, [*rows, *ends], "tao2021")
 
 
 def _over(one: float | None, other: float | None) -> float | None:
@@ -337,7 +329,7 @@ def _over(one: float | None, other: float | None) -> float | None:
 
 
 def draw_graph(
-    document: Document, opt: dict[str, Any], first: dict[str, Any], view: str = "Cameras from above"
+    document: study_page.Document, opt: dict[str, Any], first: dict[str, Any], view: str = "Cameras from above"
 ) -> None:
     """Add a drawing of the camera graph to a document: cameras, all edges, and those of two searches' paths."""
 

@@ -19,18 +19,13 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.initialise.camera_path import Search
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal_study.measures import bar_figures, outcome, residual_figures
+from spherecal_study.study_agreement import bar_figures, outcome, residual_figures
 
 
 def recorded(
     session: str, fingerprint: str, method: Method = "auto", search: Search = "opt", without: list[str] | None = None
 ) -> dict[str, Any]:
-    """Calibrate a session without some of it (as `calibrate --leave-out`); residuals, check bars, cameras' centres.
-
-    A part that cannot be calibrated at all gives an invalid result with its `message`.
-
-    `without` None: nothing.
-    """
+    """Calibrate a session without some of it (`--leave-out`): residuals, check bars, centres, or a message."""
     del fingerprint
     loaded = detected(Path(session))
     settings = CalibrationSettings(method=method, search=search, repairs=Repairs(leave_out=tuple(without or ())))
@@ -72,12 +67,7 @@ def detected(folder: Path) -> Session:
 
 
 def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> float | None:
-    """How far (rms) cameras are from where the whole recording has them, mm, after the best rigid motion.
-
-    None for fewer than three common cameras.
-
-    `centres`: centres (3,) mm by camera.
-    """
+    """How far (rms, mm) cameras are from where the whole recording has them, after a rigid motion; None below 3."""
     common = sorted(set(centres) & set(whole))
     if len(common) < 3:
         return None
@@ -87,10 +77,7 @@ def apart_mm(centres: dict[str, list[float]], whole: dict[str, list[float]]) -> 
 
 
 def seen_along_the_thinnest(centres: dict[str, list[float]], ids: list[str]) -> FloatArray:
-    """Places (c, 2) of cameras in the plane in which they spread most; NaN for those that were not placed.
-
-    `centres`: centres (3,) by camera.
-    """
+    """Places (c, 2) of cameras' centres (3,) in the plane in which they spread most; NaN where not placed."""
     known = np.array(list(centres.values()))
     axes = np.linalg.svd(known - known.mean(axis=0))[2][:2]
     nowhere = [np.nan] * 3

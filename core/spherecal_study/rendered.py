@@ -26,14 +26,13 @@ from spherecal.files.read_session import read_session
 from spherecal.files.session_json import session_json
 from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.transform import fit_similarity
-from spherecal_sim.dot_truth import TrueDots, bar_dots
+from spherecal_sim.dot_truth import Station, TrueDots, bar_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, render_session, station_at, write_png
 from spherecal_sim.rigs import Layout
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import SimulatedRecording, simulate_board
 from spherecal_sim.simulated_scene import WHITE, bar_scene, lit_for
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 from spherecal_study.executor import Trial
@@ -82,10 +81,7 @@ def render(what: str, **settings: Any) -> dict[str, Any]:
 
 
 def rendered_ball(preset: str, seed: int, placements: int | None, layout: Layout) -> tuple[Session, Truth]:
-    """A session with images of the ball, whose dots' spacing gives the scale, and its truth (simulate_session).
-
-    `placements` None is the rig's own number.
-    """
+    """A session with rendered images of the ball, its dots' spacing the scale, and its truth."""
     options = SimulationOptions(placements=placements, layout=layout, bar_poses=0, mark_points="dots")
     return _by_the_product(preset, seed, options)
 
@@ -107,10 +103,7 @@ def _by_the_product(preset: str, seed: int, options: SimulationOptions) -> tuple
 
 
 def rendered_waved_bar(preset: str, seed: int, frames: int) -> Session:
-    """A session with images of a bar of four marks, its lengths certified: the 1-D method's recording.
-
-    Every frame is sharp; a real bar is not while it moves.
-    """
+    """A session with sharp images of a bar of four marks and certified lengths, for the 1-D method."""
     options = SimulationOptions(placements=1, bar_poses=frames, mark_points="dots", scale="bar")
 
     def build(folder: Path) -> None:
@@ -196,15 +189,10 @@ def _board_scene(truth: Truth, printed: FloatArray, pose: TrueBarPose) -> Traced
     albedos = scene.albedos.copy()
     albedos[:2] = albedos[1], albedos[0]  # white paper, black dots
     return scene._replace(
-        bar_faces=np.array([[-half[0], half[0], half[1]]]),
-        mark_bar=np.zeros(1, dtype=np.int64),
-        mark_x=np.zeros(1),
-        mark_dots=printed[None, :, :2].copy(),
-        half_sticker=float(half.max()),
-        dot_radius=_DOT_MM,
-        dirt=dirt,
+        bar_faces=np.array([[-half[0], half[0], half[1]]]), mark_bar=np.zeros(1, dtype=np.int64), mark_x=np.zeros(1),
+        mark_dots=printed[None, :, :2].copy(), half_sticker=float(half.max()), dot_radius=_DOT_MM, dirt=dirt,
         albedos=albedos,
-    )
+    )  # fmt: skip
 
 
 def _take(

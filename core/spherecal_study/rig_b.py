@@ -1,28 +1,15 @@
 """The second system of the paper: twelve cameras on two planes."""
 
-from spherecal_study.document import Document
+from spherecal_study import study_page
 from spherecal_study.executor import Trial
-from spherecal_study.measures import all_errors
-from spherecal_study.study_agreement import Estimate, always, estimate, like
-from spherecal_study.study_page import (
-    Options,
-    PaperComparison,
-    Results,
-    StudyPage,
-    begin,
-    columns_by_group,
-    local_and_global_s,
-    paper_table,
-    pooled_rms,
-    table,
-)
+from spherecal_study.study_agreement import Estimate, all_errors, always, estimate, like
 
 TITLE = "The second system: rig B"
 RUNS = 5
 _WAYS = {"tao2021": "as in the paper", "free": "free", "auto": "rigid where possible"}
 
 
-def trials(options: Options) -> list[Trial]:
+def trials(options: study_page.Options) -> list[Trial]:
     """Calibrations of rigs A and B by each form."""
     return [
         Trial("ball", {**options.plain(rig), "preset": rig, "seed": s, "method": m})
@@ -32,20 +19,20 @@ def trials(options: Options) -> list[Trial]:
     ]
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
+def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
     """The study's page: residuals and bars of both rigs, and the table paper / ours."""
-    document = begin(
+    document = study_page.begin(
         TITLE,
         options,
         [
             "Twelve cameras with 12 mm lenses on two opposed planes of a 1290 x 1150 x 990 mm frame, beside the ten "
             "of rig A. Half of the cameras hardly see the other half's side of the ball. The paper gives no sensor "
-            "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated.",
+            "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated."
         ],
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
-    def some(rig: str, method: str) -> Results:
+    def some(rig: str, method: str) -> study_page.Results:
         return [r for s, r in both if s["preset"] == rig and s["method"] == method]
 
     rows, series, errors = [], {}, {}
@@ -53,8 +40,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         for rig in ("rigA", "rigB"):
             chosen = some(rig, m)
             x, y, sx, sy = (_coordinate(chosen, *of) for of in _COORDINATES)
-            bars = estimate([pooled_rms([all_errors(r)]) for r in chosen])
-            alone = estimate([pooled_rms([r["exact_errors_mm"]]) for r in chosen])
+            bars = estimate([study_page.pooled_rms([all_errors(r)]) for r in chosen])
+            alone = estimate([study_page.pooled_rms([r["exact_errors_mm"]]) for r in chosen])
             rows.append(
                 [
                     f"{rig}, {name}",
@@ -68,9 +55,11 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
             series.setdefault(name, []).append(bars.mean)
             errors.setdefault(name, []).append(bars.error)
     levels = {"paper: sd below": 0.125}
-    columns_by_group(document, ["rig A", "rig B"], series, "bars, rms error, mm", paper=levels, errors=errors)
+    study_page.columns_by_group(
+        document, ["rig A", "rig B"], series, "bars, rms error, mm", paper=levels, errors=errors
+    )
     heads = ("rig, form", "runs", "mean |x| / |y| px", "sd x / y px", "bars rms mm", "calibration alone mm")
-    table(document, heads, rows)
+    study_page.table(document, heads, rows)
     _by_camera(document, some("rigA", "tao2021"))
     return _against_paper(document, some("rigA", "tao2021"), some("rigB", "auto"), options)
 
@@ -78,11 +67,11 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
 _COORDINATES = (("mean_abs_px", 0), ("mean_abs_px", 1), ("sd_px", 0), ("sd_px", 1))
 
 
-def _coordinate(chosen: Results, name: str, axis: int) -> Estimate:
+def _coordinate(chosen: study_page.Results, name: str, axis: int) -> Estimate:
     return estimate([r[name][axis] for r in chosen])
 
 
-def _by_camera(document: Document, chosen: Results) -> None:
+def _by_camera(document: study_page.Document, chosen: study_page.Results) -> None:
     """Residuals of each of rig A's cameras beside the paper's figures over all ten."""
     if not chosen:
         return
@@ -96,19 +85,21 @@ def _by_camera(document: Document, chosen: Results) -> None:
         for axis, letter in enumerate("xy"):
             each = [estimate([r[name][c][axis] for r in chosen if c in r[name]]) for c in ids]
             series[letter], errors[letter] = [e.mean for e in each], [e.error for e in each]
-        columns_by_group(document, ids, series, what, paper=paper, errors=errors)
+        study_page.columns_by_group(document, ids, series, what, paper=paper, errors=errors)
     document.caption("The paper gives the means and standard deviations over its ten cameras (Fig. 16).")
 
 
-def _against_paper(document: Document, a: Results, b: Results, options: Options) -> StudyPage:
+def _against_paper(
+    document: study_page.Document, a: study_page.Results, b: study_page.Results, options: study_page.Options
+) -> study_page.StudyPage:
     x, y, sx, sy = (_coordinate(a, *of) for of in _COORDINATES)
     noise = f"{0.0453 / x.mean * (options.sigma_px or 0.0):.3f}"
     ratio = estimate([r["sd_px"][0] / r["mean_abs_px"][0] for r in a])
     placed = sum(r["cameras"] == 12 and r["valid"] for r in b)
-    return paper_table(
+    return study_page.paper_table(
         document,
         [
-            PaperComparison(
+            study_page.PaperComparison(
                 "rig A: mean absolute residuals x, y",
                 "0.0453, 0.0483 px",
                 f"{x.words(4)}, {y.words(4)} px",
@@ -117,7 +108,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 "",
                 x.n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "rig A: standard deviations",
                 "0.0632, 0.0629 px",
                 f"{sx.words(4)}, {sy.words(4)} px",
@@ -126,7 +117,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 "",
                 sx.n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "rig A: standard deviation over mean",
                 "1.395, 1.302",
                 ratio.words(3),
@@ -135,7 +126,7 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 "value",
                 ratio.n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "rig B: all cameras calibrated and valid",
                 "12",
                 f"12 in {placed} of {len(b)} runs",
@@ -145,10 +136,10 @@ def _against_paper(document: Document, a: Results, b: Results, options: Options)
                 len(b),
                 "auto",
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "rig B: seconds of computing",
                 "-",
-                f"{sum(local_and_global_s(b)):.1f} s on one core",
+                f"{sum(study_page.local_and_global_s(b)):.1f} s on one core",
                 None,
                 "",
                 "",

@@ -1,5 +1,7 @@
-"""All studies by name, and how one is run: trials, results, page, pictures, figures as JSON, and the index of all."""
+"""All studies by name, how one is run and written, and the table of every figure of the paper beside ours."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
@@ -11,14 +13,120 @@ from spherecal.base.filesystem import remove_below
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import json_bytes
 from spherecal_documents.report.style import report_style
+from spherecal_sim.rigs import rig_design
 from spherecal_study import camera_count as cameras
 from spherecal_study import compare_methods as compare
 from spherecal_study import layouts, noise, rig_b, wand
 from spherecal_study import path_study as path
 from spherecal_study.executor import Trial, Workers, kept_result, run_trials
-from spherecal_study.paper import write_paper
+from spherecal_study.kept_pages import KeptPage, pages
 from spherecal_study.rendered import renderings
+from spherecal_study.study_agreement import LEAST_RUNS, TESTS
 from spherecal_study.study_page import Options, Results, StudyPage
+
+FILE = "paper.md"
+_PLACES = {
+    "layouts": "Fig. 8", "path": "Figs. 9, 10", "noise": "Table II", "cameras": "Fig. 13",
+    "compare": "Figs. 16, 17, 19, Table III", "rigB": "Fig. 16, second system", "bar": "1-D method alone",
+}  # fmt: skip
+_AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell", None: ""}
+
+
+def write_paper(folder: Path) -> None:
+    """Write `paper.md`: every line of the tables paper / ours of the studies run so far, and which are missing.
+
+    Only studies on simulated observations of the paper's own rigs count; nothing is written where there is none.
+    """
+    kept = {page.name: page for page in pages(folder) if _as_in_the_paper(page)}
+    if kept:
+        write_file_whole(folder / FILE, paper_table_text(kept).encode())
+
+
+def _as_in_the_paper(page: KeptPage) -> bool:
+    o = page.options
+    usual = o.get("preset") is None and not o.get("known") and o.get("paths") is None
+    if not all("test" in row for row in page.compared):
+        return False  # an older version's page, without stated tests
+    return page.name in _PLACES and "session" not in o and o.get("sigma_px") is not None and usual
+
+
+def paper_table_text(kept: dict[str, KeptPage]) -> str:
+    """The page as Markdown, of the pages by study."""
+    lines = [
+        "# The paper's figures and ours",
+        "",
+        "Written by `spherecal study`. Paper: L. Tao et al., IEEE Trans. Instrum. Meas. 70 (2021) 5016715, on real "
+        "rigs; ours: the same experiments on simulated rigs. 0.0465(47) is a mean over the runs of 0.0465 with a "
+        "standard error of 0.0047.",
+        "",
+        "A row agrees by one of these tests (80 % was chosen after the first 30 runs of one row):",
+        "",
+        *(f"- {words}." for words in TESTS.values()),
+        "- An interval on the other side differs. "
+        f"Fewer than {LEAST_RUNS} runs cannot tell, nor can an interval that lies on both sides.",
+        "",
+        "The rigs:",
+        "",
+        *_rigs(),
+    ]
+    for name, place in _PLACES.items():
+        if name not in kept:
+            lines += ["", f"## {place} (run `spherecal study {name}`)"]
+            continue
+        page, o = kept[name], kept[name].options
+        has_runs = len({c["runs"] for c in page.compared}) > 1  # what all rows share is said above the table
+        pipelines = ", ".join(dict.fromkeys(c["pipeline"] for c in page.compared if c.get("pipeline")))
+        notes = list(dict.fromkeys(c["why"] for c in page.compared if c["why"]))
+        lines += [
+            "",
+            f"## [{page.title}]({page.pdf.name})",
+            "",
+            f"`spherecal study {name} --runs {o['runs']}`, seed {o['seed']}, image noise {o['sigma_px']:g} px, "
+            f"pipeline {pipelines}: {_done(page)}.",
+            "",
+            *_table(
+                ["quantity", *["runs"] * has_runs, "paper", "ours", "agrees"],
+                [(c["what"], *[str(c["runs"])] * has_runs, c["paper"], *_found(c, notes)) for c in page.compared],
+            ),
+        ]
+        if notes:
+            lines += ["", *(f"{number}. {note}" for number, note in enumerate(notes, 1))]
+    return "\n".join(lines) + "\n"
+
+
+def _found(c: dict[str, Any], notes: list[str]) -> tuple[str, str]:
+    """Our figures as in GUM 7.2.2, `0.0465(47)`, whether they agree by which test, and the number of the note."""
+    ours = re.sub(r" \+- ([\d.]+)", lambda error: f"({int(error[1].replace('.', ''))})", c["ours"])
+    words = f"{_AGREES[c['agrees']]} ({c['test']})" if c["agrees"] else ""
+    return ours, f"{words} [{notes.index(c['why']) + 1}]".strip() if c["why"] else words or "-"
+
+
+def _done(page: KeptPage) -> str:
+    """How many of the requested runs are there; a series that was stopped continues by the same command."""
+    least = min((c["runs"] for c in page.compared), default=0)
+    if least >= page.options["runs"]:
+        return "complete"
+    return f"not complete, {least} runs in some lines (the same command goes on where it was stopped)"
+
+
+def _rigs() -> list[str]:
+    """The two systems as the paper describes, and what it does not say as we simulate it."""
+    return [
+        f"- {name}: {len(design.places_mm)} {design.kind.model} {frame}. Not given: {missing}; simulated: "
+        + f"{' x '.join(map(str, design.kind.image_size))} at {design.kind.pixel_pitch_um:g} um, "
+        + f"{design.kind.focal_length_mm:g} mm lenses."
+        for name, design, frame, missing in (
+            ("Rig A", rig_design("rigA"), "in two rows on top of 1500 x 1000 x 1200 mm", "focal length"),
+            ("Rig B", rig_design("rigB"), "in two parallel planes, 1290 x 1150 x 990 mm", "sensor size"),
+        )
+    ]
+
+
+def _table(head: list[str], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    lines = (tuple(text.replace("|", "\\|") for text in row) for row in (tuple(head), *rows))
+    first, *others = ("| " + " | ".join(row) + " |" for row in lines)
+    return [first, "|---" * len(head) + "|", *others]
+
 
 STUDIES: dict[str, ModuleType] = {
     "layouts": layouts, "path": path, "noise": noise, "cameras": cameras, "compare": compare, "rigB": rig_b,
@@ -66,11 +174,7 @@ def _check(name: str, options: Options) -> None:
 def write_page(
     name: str, title: str, page: StudyPage, options: dict[str, Any], listed: list[Trial], results: Results, folder: Path
 ) -> Path:
-    """Write a study's page in all its forms; the path of its PDF.
-
-    They are `NAME.pdf`, pictures `NAME-1.png` .. of its pages, `NAME.json` with all results, and `paper.md`. To be
-    called within `report_style`.
-    """
+    """Write a study's page as PDF, pictures and JSON, and `paper.md`, within `report_style`; the PDF's path."""
     figures = [
         {"kind": t.kind, "settings": dict(t.settings), "result": r} for t, r in zip(listed, results, strict=True)
     ]

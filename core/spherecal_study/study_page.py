@@ -1,6 +1,6 @@
-"""What the pages of the studies have in common: the table paper / ours, plots over a number, figures of bars."""
+"""The page of a study: its document, and what it says of each run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,31 +9,84 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from spherecal import __version__
-from spherecal_documents.report.model import Cell, Strong
-from spherecal_documents.report.sheet import PageBox, Sheet
-from spherecal_documents.report.style import BAD, CAUTION, GOOD, INK, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
+from spherecal_documents.report.model import Cell, Figure, Paragraph, Report, Section, Strong, Table
+from spherecal_documents.report.pdf import page_pictures, pdf_bytes
+from spherecal_documents.report.style import (
+    BAD,
+    CAUTION,
+    GOOD,
+    INK,
+    MARKS,
+    NONE,
+    SERIES,
+    SMALL_PT,
+    SOFT,
+    PageBox,
+    Sheet,
+    significant,
+)
 from spherecal_sim.rigs import rig_design
-from spherecal_study.document import Document
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import LEAST_RUNS, TESTS, Verdict
+
+
+class Document:
+    """Collects blocks; to be made into a PDF within `report_style`."""
+
+    def __init__(self, title: str, heading: str, foot: str) -> None:
+        self.heading = heading
+        self._report = Report(title, heading, "", (), foot)
+        self._sections = [Section("", "", ())]
+
+    def begin_section(self, title: str) -> None:
+        """A section with its heading."""
+        self._sections.append(Section("", title, ()))
+
+    def _add(self, block: Paragraph | Table | Figure) -> None:
+        last = self._sections[-1]
+        self._sections[-1] = replace(last, blocks=(*last.blocks, block))
+
+    def paragraph(self, text: str) -> None:
+        """A paragraph."""
+        self._add(Paragraph(text))
+
+    def caption(self, text: str) -> None:
+        """A paragraph in small grey type."""
+        self._add(Paragraph(text, "note"))
+
+    def table(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]], left: int = 1) -> None:
+        """A table whose first `left` columns hold words."""
+        self._add(Table(tuple(columns), tuple(map(tuple, rows)), left))
+
+    def figure(self, name: str, height_mm: float, draw: Callable[[Sheet, PageBox], object]) -> None:
+        """A drawing as wide as the text."""
+        self._add(Figure(name, height_mm, draw))
+
+    def pdf(self) -> bytes:
+        """The document as a PDF."""
+        return pdf_bytes(self._whole())
+
+    def pictures(self, dpi: float) -> list[bytes]:
+        """Its pages as PNG files."""
+        return page_pictures(self._whole(), dpi)
+
+    def _whole(self) -> Report:
+        return replace(self._report, sections=tuple(self._sections))
+
 
 Results = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class Options:
-    """What all studies have as options: repetitions (seeds), image noise, the first seed, another rig.
-
-    `sigma_px` None takes rendered images, by default of the demo's small rig. `known`: intrinsics are known before, as
-    in Algorithm 1 of [Tao21], instead of the data sheets'. `paths`: xi1, xi2, TH_er in px, b.
-    """
+    """What all studies have as options: repetitions (seeds), image noise, the first seed, another rig."""
 
     runs: int
-    sigma_px: float | None = 0.04
+    sigma_px: float | None = 0.04  # None: rendered images, by default of the demo's small rig
     seed: int = 1
     preset: str | None = None
-    known: bool = False
-    paths: tuple[float, float, float, float] | None = None
+    known: bool = False  # intrinsics are, as in Algorithm 1 of [Tao21]
+    paths: tuple[float, float, float, float] | None = None  # xi1, xi2, TH_er px, b
 
     @property
     def images(self) -> bool:
@@ -71,19 +124,16 @@ class Options:
 
 @dataclass(frozen=True)
 class PaperComparison:
-    """A line of the table paper / ours: `agrees` None where it is no matter of agreeing; `why` says the rest.
-
-    `test` is one of agreement.TESTS and `runs` the number of runs behind the line; `pipeline`: which method it is of.
-    """
+    """A line of the table paper / ours."""
 
     what: str
     paper: str
     ours: str
-    agrees: Verdict | None
+    agrees: Verdict | None  # None where it is no matter of agreeing
     why: str = ""
-    test: str = ""
-    runs: int = 0
-    pipeline: str = ""
+    test: str = ""  # one of study_agreement.TESTS
+    runs: int = 0  # behind the line
+    pipeline: str = ""  # which method it is of
 
 
 def begin(title: str, options: Options, text: Sequence[str]) -> Document:
@@ -167,10 +217,7 @@ def curves(
     lines: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:
-    """Add curves over a number to a document, each with its own mark.
-
-    `height`: height of the plot, mm.
-    """
+    """Add curves over a number to a document, each with its own mark, `height` mm high."""
 
     def draw(sheet: Sheet, box: PageBox) -> None:
         axes = _axes(sheet, box)
@@ -199,10 +246,7 @@ def columns_by_group(
     paper: Mapping[str, float] | None = None,
     errors: Mapping[str, Sequence[float]] | None = None,
 ) -> None:
-    """Add columns side by side for each group to a document.
-
-    `height`: height of the plot, mm.
-    """
+    """Add columns side by side for each group to a document, `height` mm high."""
 
     def draw(sheet: Sheet, box: PageBox) -> None:
         axes = _axes(sheet, box)
@@ -272,10 +316,7 @@ _LOCAL = ("local reconstruction", "start values", "each camera alone", "pairs of
 
 
 def local_and_global_s(results: Results) -> tuple[float, float]:
-    """Processor seconds of the local stage (each camera, pairs, triples) and of the rest: the medians of some trials.
-
-    The first trial of a worker also compiles, which the median leaves out.
-    """
+    """Processor s of the local stage (cameras, pairs, triples) and the rest: medians, as the first compiles."""
     parts = []
     for r in results:
         stages = r["seconds"]

@@ -25,9 +25,9 @@ from spherecal_sim.simulated_boards import simulate_board, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_study.batch_of_sessions import calibrate_session
 from spherecal_study.displacement import PERCENT, displaced_cases, path_length, published_cases
-from spherecal_study.measures import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.recorded_trials import detected, recorded
 from spherecal_study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
+from spherecal_study.study_agreement import bar_figures, calibration_only, outcome, residual_figures
 from spherecal_study.wand import errors_and_bounds
 
 PathNumbers = Sequence[float]  # xi1, xi2, TH_er in px, b
@@ -50,11 +50,7 @@ def ball(
     known: bool = False,
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
-    """One calibration with the ball: residuals, bars, errors of the calibration alone.
-
-    `sigma_px` None takes rendered images; `cameras` None is all; `paths`: xi1, xi2, TH_er in px and b; None leaves all
-    to the method.
-    """
+    """One calibration with the ball: residuals, bars, the calibration alone; `sigma_px` None: rendered images."""
     session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
     session = _with_known(session, truth.cameras) if known else session
     bars = _with_bars(session, preset, seed, sigma_px)
@@ -81,10 +77,7 @@ def board(
     joint: bool = True,
     known: bool = False,
 ) -> dict[str, Any]:
-    """One calibration of the same rig with a plane board, its bars those of the ball's session.
-
-    `sigma_px` None takes rendered images.
-    """
+    """One calibration of the rig with a plane board, bars those of the ball's session; `sigma_px` None: rendered."""
     if sigma_px is None:
         session = rendered_board(preset, seed, placements, print_sd_mm)
     else:
@@ -95,10 +88,7 @@ def board(
 def bar(
     preset: str, seed: int, sigma_px: float | None, frames: int, joint: bool = True, known: bool = False
 ) -> dict[str, Any]:
-    """One calibration of the same rig with a waved bar, its check bars those of the ball's session.
-
-    `sigma_px` None takes rendered images.
-    """
+    """One calibration of the rig with a waved bar, check bars of the ball's session; `sigma_px` None: rendered."""
     if sigma_px is None:
         session = rendered_waved_bar(preset, seed, frames)
     else:
@@ -138,10 +128,7 @@ def paths(
     known: bool = False,
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
-    """The graph, the paths of one search, and how good the chained start is, before anything else is done with it.
-
-    `sigma_px` None takes rendered images; `paths`: xi1, xi2, TH_er in px and b; None leaves all to the method.
-    """
+    """The graph, the paths of one search, and the chained start; `sigma_px` None: rendered images."""
     session, truth = _session(preset, seed, sigma_px, None, "spread")
     session = _with_known(session, truth.cameras) if known else session
     return {
@@ -200,10 +187,7 @@ def displaced(
     known: bool = False,
     percents: Sequence[int] = PERCENT,
 ) -> dict[str, Any]:
-    """How the paper's adjustment ends from points displaced by a % of the radius, [Tao21] (22); see displacement.py.
-
-    `sigma_px` None takes rendered images.
-    """
+    """How the paper's adjustment ends from points displaced by % of the radius, [Tao21] (22); see displacement.py."""
     session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
     return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping), percents)
@@ -217,10 +201,7 @@ def published(
     th_pt: int | None = None,
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
-    """How the paper's adjustment ends from every variant of its start, and how our robust start ends.
-
-    `sigma_px` None takes rendered images; `th_pt` None and `paths` None: as the method has them.
-    """
+    """How the paper's adjustment ends from every variant of its start, and our robust start; None: as the method."""
     session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
     session = observed(_with_known(session, truth.cameras) if known else session, Context())
     settings = CalibrationSettings(method="tao2021", **_of_paths(paths))

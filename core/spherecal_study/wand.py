@@ -8,33 +8,21 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Calibration
 from spherecal.geometry.transform import fit_similarity
 from spherecal_sim.simulated_boards import SimulatedRecording
-from spherecal_study.document import Document
+from spherecal_study import study_page
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import always, estimate
-from spherecal_study.study_page import (
-    Options,
-    PaperComparison,
-    Results,
-    StudyPage,
-    begin,
-    curves,
-    local_and_global_s,
-    mean,
-    paper_table,
-    table,
-)
 
 TITLE = "A waved bar before ten cameras (1-D method)"
 RUNS = 3
 _FRAMES = (300, 1000, 3000)
 
 
-def trials(options: Options) -> list[Trial]:
+def trials(options: study_page.Options) -> list[Trial]:
     """Calibrations with 300, 1,000 and 3,000 frames of a bar of 300 mm in rig A."""
     return [Trial("wand", {**_plain(options), "seed": s, "frames": n}) for n in _FRAMES for s in options.seeds]
 
 
-def _plain(options: Options) -> dict[str, Any]:
+def _plain(options: study_page.Options) -> dict[str, Any]:
     return {name: value for name, value in options.plain("rigA").items() if name != "paths"}
 
 
@@ -73,25 +61,25 @@ def _rms(vectors: FloatArray) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
+def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
     """The study's page: errors beside their bounds, over the number of frames, and the table paper / ours."""
-    document = begin(
+    document = study_page.begin(
         TITLE,
         options,
         [
             "A bar of two marks 300 mm apart (certified to 0.004 mm, k = 2) is waved through the volume. "
             f"{options.rig_words('rigA')} sees it. Intrinsics start from the data sheets and are estimated with "
             "everything else. Errors are those against the truth, after the similarity that no image can tell; the "
-            "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat.",
+            "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat."
         ],
     )
     by_frames = {n: [r for t, r in zip(listed, results, strict=True) if t.settings["frames"] == n] for n in _FRAMES}
 
     def rms(n: int, name: str) -> float:
-        return float(np.sqrt(mean([r[name] ** 2 for r in by_frames[n]])))
+        return float(np.sqrt(study_page.mean([r[name] ** 2 for r in by_frames[n]])))
 
     counts = list(_FRAMES)
-    curves(
+    study_page.curves(
         document,
         {
             "marks: error": (counts, [rms(n, "points_mm") for n in counts]),
@@ -103,24 +91,15 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
         "rms, mm",
         log=True,
     )
-    table(
+    study_page.table(
         document,
-        (
-            "frames",
-            "marks mm",
-            "bound mm",
-            "centres mm",
-            "bound mm",
-            "focal px",
-            "bound px",
-            "CPU s",
-        ),
+        ("frames", "marks mm", "bound mm", "centres mm", "bound mm", "focal px", "bound px", "CPU s"),
         [
             [
                 str(n),
                 *(rms(n, name) for name in ("points_mm", "points_bound_mm", "centres_mm", "centres_bound_mm")),
                 *(rms(n, name) for name in ("focal_px", "focal_bound_px")),
-                sum(local_and_global_s(by_frames[n])),
+                sum(study_page.local_and_global_s(by_frames[n])),
             ]
             for n in counts
         ],
@@ -132,15 +111,17 @@ def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     return _against_paper(document, by_frames[counts[-1]], counts[-1], options.cameras("rigA"))
 
 
-def _against_paper(document: Document, most: Results, frames: int, cameras: int) -> StudyPage:
+def _against_paper(
+    document: study_page.Document, most: study_page.Results, frames: int, cameras: int
+) -> study_page.StudyPage:
     ratio = estimate([r["points_mm"] / r["points_bound_mm"] for r in most])
     off = estimate([r["scale"] for r in most])
     stated = estimate([r["scale_bound"] for r in most])
     placed = sum(r["cameras"] == cameras and r["valid"] for r in most)
-    return paper_table(
+    return study_page.paper_table(
         document,
         [
-            PaperComparison(
+            study_page.PaperComparison(
                 f"{frames} frames, {cameras} cameras: marks, error over bound",
                 "-",
                 ratio.words(4),
@@ -149,7 +130,7 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
                 "",
                 ratio.n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "cameras calibrated",
                 "all",
                 f"all {cameras} in {placed} of {len(most)} runs",
@@ -158,7 +139,7 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
                 "share",
                 len(most),
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "scale",
                 "-",
                 f"off by {off.words(1, 1e6)} ppm, stated {stated.words(1, 1e6)}",
@@ -167,10 +148,10 @@ def _against_paper(document: Document, most: Results, frames: int, cameras: int)
                 "",
                 off.n,
             ),
-            PaperComparison(
+            study_page.PaperComparison(
                 "seconds of computing",
                 "319.20 s, waving by hand included",
-                f"{sum(local_and_global_s(most)):.1f} s",
+                f"{sum(study_page.local_and_global_s(most)):.1f} s",
                 None,
                 "waving was not measured.",
                 "",

@@ -20,7 +20,7 @@ from file_formats.vocabulary import (
 )
 from spherecal_gui.last_verification import LAST_VERIFICATION
 from spherecal_gui.project_folder import WIZARD
-from spherecal_measuring.body_file import BODY
+from spherecal_measuring.pose import BODY
 
 SERIES = written(
     "series",

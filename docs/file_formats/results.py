@@ -23,8 +23,8 @@ from spherecal.files.codec import record as frame_record
 from spherecal.files.findings_file import FINDINGS
 from spherecal.files.rig_file import RIG
 from spherecal.verify.verification_file import VERIFICATION
-from spherecal_rigs.frame_file import FIELDS as FRAME_FIELDS
-from spherecal_rigs.frame_file import FRAME
+from spherecal_rigs.framed_rig import FIELDS as FRAME_FIELDS
+from spherecal_rigs.framed_rig import FRAME
 
 _MOST_MM = 1e9
 _FINDINGS = items("What was found.", finding())

@@ -27,9 +27,8 @@ from spherecal_gui.presenters.bench_presenter import (
 )
 from spherecal_gui.project_folder import rig_bench
 from spherecal_gui.texts import error_line
-from spherecal_rigs.ball_registry import BALL_REGISTRY, RegisteredBall
+from spherecal_rigs.ball_registry import BALL_REGISTRY, Bench, RegisteredBall, write_bench
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
-from spherecal_rigs.bench_file import Bench, write_bench
 
 _MOST_STEPS = 500
 

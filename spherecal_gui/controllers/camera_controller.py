@@ -18,9 +18,8 @@ from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
-    from spherecal_cameras.builtin_driver import BuiltinDriver
+    from spherecal_cameras.builtin_driver import BuiltinDriver, DriverTrouble
     from spherecal_cameras.camera_network import InterfaceFact, WireCamera
-    from spherecal_cameras.driver_help import DriverTrouble
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
     from spherecal_cameras.protocol import CameraStatus
@@ -123,7 +122,7 @@ class CameraController(ControllerPart):
 
     def _connected(self, connection: "Connection") -> None:
         # Loaded by the thread that connects the cameras; the second one needs scipy and numba.
-        from spherecal_cameras.driver_help import driver_troubles
+        from spherecal_cameras.builtin_driver import driver_troubles
         from spherecal_gui.tasks.live_detection import LiveView
 
         if self.project is None:

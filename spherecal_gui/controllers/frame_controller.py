@@ -51,8 +51,7 @@ class FrameController(ControllerPart):
         if not (made_for[0] / FRAME).is_file():
             self.frame = self._frame_of_profile()
             return
-        from spherecal_rigs.frame_file import read_frame, write_frame
-        from spherecal_rigs.framed_rig import frame_of  # needs scipy
+        from spherecal_rigs.framed_rig import frame_of, read_frame, write_frame  # needs scipy
 
         path = made_for[0] / FRAME
         try:
@@ -80,7 +79,7 @@ class FrameController(ControllerPart):
         path = profile_of(self.project) / FRAME if self.project is not None else None
         if path is None or self.main.outcome is None or not path.is_file():
             return None
-        from spherecal_rigs.frame_file import read_frame  # needs scipy
+        from spherecal_rigs.framed_rig import read_frame  # needs scipy
 
         try:
             kept = read_frame(path)
@@ -95,8 +94,7 @@ class FrameController(ControllerPart):
         if path is None or self.project is None or self.main.outcome is None or self.runner.running:
             return False
         from spherecal.geometry.user_frame import FrameDefinition
-        from spherecal_rigs.frame_file import write_frame
-        from spherecal_rigs.framed_rig import frame_of  # needs scipy
+        from spherecal_rigs.framed_rig import frame_of, write_frame  # needs scipy
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))

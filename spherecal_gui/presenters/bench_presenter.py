@@ -25,12 +25,13 @@ from spherecal_gui.standing import Level
 from spherecal_rigs.ball_registry import (
     USUAL_PRINT,
     WORST_PRINT,
+    Bench,
+    BenchBar,
     PrintedSpacing,
     RegisteredBall,
     longest_spacing,
     print_error,
 )
-from spherecal_rigs.bench_file import Bench, BenchBar
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_cameras.plan import CapturePlan

@@ -68,7 +68,7 @@ def bench_reminder(bench: Path, today: date) -> tuple[str, Level]:
     """Of the bars on the rig's bench; where none was described, of all bars of the library."""
     from spherecal.files.bar_registry import BAR_REGISTRY
     from spherecal.files.read_bars import read_bars
-    from spherecal_rigs.bench_file import FORMAT, VERSION
+    from spherecal_rigs.ball_registry import FORMAT, VERSION
 
     bars: Iterable[Bar | RegisteredBar] = ()
     try:

@@ -100,7 +100,7 @@ def camera_lines(
 
     `connection` None: nothing is connected. `builtin`: the built-in driver can be used, and is not.
     """
-    from spherecal_cameras.driver_help import unlisted
+    from spherecal_cameras.builtin_driver import unlisted
     from spherecal_cameras.protocol import Discovery
 
     found = connection.discovery if connection is not None else Discovery(())
@@ -115,7 +115,7 @@ def camera_lines(
 
 
 def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
-    from spherecal_cameras.driver_help import on_wire
+    from spherecal_cameras.builtin_driver import on_wire
     from spherecal_cameras.new_recording import camera_name
 
     serial, status = info.serial, connection.source.statuses().get(info.serial)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spherecal_cameras.builtin_driver import BuiltinDriver, state
-from spherecal_cameras.driver_help import DriverTrouble
+from spherecal_cameras.builtin_driver import BuiltinDriver, DriverTrouble, state
 from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
 from spherecal_gui import languages
 from spherecal_gui.languages import translate

@@ -47,7 +47,7 @@ def picture_name(number: str) -> str:
     return f"picture-{number}.png"
 
 
-# What can go wrong on the simulated demo rig, for training: the fault as simulated/camera_faults.py reads it.
+# What can go wrong on the simulated demo rig, for training: the fault as simulated/simulated_source.py reads it.
 SURPRISE = "surprise"
 FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
 

@@ -49,8 +49,8 @@ _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a te
 
 def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Connection":
     """Open the project's source and all its cameras. `ask` None: nobody can be asked."""
+    from spherecal_cameras.builtin_driver import NoCameras, answering, driver_troubles, on_wire
     from spherecal_cameras.camera_settings import default_profile_path, read_profile
-    from spherecal_cameras.driver_help import NoCameras, answering, driver_troubles, on_wire
     from spherecal_cameras.sources import open_source
 
     context.report("opening the source", 0.0, project.source)
@@ -141,7 +141,7 @@ def _plan(source: "CameraSource", project: Project) -> "CapturePlan":
     from spherecal_boards.pattern_entry import recorded_board
     from spherecal_cameras.plan import CapturePlan, check_marks, plan_of, read_plan
     from spherecal_cameras.protocol import session_behind
-    from spherecal_rigs.bench_file import whole_bar
+    from spherecal_rigs.ball_registry import whole_bar
 
     if project.bench:
         plan = read_plan(Path(project.bench))
@@ -364,7 +364,7 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     from spherecal.verify.verify_bars import VerifySettings
     from spherecal.verify.verify_bars import verify as run
     from spherecal.verify.write_verification import write_verification
-    from spherecal_rigs.read_verification import read_bar_report
+    from spherecal_rigs.result_folder import read_bar_report
     from spherecal_rigs.save_entry import points_box
 
     check_folders(result.parent)
@@ -407,9 +407,9 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
     from spherecal.files.read_session import read_session
-    from spherecal_rigs.check_ball import read_known_ball
     from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
+    from spherecal_rigs.check_rig import read_known_ball
     from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)
@@ -426,8 +426,8 @@ def repair(
     """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal_rigs.check_ball import read_known_ball
     from spherecal_rigs.check_rig import check as run
+    from spherecal_rigs.check_rig import read_known_ball
     from spherecal_rigs.repose import repose
     from spherecal_rigs.rig_source import points_file, read_source
 
@@ -478,7 +478,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
-    from spherecal_rigs.read_verification import refuse_failed
+    from spherecal_rigs.result_folder import refuse_failed
     from spherecal_rigs.save_entry import SaveOptions, save_result
     from spherecal_rigs.store import apply, create_profile, open_profile, saying_what_is_in_use
 
@@ -503,7 +503,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
 
 def _keep_frame(own: Path, kept: Path) -> None:
     """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
-    from spherecal_rigs.frame_file import read_frame, write_frame
+    from spherecal_rigs.framed_rig import read_frame, write_frame
 
     if own.is_file():
         write_frame(read_frame(own), kept)
@@ -516,7 +516,7 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
     """
     from spherecal.files.rig_file import read_rig
     from spherecal_documents.export.write_export import export_rig
-    from spherecal_rigs.read_verification import refuse_failed
+    from spherecal_rigs.result_folder import refuse_failed
 
     context.report("exporting", 0.0, form)
     override = refuse_failed(result)

@@ -87,8 +87,7 @@ def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
 
 def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
     """The places to define a frame by, with those that the project's own frame names."""
-    from spherecal_rigs.frame_file import read_frame
-    from spherecal_rigs.framed_rig import result_places
+    from spherecal_rigs.framed_rig import read_frame, result_places
 
     try:
         wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()

@@ -14,6 +14,7 @@ import spherecal
 from spherecal.base import kernels
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, SpherecalError
+from spherecal_app.cli.commands import COMMANDS
 from spherecal_app.cli.compile_kernels import compile_all, compile_first
 from spherecal_app.cli.main import main
 from spherecal_sim.session_folder import write_session
@@ -150,7 +151,8 @@ def test_every_command_that_computes_compiles_first_but_not_for_wrong_input(
     def compile_now(context: Context) -> None:
         raise Compiled
 
-    monkeypatch.setattr(f"spherecal_app.cli.{words[0].replace('-', '_')}_command.compile_first", compile_now)
+    module = COMMANDS[words[0]].partition(":")[0]
+    monkeypatch.setattr(f"spherecal_app.cli.{module}.compile_first", compile_now)
     places = {"SESSION": str(session), "FOLDER": str(session.parent), "RIG": str(tmp_path / "rig.json")}
     line = [re.sub("SESSION|FOLDER|RIG", lambda found: places[found[0]], word) for word in words]
     with pytest.raises(Compiled):

@@ -14,7 +14,7 @@ from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.diagnose.plausibility import implausible
 from spherecal.targets.detection import detect
-from spherecal_app.recordings.name_times import grouped_by_time
+from spherecal_app.recordings.video_frames import grouped_by_time
 from spherecal_sim.render_session import render_placement
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions

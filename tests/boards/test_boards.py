@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.simulators.rendered_stickers import BoardCamera, render_board
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector, project
@@ -20,7 +21,6 @@ from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board
 from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_documents.sheets.board_sheet import BOARD_PAGES_MM, words, write_board_sheet
-from spherecal_sim.rendered_board import BoardCamera, render_board
 
 CAMERA = BoardCamera(
     intrinsics_vector(np.array([[900.0, 0, 322], [0, 905, 236], [0, 0, 1]]), [-0.15, 0.05, 0.0005, -0.0003, 0]),
@@ -125,7 +125,7 @@ def test_printed_tags_have_the_bits_that_april_tags_authors_list() -> None:
 
 
 def test_a_charuco_board_is_opencvs_own() -> None:
-    from spherecal_sim.rendered_board import paint
+    from benchmarks.simulators.rendered_stickers import paint
 
     for name in ("charuco", "old charuco"):
         board = pattern(BOARDS[name])

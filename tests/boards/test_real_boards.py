@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import spherecal
+from benchmarks.simulators.rendered_stickers import paint
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -20,7 +21,6 @@ from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.corner_fit import fit_corners
 from spherecal_boards.looking import boards_of, look_for_chessboard, look_for_markers
 from spherecal_boards.pattern_entry import board_entry, board_pattern
-from spherecal_sim.rendered_board import paint
 
 
 def pattern(text: str) -> BoardPattern:

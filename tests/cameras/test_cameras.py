@@ -28,9 +28,8 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.averaging import average, stillness, take_averaged
 from spherecal_cameras.camera_doctor import brightness, covered_camera, examine
 from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, read_profile, write_profile
-from spherecal_cameras.clock import CameraClock
 from spherecal_cameras.genicam.pixels import grey_pixels, significant_bits
-from spherecal_cameras.matching import RoundKeeper, SetMatcher, Sighting
+from spherecal_cameras.matching import CameraClock, RoundKeeper, SetMatcher, Sighting
 from spherecal_cameras.plan import check_marks, plan_of, read_plan
 from spherecal_cameras.protocol import (
     CameraError,
@@ -43,11 +42,9 @@ from spherecal_cameras.protocol import (
     Region,
     TriggerMode,
 )
-from spherecal_cameras.replay import ReplaySource
-from spherecal_cameras.simulated.camera_faults import SimulatedFault, parse_fault
-from spherecal_cameras.simulated.simulated_source import SimulatedSource
+from spherecal_cameras.simulated.simulated_source import SimulatedFault, SimulatedSource, parse_fault
 from spherecal_cameras.simulated.stage import Stage, StageView
-from spherecal_cameras.sources import open_source
+from spherecal_cameras.sources import ReplaySource, open_source
 
 
 @pytest.fixture(scope="module")

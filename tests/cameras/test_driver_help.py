@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.messages.catalogue import phrase
-from spherecal_cameras.builtin_driver import BuiltinDriver
+from spherecal_cameras.builtin_driver import BuiltinDriver, driver_advice, driver_troubles, on_wire, unlisted
 from spherecal_cameras.camera_network import LocalAddress, WireCamera, answering_cameras, local_addresses, reached
-from spherecal_cameras.driver_help import driver_advice, driver_troubles, on_wire, unlisted
 from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.makers import MAKERS, driver_folders, driver_patterns, maker_of
 from spherecal_cameras.protocol import CameraInfo, Discovery, ProducerVerdict

@@ -11,12 +11,11 @@ import pytest
 
 from benchmarks.studies.hostile_drivers import flip_drivers
 from spherecal.base.errors import InputError
-from spherecal_app.cli import drivers_command as drivers
+from spherecal_app.cli import cameras_source as drivers
 from spherecal_app.cli.main import main
 from spherecal_cameras.genicam import trust
 from spherecal_cameras.genicam.discovery import discover
-from spherecal_cameras.genicam.driver_copy import hash_of
-from spherecal_cameras.genicam.trust import Ask, Driver, Refusal, TrustStore, admit
+from spherecal_cameras.genicam.trust import Ask, Driver, Refusal, TrustStore, admit, hash_of
 from spherecal_gentl.producer import build_producer as build
 
 

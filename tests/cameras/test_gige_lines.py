@@ -9,6 +9,7 @@ import pytest
 from spherecal_cameras.network_lines import (
     CameraLoad,
     NetworkLine,
+    UsbCamera,
     assess,
     bus_shares,
     load_of,
@@ -17,7 +18,6 @@ from spherecal_cameras.network_lines import (
     wire_bytes,
 )
 from spherecal_cameras.protocol import CameraSettings, FeatureReport
-from spherecal_cameras.usb import UsbCamera
 from spherecal_gentl.gige.gvcp import NetworkCamera
 
 GIGABIT = NetworkLine("eth1", "10.0.0.1", "255.255.255.0", 9000, 1000.0, 0, 33_554_432)
@@ -130,7 +130,7 @@ def test_usb_cameras_of_one_bus_share_it() -> None:
     limit = CameraLoad(5_000_000, 1.0, controls=frozenset({"throughput limit"}))
     loads = {"A": limit, "B": limit, "C": replace(limit, controls=frozenset()), "D": limit}
     buses = {"A": "2", "B": "2", "C": "2", "D": "4", "stranger": "4"}
-    cameras = [UsbCamera("1", "2", "Maker", "M", serial, 5000.0, True, bus) for serial, bus in buses.items()]
+    cameras = [UsbCamera("Maker", "M", serial, 5000.0, True, bus) for serial, bus in buses.items()]
     shares = {one.serial: one.throughput_bytes_s for one in bus_shares(loads, cameras)}
     assert shares == {"A": 120_000_000, "B": 120_000_000, "D": 180_000_000}
     assert bus_shares(loads, cameras[3:4]) == (), "alone on its bus"

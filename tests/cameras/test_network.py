@@ -13,8 +13,8 @@ from spherecal_cameras import camera_network as network
 from spherecal_cameras.camera_network import WireCamera, found_on_wire, give_address, largest_packet, proposed_address
 from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.genicam.trust import TrustStore
+from spherecal_cameras.network_lines import usb_cameras
 from spherecal_cameras.protocol import CameraError
-from spherecal_cameras.usb import usb_cameras
 from spherecal_gentl.gige.gige_control import GigeRig
 from spherecal_gentl.gige.gvcp import CONTROL_REGISTER, Gvcp
 from spherecal_gentl.producer.build_producer import ARAVIS_CTI_FILE

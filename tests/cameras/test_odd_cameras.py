@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spherecal_cameras.clock import CameraClock
 from spherecal_cameras.genicam.device import Device, DeviceLost
 from spherecal_cameras.genicam.discovery import together
 from spherecal_cameras.genicam.features import FeatureError
@@ -24,7 +23,7 @@ from spherecal_cameras.genicam.hub import Producer, clean
 from spherecal_cameras.genicam.pixels import grey_pixels, in_order
 from spherecal_cameras.genicam.rings import SLOTS, Ring, shared_memory_name
 from spherecal_cameras.genicam.slots import Slot, assess
-from spherecal_cameras.matching import RoundKeeper
+from spherecal_cameras.matching import CameraClock, RoundKeeper
 from spherecal_cameras.network_lines import load_of
 from spherecal_cameras.protocol import (
     CameraError,

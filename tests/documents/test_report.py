@@ -27,14 +27,12 @@ from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
-from spherecal_documents.report.content import make_report
 from spherecal_documents.report.detections import choose_detections, find_session, read_grey
 from spherecal_documents.report.model import Figure, Panels, as_plain
+from spherecal_documents.report.rig_drawing import ScenePicture
 from spherecal_documents.report.rig_view import make_scene
-from spherecal_documents.report.scene_picture import ScenePicture
-from spherecal_documents.report.sheet import shortened, text_width
-from spherecal_documents.report.style import number, report_style, significant
-from spherecal_documents.report.write_report import report_bytes, write_report
+from spherecal_documents.report.style import number, report_style, shortened, significant, text_width
+from spherecal_documents.report.write_report import make_report, report_bytes, write_report
 from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session

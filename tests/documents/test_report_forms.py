@@ -13,11 +13,10 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal_app.cli.main import main
-from spherecal_documents.report.content import make_report
 from spherecal_documents.report.dcc import clean, dcc_bytes, decimal, read_issuer
 from spherecal_documents.report.html import _STYLE
 from spherecal_documents.report.sections_rig import image_cells
-from spherecal_documents.report.write_report import write_report
+from spherecal_documents.report.write_report import make_report, write_report
 from spherecal_documents.scene.picture import scene_picture
 from spherecal_rigs.result_folder import read_result
 from tests.documents.test_report import PICTURE, page_texts

@@ -25,15 +25,13 @@ from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_documents.report import language as language_module
-from spherecal_documents.report.content import make_report
 from spherecal_documents.report.detections import Detection, detection_sections
 from spherecal_documents.report.language import label, speaking, word, written
 from spherecal_documents.report.model import FindingText, Report, Strong
 from spherecal_documents.report.sections_rig import rig_sections
 from spherecal_documents.report.style import chinese_fonts
-from spherecal_documents.report.write_report import write_report
-from spherecal_rigs.read_verification import read_bar_report
-from spherecal_rigs.result_folder import Result, read_result
+from spherecal_documents.report.write_report import make_report, write_report
+from spherecal_rigs.result_folder import Result, read_bar_report, read_result
 from tests.documents.test_report import pdf_texts
 
 OTHERS = [name for name in LANGUAGES if name != "en"]

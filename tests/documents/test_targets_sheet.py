@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -14,8 +15,7 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.targets.family import DOTS, make_target_set
 from spherecal.targets.target_set import Polarity
 from spherecal_documents.sheets.pdf_canvas import PdfCanvas
-from spherecal_documents.sheets.sheet_instructions import rings
-from spherecal_documents.sheets.sticker_sheet import PAGE_SIZES_MM, Page, scaled, sticker_places, write_sheet
+from spherecal_documents.sheets.sticker_sheet import PAGE_SIZES_MM, Page, rings, scaled, sticker_places, write_sheet
 
 MM_PER_POINT = 25.4 / 72
 NUMBER = r"(-?[\d.]+)"
@@ -40,8 +40,8 @@ def circles(page: str, height_mm: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("page", "size_mm"), [("A4", 28.0), ("Letter", 28.0), ("A4", 14.0)])
 def test_dots_are_printed_where_the_layout_says(tmp_path, page, size_mm):
-    targets = make_target_set(200, size_mm=size_mm)
-    write_sheet(tmp_path / "sheet.pdf", targets, page, start_id=9, count=100)
+    targets = make_target_set(100, size_mm=size_mm, start_id=9)
+    write_sheet(tmp_path / "sheet.pdf", targets, page)
     places = sticker_places(page, size_mm)
     ids = iter(range(9, 109))
     for drawing in pages(tmp_path / "sheet.pdf")[1:]:
@@ -115,8 +115,8 @@ def test_text_that_no_font_has_is_still_a_document():
 
 def test_what_cannot_be_printed_is_refused(tmp_path):
     targets = make_target_set(10)
-    with pytest.raises(InputError, match="does not have 11"):
-        write_sheet(tmp_path / "s.pdf", targets, start_id=1, count=11)
+    with pytest.raises(InputError, match="is empty"):
+        write_sheet(tmp_path / "s.pdf", replace(targets, layouts={}))
     with pytest.raises(InputError, match="A5"):
         write_sheet(tmp_path / "s.pdf", targets, "A5")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="does not fit"):

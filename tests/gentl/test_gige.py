@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal_app.cli import gige_command as command
+from spherecal_app.cli import producer_command as command
 from spherecal_app.cli.options import make_parser
 from spherecal_cameras.camera_doctor import LinkReport, TriggerReport, _judge, examine
 from spherecal_cameras.genicam.genicam_source import GenicamSource
@@ -367,7 +367,7 @@ def test_the_command_obeys_and_says_what_it_does_not_understand(rig: GigeRig) ->
 
     said: list[str] = []
     lines = ["P1", "loss GE01 1", "loss GE01 0", "loss GE01 many", "unplug", "seize it now", "quit", "never"]
-    command.follow(partial(command.obeyed, rig, Scenes()), lines, said.append)  # type: ignore[arg-type]
+    command.follow(partial(command.obeyed_gige, rig, Scenes()), lines, said.append)  # type: ignore[arg-type]
     assert said[:3] == ["They see P1.", "done", "done"]
     assert "'many' is no number" in said[3]
     assert "unplug needs CAMERA" in said[4]

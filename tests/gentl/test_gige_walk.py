@@ -12,8 +12,8 @@ import pytest
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.targets.images import read_image
-from spherecal_app.cli.gige_command import show
 from spherecal_app.cli.main import main
+from spherecal_app.cli.producer_command import show_gige
 from spherecal_cameras.simulated.stage import Stage
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.producer.feed import SessionScenes
@@ -33,7 +33,7 @@ def stage_hand(rig: GigeRig, scenes: SessionScenes, folder: Path) -> Iterator[st
     def obey() -> None:
         while (name := ask.read_text().strip()) != "quit":
             try:
-                show(rig, scenes, name)
+                show_gige(rig, scenes, name)
             finally:
                 answer.write_text("done")
 

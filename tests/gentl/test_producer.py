@@ -9,7 +9,7 @@ import pytest
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal_gentl.producer import build_producer as build
-from spherecal_gentl.producer import memory_layout as layout
+from spherecal_gentl.producer import region as layout
 from spherecal_gentl.producer.build_producer import build_producer, compile_command
 from spherecal_gentl.producer.producer_control import (
     ProducerControl,

@@ -15,7 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtWidgets import QPushButton
 
-from spherecal_cameras.simulated.camera_faults import SimulatedFault
+from spherecal_cameras.simulated.simulated_source import SimulatedFault
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.presenters.start_presenter import FAULTS

@@ -14,8 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.targets.detection import Detector
 from spherecal.targets.target_set import TargetSet
-from spherecal_cameras.simulated.camera_faults import SimulatedFault
-from spherecal_cameras.simulated.simulated_source import SimulatedSource
+from spherecal_cameras.simulated.simulated_source import SimulatedFault, SimulatedSource
 from spherecal_gui.pages.look_page import LookPage
 from spherecal_gui.presenters.look_presenter import bump_text, tile_state
 from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch

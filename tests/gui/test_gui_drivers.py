@@ -17,9 +17,8 @@ from PySide6.QtWidgets import QLabel, QPushButton
 
 from spherecal.data.findings import Finding
 from spherecal_cameras import camera_network
-from spherecal_cameras.builtin_driver import BuiltinDriver
+from spherecal_cameras.builtin_driver import BuiltinDriver, DriverTrouble
 from spherecal_cameras.camera_network import InterfaceFact
-from spherecal_cameras.driver_help import DriverTrouble
 from spherecal_cameras.genicam import discovery
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_gui.controllers.controller import Controller

@@ -12,7 +12,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal_cameras.genicam.genicam_source import GenicamSource
-from spherecal_cameras.simulated.camera_faults import SimulatedFault
+from spherecal_cameras.simulated.simulated_source import SimulatedFault
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project_folder import load_project, taken_in

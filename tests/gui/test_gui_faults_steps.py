@@ -18,8 +18,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QPushButton
 
-from spherecal_cameras.simulated.camera_faults import SimulatedFault
-from spherecal_cameras.simulated.simulated_source import SimulatedSource
+from spherecal_cameras.simulated.simulated_source import SimulatedFault, SimulatedSource
 from spherecal_gentl.producer.feed import RigFeed
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.placement_page import PlacementPage

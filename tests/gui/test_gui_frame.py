@@ -29,7 +29,7 @@ from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
-from spherecal_rigs.frame_file import read_frame, write_frame
+from spherecal_rigs.framed_rig import read_frame, write_frame
 from spherecal_sim.session_folder import write_session
 from tests.gui_walking import settle
 from tests.networks import calibrated, one_thread

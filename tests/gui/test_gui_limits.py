@@ -47,7 +47,7 @@ from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
 from spherecal_rigs.calibration_age import ValidityLimits
 from spherecal_rigs.limits_file import Limits, read_limits, write_limits
-from spherecal_rigs.read_verification import answer_for, read_bar_report
+from spherecal_rigs.result_folder import answer_for, read_bar_report
 from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from tests.method.test_results import example_calibration

@@ -58,7 +58,9 @@ def test_taken_again_the_new_one_counts_and_undo_brings_the_old_one_back(tmp_pat
     assert taken_in(tmp_path) == {"P1": first}
 
 
-@pytest.mark.parametrize("what", ["spherecal_cameras.capture.png_bytes", "spherecal_cameras.capture.write_new"])
+@pytest.mark.parametrize(
+    "what", ["spherecal_cameras.capture.png_bytes", "spherecal_cameras.capture.filesystem.write_new"]
+)
 def test_a_full_disk_leaves_the_one_before_in_memory_and_on_disk(tmp_path, monkeypatch, what):
     session = opened(tmp_path)
     session.add(PlannedSet("P1"), taken(10))

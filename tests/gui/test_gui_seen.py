@@ -19,7 +19,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QLabel, QPushButton
 
 from spherecal_cameras.protocol import CameraState, CameraStatus, Counters
-from spherecal_cameras.simulated.camera_faults import SimulatedFault
+from spherecal_cameras.simulated.simulated_source import SimulatedFault
 from spherecal_gui.controllers import project_controller
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller

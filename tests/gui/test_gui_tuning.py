@@ -366,7 +366,7 @@ def test_the_errors_of_the_engine_that_are_known_are_translated(tmp_path, german
 
 @pytest.mark.slow
 def test_a_lost_camera_is_said_in_german(wizard, german):
-    from spherecal_cameras.simulated.camera_faults import SimulatedFault
+    from spherecal_cameras.simulated.simulated_source import SimulatedFault
     from spherecal_gui.presenters.connect_presenter import camera_lines
 
     wizard.cameras.connection.source.inject(SimulatedFault("lose", "C02"))

@@ -20,7 +20,7 @@ from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QApplication
 
 from spherecal_app.cli.main import main
-from spherecal_cameras.simulated.camera_faults import SimulatedFault
+from spherecal_cameras.simulated.simulated_source import SimulatedFault
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.verify_page import VerifyPage

@@ -107,12 +107,11 @@ def test_heavy_import_at_module_level_turns_red(module):
 MAY_WRITE = {
     "core/spherecal/__init__.py": {"mkdtemp"},  # temporary folders, which nobody else can enter
     "core/spherecal_documents/support/support_bundle.py": {"TemporaryDirectory"},
-    "core/spherecal_documents/export/maps.py": {"savez_compressed"},  # into memory
+    "core/spherecal_documents/export/csv_table.py": {"savez_compressed"},  # into memory
     "core/spherecal_cameras/genicam/child.py": {"open"},  # the log file, /dev/null
     "core/spherecal_cameras/genicam/discovery.py": {"open"},  # /dev/null
-    "core/spherecal_cameras/genicam/driver_copy.py": {"symlink_to", "chmod", "fchmod"},  # in a folder of our own
-    "core/spherecal_cameras/genicam/shared_frames.py": {"unlink"},  # shared memory
-    "core/spherecal_cameras/genicam/rings.py": {"unlink"},
+    "core/spherecal_cameras/genicam/trust.py": {"symlink_to", "chmod", "fchmod"},  # in a folder of our own
+    "core/spherecal_cameras/genicam/rings.py": {"unlink"},  # shared memory
     "core/spherecal_cameras/genicam/service.py": {"unlink"},
     "core/spherecal_gentl/gige/gige_control.py": {"ftruncate"},  # memory without a name
     "core/spherecal_cameras/plan.py": {"TemporaryDirectory"},
@@ -122,9 +121,8 @@ MAY_WRITE = {
     },  # what was built here is a program
     "core/spherecal_gentl/producer/region.py": {"unlink"},
     "core/spherecal_app/cli/compile_kernels.py": {"TemporaryDirectory"},
-    "core/spherecal_app/cli/console.py": {"open"},  # /dev/null
-    "core/spherecal_app/cli/gige_command.py": {"TemporaryDirectory"},
-    "core/spherecal_app/cli/output.py": {"TemporaryDirectory"},  # what then goes to standard output
+    "core/spherecal_app/cli/producer_command.py": {"TemporaryDirectory"},
+    "core/spherecal_app/cli/console.py": {"open", "TemporaryDirectory"},  # /dev/null, what goes to standard output
     "core/spherecal_app/cli/main.py": {"open", "FileHandler"},  # /dev/null, the log file that the user names
     "core/spherecal/base/resources.py": {"mkdtemp"},
     "core/spherecal_documents/scene/renderer.py": {"unlink"},  # shared memory

@@ -24,11 +24,10 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, known_of, rig_cameras_of
-from spherecal_measuring.measure_sets import run
+from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.search_regions import RegionSearch, _boxes
 from spherecal_measuring.series_file import write_series
-from spherecal_measuring.sets import sets_of_session
 from spherecal_measuring.stream import MeasurementStream
 from spherecal_rigs.kept_checks import read_checks
 from spherecal_sim.session_folder import write_session
@@ -325,7 +324,7 @@ def test_health_is_kept_in_the_profile(session: Path, result: Path, tmp_path: Pa
     rig = spherecal.load_rig(result)
     one = next(sets_of_session(spherecal.load_session(session), rig))
     measurer = Measurer(rig, spherecal.Task(spherecal.load_session(session).target_set))
-    from spherecal_measuring.keep_health import keep_health
+    from spherecal_measuring.health import keep_health
 
     measurer.measure(one)
     assert keep_health(tmp_path / "rig", measurer.health, rig) is False  # too few to tell

@@ -17,14 +17,13 @@ from spherecal.verify.consistency import CameraTest, Consistency
 from spherecal.verify.marks import centre_by_point
 from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal.verify.verify_bars import verify
-from spherecal_measuring.health import RigHealth
-from spherecal_measuring.keep_health import health_document
+from spherecal_measuring.health import RigHealth, health_document
+from spherecal_measuring.measure_sets import one_set, sets_of_session
 from spherecal_measuring.measured_sets import MeasuredSet, ObservedSet
 from spherecal_measuring.measurer import Measurer, measure_sets
 from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task, parse_point, parse_ruler
 from spherecal_measuring.places import Layouts, _centres
 from spherecal_measuring.rejection import reject_views
-from spherecal_measuring.sets import one_set, sets_of_session
 from spherecal_rigs.check_rig import check
 from tests.networks import calibrated, one_thread
 

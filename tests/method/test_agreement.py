@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import spherecal.ball.selection
+from benchmarks.simulators.realistic import simulate_realistic
 from spherecal.ball.form_agreement import Agreement, agreement
 from spherecal.base import arrays
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Calibration
-from spherecal_sim.realistic import simulate_realistic
 from tests.networks import codes, one_thread, simulated
 
 __all__ = ["one_thread"]

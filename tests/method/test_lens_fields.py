@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.simulators.lens_errors import TrueLens, random_field
 from benchmarks.studies.simulated import Bars, make_bars, simulate
 from spherecal.adjust.camera_effects import MOTION, TURN, Corrections, Design, _step_share
 from spherecal.adjust.lens_field import field_basis, left_unknown
@@ -23,7 +24,6 @@ from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.result.camera_effects import image_motions, shared_with_fields
 from spherecal_documents.export.write_export import export_rig
-from spherecal_sim.lens_errors import TrueLens, random_field
 from spherecal_sim.truth import SimulationOptions, Truth
 
 SIZE = np.array([2064.0, 1544.0])

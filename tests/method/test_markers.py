@@ -12,6 +12,15 @@ import pytest
 from pypdf import PdfReader
 from scipy.spatial.transform import Rotation
 
+from benchmarks.simulators.rendered_stickers import (
+    StickerBall,
+    StickerCamera,
+    camera_ring,
+    painted_stickers,
+    render_stickers,
+    sticker_ball,
+    write_sticker_session,
+)
 from benchmarks.studies.markers import compared
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
@@ -28,15 +37,6 @@ from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.placement_advice import observations_of, printed_scale
 from spherecal_measuring.live_sets import collected
 from spherecal_measuring.search_regions import _joined
-from spherecal_sim.rendered_stickers import (
-    StickerBall,
-    StickerCamera,
-    camera_ring,
-    painted_stickers,
-    render_stickers,
-    sticker_ball,
-    write_sticker_session,
-)
 from tests.documents.test_targets_sheet import MM_PER_POINT, NUMBER, pages
 
 SIZE = (560, 448)
@@ -241,7 +241,7 @@ def test_the_report_shows_them(
 ) -> None:
     report = tmp_path / f"report.{ending}"
     if ending == "pdf":  # the scene is rendered for the other
-        monkeypatch.setattr("spherecal_app.cli.report_command.scene_picture", lambda *_: None)
+        monkeypatch.setattr("spherecal_app.cli.documents_command.scene_picture", lambda *_: None)
     assert main(["report", str(result), "-o", str(report), "--session", str(recorded.folder), "-q"]) == 0
     if ending == "html":
         text = report.read_text(encoding="utf-8")

@@ -32,8 +32,8 @@ GIVEN = {"where", "repairs"}
 _TABLES = ("lists", "phrases")
 # Errors here are still English: files of other programs, arrays and studies, which a programmer meets, and simulators.
 _ENGLISH = (
-    "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/gige_command.py",
-    "core/spherecal_app/cli/parsing.py", "core/spherecal_app/cli/producer_command.py",
+    "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/parsing.py",
+    "core/spherecal_app/cli/producer_command.py",
     "core/spherecal_documents/export/",
     "core/spherecal/data/from_arrays.py", "core/spherecal_sim/", "core/spherecal_study/",
 )  # fmt: skip

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.simulators.networks import simulate_network
 from benchmarks.studies.simulated import simulate
 from spherecal.adjust.bundle import gate_px, refine, residual_size
 from spherecal.adjust.reresection import with_right_poses
@@ -23,7 +24,6 @@ from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.resection import resected_poses
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
-from spherecal_sim.networks import simulate_network
 from spherecal_sim.rigs import look_at
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions

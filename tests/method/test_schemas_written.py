@@ -24,14 +24,12 @@ from spherecal_documents.export.write_export import export_rig
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
-from spherecal_measuring.body_file import read_body, write_body
-from spherecal_measuring.measure_sets import run
+from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measurer import Measurer
-from spherecal_measuring.series_tables import set_json
-from spherecal_measuring.sets import sets_of_session
-from spherecal_rigs.check_ball import read_known_ball
+from spherecal_measuring.pose import read_body, write_body
+from spherecal_measuring.series_file import set_json
 from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import check
+from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits
 from spherecal_sim.session_folder import write_session
 from tests.example_session import VALID

@@ -11,7 +11,7 @@ from spherecal.initialise.view_graph import TH_ER_PX, EdgeWeights
 from spherecal.steps.settings import TH_PT, CalibrationSettings
 from spherecal.steps.tao2021 import MOST_STEPS
 from spherecal_app.cli.options import make_parser
-from spherecal_rigs.bench_file import Bench
+from spherecal_rigs.ball_registry import Bench
 from spherecal_sim.rigs import CA050, G319B, rig_design
 from spherecal_study.compare_methods import ASSUMPTION_3_SD_MM
 

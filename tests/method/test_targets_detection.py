@@ -19,12 +19,11 @@ from spherecal.targets.family import DOTS, make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.looks import looks_of
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.dot_truth import ball_dots
+from spherecal_sim.dot_truth import Station, ball_dots
 from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.render_session import RENDERED
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, lit_for
-from spherecal_sim.station import Station
 
 FINE = 8  # cells a pixel in drawings
 GROUND, PAPER, DOT = 60.0, 18.0, 185.0

@@ -41,10 +41,10 @@ from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, CameraState, Counters, SetupReport
 from spherecal_documents.export.anipose import read_toml
 from spherecal_documents.export.colmap import read_colmap
+from spherecal_documents.export.opencv_yaml import read_yaml
 from spherecal_documents.export.write_export import export_rig
-from spherecal_documents.export.yaml_file import read_yaml
 from spherecal_rigs.bars_table import read_bars_table, write_bars_table
-from spherecal_rigs.result_table import read_csv
+from spherecal_rigs.result_folder import read_csv
 
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX")
 

@@ -33,7 +33,7 @@ def _nobody_knows(camera: CameraSpec) -> CameraSpec:
 
 
 def _session(focal_mm: float, monkeypatch: pytest.MonkeyPatch, options: SimulationOptions) -> tuple[Session, Truth]:
-    monkeypatch.setattr(simulated, "rig_design", lambda _: _with_lens(focal_mm))
+    monkeypatch.setattr(simulated.rigs, "rig_design", lambda _: _with_lens(focal_mm))
     session, truth = simulated.simulate_session("demo", 5, options)
     return replace(session, cameras=tuple(map(_nobody_knows, session.cameras))), truth
 

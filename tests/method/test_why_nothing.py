@@ -25,13 +25,12 @@ from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import Cause, why_nothing
 from spherecal_app.cli.main import main
-from spherecal_sim.dot_truth import ball_dots
+from spherecal_sim.dot_truth import Station, ball_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import ball_scene, lit_for
-from spherecal_sim.station import Station
 
 Grey = NDArray[np.uint8]
 TARGETS = make_target_set(200)

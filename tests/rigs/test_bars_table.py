@@ -13,9 +13,18 @@ from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar, find_bar
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.main import main
 from spherecal_cameras.plan import check_marks, read_plan
-from spherecal_rigs.ball_registry import BALL_REGISTRY, PrintedSpacing, RegisteredBall, longest_spacing, print_error
+from spherecal_rigs.ball_registry import (
+    BALL_REGISTRY,
+    Bench,
+    BenchBar,
+    PrintedSpacing,
+    RegisteredBall,
+    longest_spacing,
+    print_error,
+    whole_bar,
+    write_bench,
+)
 from spherecal_rigs.bars_table import arrivals, bars_table, read_bars_table, write_bars_table
-from spherecal_rigs.bench_file import Bench, BenchBar, whole_bar, write_bench
 
 HEADING = "serial,from,from_target,to,to_target,length [mm],uncertainty [mm],k"
 

@@ -22,9 +22,8 @@ from spherecal.verify.limit import parse_limit
 from spherecal.verify.outlying_views import Views
 from spherecal.verify.verify_bars import views_of
 from spherecal_app.cli.main import main
-from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json
-from spherecal_rigs.check_rig import check
+from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.repose import repose
 from spherecal_rigs.store import open_profile
 from spherecal_sim.session_folder import write_session

@@ -17,9 +17,9 @@ from spherecal.files.write_result import write_result
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
-from spherecal_documents.report.guidance_picture import save_guidance_picture
-from spherecal_documents.report.length_map_drawing import length_map_figure
+from spherecal_documents.report.residual_drawings import length_map_figure
 from spherecal_documents.report.style import report_style
+from spherecal_documents.report.trend_chart import save_guidance_picture
 from spherecal_rigs.limits_file import Limits
 from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
 from spherecal_rigs.recalibrate import Selection, recalibrate

@@ -13,9 +13,8 @@ from spherecal.data.rig import Rig
 from spherecal.files.rig_file import rig_bytes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_documents.report.trend_chart import write_trend_chart
-from spherecal_rigs.alignment import MatchedCamera, sights
 from spherecal_rigs.calibration_age import ValidityLimits, validity
-from spherecal_rigs.compare_rigs import CameraChange, ComparisonVolume, compare, seen_volume
+from spherecal_rigs.compare_rigs import CameraChange, ComparisonVolume, MatchedCamera, compare, seen_volume, sights
 from spherecal_rigs.entry import Entry
 from spherecal_rigs.rig_source import read_source, volume_of
 from spherecal_rigs.save_entry import SaveOptions, save_result

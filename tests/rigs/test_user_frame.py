@@ -18,8 +18,7 @@ from spherecal.verify.verify_bars import verify
 from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_documents.export.write_export import FORMATS, export_rig
-from spherecal_rigs.frame_file import read_frame, write_frame
-from spherecal_rigs.framed_rig import in_frame, result_places
+from spherecal_rigs.framed_rig import in_frame, read_frame, result_places, write_frame
 from tests.export_rigs import make_rig
 from tests.method.test_session_fuzz import JSON_VALUES, leaves
 from tests.networks import calibrated, one_thread

@@ -12,7 +12,7 @@ from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import fisheye_vector, project
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots, outline_dots
+from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots, outline_dots
 from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
 from spherecal_sim.radiance import CELLS, ideal_place
 from spherecal_sim.render import Rendered, render_image
@@ -20,7 +20,6 @@ from spherecal_sim.render_session import RENDERED, demo_session, render_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_ball import wrap
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import flatten
 from spherecal_sim.truth import Truth
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from benchmarks.simulators.heavy_tails import heavy_noise
+from benchmarks.simulators.lens_errors import TrueLens, random_field
+from benchmarks.simulators.networks import simulate_network
+from benchmarks.simulators.realistic import RealisticOptions, RealisticTruth, random_lengths, simulate_realistic
 from spherecal.base.errors import InputError
 from spherecal.data.observations import Observations
 from spherecal.geometry.camera import project
-from spherecal_sim.heavy_tails import heavy_noise
-from spherecal_sim.lens_errors import TrueLens, random_field
-from spherecal_sim.networks import simulate_network
-from spherecal_sim.realistic import RealisticOptions, RealisticTruth, random_lengths, simulate_realistic
 
 
 @pytest.mark.parametrize(("kind", "views", "points", "marks"), [("targets", 113, 150, 9962), ("sheet", 21, 100, 0)])

@@ -14,10 +14,8 @@ from spherecal.files.ball_file import BALL_FILE, BallProfile, ball_bytes, read_b
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.geometry.sphere import fit_sphere
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import say
+from spherecal_app.cli.console import answer, say, to_output
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.output import to_output
 
 
 def export(options: argparse.Namespace) -> int:
@@ -59,16 +57,10 @@ def _say(options: argparse.Namespace, profile: BallProfile, path: Path) -> None:
     size_ppm = 1e6 * (shape.scale.relative_uncertainty or 0.0)
     day = "" if profile.calibrated is None else f", calibrated on {profile.calibrated.isoformat()}"
     record = {
-        "file": path,
-        "name": profile.name,
-        "calibrated": profile.calibrated,
-        "dots": len(sd),
-        "targets": len(np.unique(shape.target)),
-        "sd_mm": np.median(sd),
-        "scale": shape.scale,
-        "radius_mm": sphere and sphere.radius,
-        "radial_sd_mm": sphere and sphere.radial_sd,
-    }
+        "file": path, "name": profile.name, "calibrated": profile.calibrated, "dots": len(sd),
+        "targets": len(np.unique(shape.target)), "sd_mm": np.median(sd), "scale": shape.scale,
+        "radius_mm": sphere and sphere.radius, "radial_sd_mm": sphere and sphere.radial_sd,
+    }  # fmt: skip
     answer(options, record)
     say(
         f"{name}: {counted(len(sd), 'dot')} of {counted(len(np.unique(shape.target)), 'target')}{day}; "

@@ -24,13 +24,19 @@ from spherecal.files.write_result import write_result
 from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_app.cli.answer import answer
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import number, out, say
+from spherecal_app.cli.console import (
+    answer,
+    check_output_folder,
+    log_findings,
+    number,
+    out,
+    plain_fields,
+    say,
+    show_findings,
+)
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.output import check_output_folder
 from spherecal_app.cli.parsers.shared import search_of
-from spherecal_app.cli.print_findings import log_findings, show_findings
 from spherecal_app.cli.progress import shown_progress
 
 
@@ -138,17 +144,9 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         "method": calibration.method,
         "cameras": len(rig.cameras),
         "cameras_in_session": len(calibration.observations.cameras),
-        "rms_px": rig.quality.rms_px,
-        "mean_px": rig.quality.mean_px,
-        "sigma0": rig.quality.sigma0,
-        "form": rig.form
-        and {
-            "name": rig.form.name,
-            "reason": rig.form.reason,
-            "shape_sd_mm": rig.form.shape_sd_mm,
-            "stated": rig.form.stated,
-        },
-        "scale": {"source": rig.scale.source, "relative_uncertainty": rig.scale.relative_uncertainty},
+        **plain_fields(rig.quality, "rms_px mean_px sigma0"),
+        "form": rig.form and plain_fields(rig.form, "name reason shape_sd_mm stated"),
+        "scale": plain_fields(rig.scale, "source relative_uncertainty"),
         "seconds": {stage: round(seconds, 4) for stage, seconds in calibration.seconds.items()},
         "findings": [FINDING.entry(finding) for finding in rig.quality.findings],
     }

@@ -12,9 +12,8 @@ from spherecal.base.working_folder import users_environment
 from spherecal.data.findings import counted
 from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.targets.detection import Detector
-from spherecal_app.cli.answer import answer
 from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.averaging import AveragedSet, take_averaged
@@ -105,11 +104,8 @@ def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: b
             options.before_each, shell=True, env=users_environment() | {"SPHERECAL_SET": set_id}, check=False
         )
         if done.returncode:
-            raise InputError(
-                Phrase(
-                    "error-before-each", {"command": repr(options.before_each), "set": set_id, "code": done.returncode}
-                )
-            )
+            values = {"command": repr(options.before_each), "set": set_id, "code": done.returncode}
+            raise InputError(Phrase("error-before-each", values))
     if not (options.no_wait or staged or options.before_each):
         what = "the ball" if bar is None else f"bar {bar}"
         if not ask(f"{set_id}: put {what} into place, let it come to rest, then press Enter: "):

@@ -8,10 +8,8 @@ from rich.table import Table
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal_app.cli.answer import answer, plain_fields
-from spherecal_app.cli.cameras_source import discovered, open_named, profile_of
-from spherecal_app.cli.console import out, say
-from spherecal_app.cli.drivers_command import advice_for
+from spherecal_app.cli.cameras_source import advice_for, discovered, open_named, profile_of
+from spherecal_app.cli.console import answer, out, plain_fields, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import CameraProfile, settings_json, write_profile
@@ -28,15 +26,10 @@ def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
         return found[0].serial
     if found:
         raise InputError(Phrase("error-camera-ambiguous", {"name": repr(name), "cameras": list(map(_in_words, found))}))
-    raise InputError(
-        Phrase(
-            "error-camera-not-found",
-            {
-                "name": repr(name),
-                "found": [camera_name(profile, info) for info in discovery.cameras] or Phrase("nothing"),
-            },
-        )
-    )
+    values = {
+        "name": repr(name), "found": [camera_name(profile, info) for info in discovery.cameras] or Phrase("nothing"),
+    }  # fmt: skip
+    raise InputError(Phrase("error-camera-not-found", values))
 
 
 def _in_words(info: CameraInfo) -> str:
@@ -105,14 +98,10 @@ def show(options: argparse.Namespace) -> int:
         features = features_of(source, serial)
     entry = profile.entry(serial)
     document = {
-        "camera": info,
-        "name": camera_name(profile, info),
-        "state": status,
-        "settings": settings_json(entry.settings),
-        "focal_length_mm": entry.focal_length_mm,
-        "pixel_pitch_um": entry.pixel_pitch_um,
-        "features": features,
-    }
+        "camera": info, "name": camera_name(profile, info), "state": status,
+        "settings": settings_json(entry.settings), "focal_length_mm": entry.focal_length_mm,
+        "pixel_pitch_um": entry.pixel_pitch_um, "features": features,
+    }  # fmt: skip
     answer(options, document)
     of = f"{info.vendor} {info.model}, serial {serial}"
     out.print(f"[bold]{escape(camera_name(profile, info))}[/]: {escape(of)}")

@@ -11,10 +11,8 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal_app.cli.answer import answer, plain_fields
-from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
-from spherecal_app.cli.console import out, say
-from spherecal_app.cli.drivers_command import advice_for
+from spherecal_app.cli.cameras_source import advice_for, ask, discovered, open_named, profile_of
+from spherecal_app.cli.console import answer, out, plain_fields, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_doctor import brightness, covered_camera, examine
@@ -50,18 +48,10 @@ def doctor(options: argparse.Namespace) -> int:
         wanted = "-" if counted.wanted_hz is None else f"{counted.wanted_hz:.1f}"
         warm = "-" if link.temperature_c is None else f"{link.temperature_c:.1f}"
         table.add_row(
-            escape(names[link.serial]),
-            link.state.value,
-            str(counted.delivered),
-            str(counted.incomplete),
-            str(counted.underrun),
-            f"{counted.rate_hz:.1f}",
-            wanted,
-            link.packet_size or "-",
-            link.packets_missing or "-",
-            link.packets_resent or "-",
-            warm,
-        )
+            escape(names[link.serial]), link.state.value, str(counted.delivered), str(counted.incomplete),
+            str(counted.underrun), f"{counted.rate_hz:.1f}", wanted, link.packet_size or "-",
+            link.packets_missing or "-", link.packets_resent or "-", warm,
+        )  # fmt: skip
     out.print(table)
     trigger = examination.trigger
     out.print(

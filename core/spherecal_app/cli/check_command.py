@@ -18,17 +18,12 @@ from spherecal.files.json_file import json_bytes
 from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.verify.limit import parse_limit
-from spherecal_app.cli.answer import answer
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import answer, kept_in_profile, out, say, show_findings, to_output
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.kept import kept_in_profile
-from spherecal_app.cli.output import to_output
-from spherecal_app.cli.print_findings import show_findings
 from spherecal_app.cli.progress import shown_progress
-from spherecal_rigs.check_ball import read_known_ball
 from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import Check
+from spherecal_rigs.check_rig import Check, read_known_ball
 from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
 from spherecal_rigs.rig_source import points_file, read_source
@@ -120,17 +115,10 @@ def _print_cameras(found: Check) -> None:
     for one in found.cameras:
         t = one.test
         table.add_row(
-            escape(t.id),
-            str(t.points),
-            f"{t.rms_px:.4f}",
-            "-" if one.before_px is None else f"{one.before_px:.4f}",
-            f"{t.move_px:.3f}",
-            f"{np.linalg.norm(t.shift_mm):.3f}",
-            f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
-            f"{t.point_mm:.3f}",
-            f"{t.p:.2g}",
-            f"[{_COLOURS[one.verdict]}]{_WORDS[one.verdict]}[/]",
-        )
+            escape(t.id), str(t.points), f"{t.rms_px:.4f}", "-" if one.before_px is None else f"{one.before_px:.4f}",
+            f"{t.move_px:.3f}", f"{np.linalg.norm(t.shift_mm):.3f}", f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
+            f"{t.point_mm:.3f}", f"{t.p:.2g}", f"[{_COLOURS[one.verdict]}]{_WORDS[one.verdict]}[/]",
+        )  # fmt: skip
     out.print(table)
     if found.tolerance_mm is not None:
         out.print(

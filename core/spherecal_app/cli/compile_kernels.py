@@ -66,10 +66,7 @@ def run_when_idle() -> None:
 
 
 def compile_all(tell: Callable[[int, int], None], trial: str = _TRIAL) -> None:
-    """Run the trial of the kernels, its parts side by side: they are in numba's cache afterwards, and a stamp says so.
-
-    `tell`: called as `tell(done, all)` after every step.
-    """
+    """Run the parts of the kernels' trial side by side into numba's cache; `tell(done, all)` after every step."""
     made_from = wanted()
     with _side_by_side(trial, "PARTS") as finish:
         finish(tell)
@@ -94,10 +91,7 @@ def demo_kernels(context: Context) -> Iterator[None]:
 
 
 def compile_first(context: Context, trial: str = _TRIAL) -> None:
-    """Compile what a calibration needs, on all cores, where an installed wheel has not done so: once, with its count.
-
-    A checkout is left alone: dev.py compiles for it, and its kernels change with every edit.
-    """
+    """Compile once what a calibration needs, where an installed wheel has not; dev.py does so for a checkout."""
     made_from = f"calibration{wanted()}"
     trying = multiprocessing.parent_process() is not None  # a part of the trial calibrates
     if not is_installed() or trying or state() != "to compile" or is_marked(made_from) or is_marked(f"demo{wanted()}"):
@@ -125,11 +119,7 @@ def _mark_when_done(finish: _Finish, tell: _Tell, made_from: str) -> None:
 
 @contextmanager
 def _side_by_side(trial: str, table: str) -> Iterator[_Finish]:
-    """Run the parts of a table of the trial, each in a process that ends with the body at the latest.
-
-    Yields the function that waits for them; it calls `tell(done, all)` after every step, or of a table with a number of
-    functions after every function compiled, and raises SpherecalError where a part fails.
-    """
+    """Run a table of the trial, a process a part, ended with the body; yields what waits, calling `tell(done, all)`."""
     tables = importlib.import_module(trial)
     parts, functions = getattr(tables, table), getattr(tables, f"{table}_FUNCTIONS", 0)
     count = functions or sum(len(steps) for steps in parts.values())

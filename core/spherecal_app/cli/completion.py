@@ -2,31 +2,12 @@
 
 import argparse
 
+from spherecal.base.resources import resource_path
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.options import make_parser
 from spherecal_app.cli.parsing import parsers_below
 
-_BASH = """\
-# SphereCal: eval "$(spherecal completion {shell})", or save this where your shell looks for completions.
-_spherecal() {{
-  local current="${{COMP_WORDS[COMP_CWORD]}}" before="${{COMP_WORDS[COMP_CWORD-1]}}" at="" word i
-  local -A words options choices
-{tables}
-  for ((i = 1; i < COMP_CWORD; i++)); do
-    word="${{COMP_WORDS[i]}}"
-    [[ " ${{words[_$at]}} " == *" $word "* ]] && at="${{at:+$at }}$word"
-  done
-  COMPREPLY=()
-  if [[ -n "${{choices[_$at $before]}}" ]]; then
-    COMPREPLY=($(compgen -W "${{choices[_$at $before]}}" -- "$current"))
-  elif [[ "$current" == -* ]]; then
-    COMPREPLY=($(compgen -W "${{options[_$at]}}" -- "$current"))
-  elif [[ -n "${{words[_$at]}}" ]]; then
-    COMPREPLY=($(compgen -W "${{words[_$at]}}" -- "$current"))
-  fi
-}}
-complete -o bashdefault -o default -F _spherecal spherecal
-"""
+_BASH = resource_path("completion.bash").read_text(encoding="utf-8")
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
 
 

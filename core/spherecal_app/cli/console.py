@@ -1,19 +1,35 @@
-"""Where commands say what came out: standard output as a console of rich's."""
+"""What commands tell and write: words on standard output (rich's console), JSON for other programs, findings, files."""
 
+import argparse
+import dataclasses
+import json
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import date
 from math import isfinite
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
+
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.messages.catalogue import language
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
+from spherecal.files.atomic import Marker, check_folder, write_file_whole
+from spherecal_app.cli.parsing import is_standard_output
+from spherecal_app.cli.progress import log
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 class _Output(Console):
-    """Standard output as a console; where it cannot be written any more, the command goes on to its end.
-
-    `lost`: why, unless whoever read it has had enough.
-    """
+    """Standard output as a console; where it cannot be written any more (`lost`: why), the command goes on."""
 
     lost: OSError | None = None
 
@@ -48,3 +64,90 @@ def say(*lines: str) -> None:
 def number(value: float | None, digits: int) -> str:
     """A number with so many decimals; "-" where there is none or it is not finite."""
     return "-" if value is None or not isfinite(value) else f"{value:.{digits}f}"
+
+
+def answer(options: argparse.Namespace, document: object) -> None:
+    """With `--json`, print the document: all that goes to standard output, or to standard error beside a file there."""
+    if options.json:
+        try:
+            print(json.dumps(plain(document), indent=1), file=out.file, flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            out.lose(error)
+
+
+def plain(value: object) -> object:
+    """Dataclasses, arrays, paths and dates as JSON knows them; a number that is not finite is null."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return plain_fields(value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Path | date):
+        return value.isoformat() if isinstance(value, date) else str(value)
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def plain_fields(record: "DataclassInstance", names: str = "") -> dict[str, object]:
+    """The fields of a dataclass by name, or only those of a text of names, each as `plain` makes it."""
+    wanted = names.split() or [field.name for field in dataclasses.fields(record)]
+    return {name: plain(getattr(record, name)) for name in wanted}
+
+
+_COLOUR = {"error": "red", "warning": "yellow", "info": "blue"}
+
+
+def show_findings(findings: tuple[Finding, ...]) -> None:
+    """Print each, with its severity in colour."""
+    for finding in findings:
+        out.print(f"[{_COLOUR[finding.severity]}]{finding.severity}[/] {finding.code}: ", end="")
+        message, hint = (finding.words(part, language()) for part in ("message", "hint"))
+        say(f"{message} {hint}".strip())
+
+
+def log_findings(findings: tuple[Finding, ...]) -> None:
+    """Write each into the log."""
+    for finding in findings:
+        log.info("finding: %s %s: %s", finding.severity, finding.code, finding.message)
+
+
+def check_output_folder(path: Path, marker: Marker) -> None:
+    """Check that a folder may be written, as `check_folder` does."""
+    if is_standard_output(path):
+        raise InputError(Phrase("error-folder-to-output"))
+    check_folder(path, marker)
+
+
+def to_output(path: Path, data: bytes) -> None:
+    """Write a single file whole."""
+    with output_file(path) as place:
+        write_file_whole(place, data)
+
+
+@contextmanager
+def output_file(path: Path) -> Iterator[Path]:
+    """Where to write a command's one file: `path`, or for "-" a temporary file that then goes to standard output."""
+    if not is_standard_output(path):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        place = Path(folder) / "output"
+        yield place
+        if place.is_dir():
+            raise InputError(Phrase("error-folder-to-output"))
+        sys.stdout.flush()
+        sys.stdout.buffer.write(place.read_bytes())
+        sys.stdout.buffer.flush()
+
+
+def kept_in_profile(what: str, profile: Path, keep: Callable[[], bool]) -> str | None:
+    """Keep it; what to say of it, None where there was nothing to keep. A profile that cannot be written to is said."""
+    try:
+        kept = keep()
+    except OutputError as error:
+        return f"{what} is not kept in the profile. {error}"
+    return f"{what} is kept in the profile: spherecal profile trend {profile} --checks" if kept else None

@@ -1,4 +1,4 @@
-"""`spherecal demo`: rendered images calibrated and verified through the same commands a user has."""
+"""`spherecal demo` and `simulate`."""
 
 import argparse
 import csv
@@ -12,23 +12,22 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS
+from spherecal.files.atomic import SESSION
 from spherecal.files.rig_file import read_rig
-from spherecal_app.cli.answer import answer
 from spherecal_app.cli.compile_kernels import demo_kernels
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import answer, check_output_folder, out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_app.cli.parsing import is_standard_output
 from spherecal_app.cli.progress import shown_progress
-from spherecal_rigs.read_verification import read_bar_report
-from spherecal_sim.render_session import demo_session
+from spherecal_rigs.result_folder import read_bar_report
+from spherecal_sim.render_session import demo_session, render_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import simulate_session
 
 
 def demo(options: argparse.Namespace) -> int:
-    """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say.
-
-    Without matplotlib or typst there is no report, and a sixth line says so.
-    """
+    """`spherecal demo`: five lines on what was found, one more without a report; all that is said with --verbose."""
     folder: Path = options.output
     if is_standard_output(folder):
         raise InputError(Phrase("error-folder-to-output"))
@@ -37,10 +36,7 @@ def demo(options: argparse.Namespace) -> int:
     with shown_progress() as context, demo_kernels(context):
         session = demo_session(context)
     quiet = out.quiet
-    steps = [
-        ["calibrate", session, "-o", result],
-        ["verify", session, "--rig", result / "rig.json", "-o", result],
-    ]
+    steps = [["calibrate", session, "-o", result], ["verify", session, "--rig", result / "rig.json", "-o", result]]
     report = folder / "report.pdf" if find_spec("matplotlib") and find_spec("typst") else None
     if report is not None:
         steps.append(["report", result, "-o", report, "--session", session])
@@ -91,3 +87,29 @@ def _found(result: Path, folder: Path, report: Path | None) -> tuple[dict[str, o
         lines.append("The report was left out, since it needs matplotlib and typst: pip install matplotlib typst")
     made = "Result" if report is None else "Report and result"
     return record, [*lines, f"{made} in {folder}. Details: spherecal demo --verbose."]
+
+
+def simulate(options: argparse.Namespace) -> int:
+    """`spherecal simulate`."""
+    check_output_folder(options.output, SESSION)
+    with shown_progress() as context:
+        if options.observations_only:
+            context.report("simulating", 0.0)
+            session, truth = simulate_session(options.preset, options.seed)
+            write_session(session, truth, options.output)
+        else:
+            truth = render_session(options.preset, options.seed, options.output, context)
+    record = {
+        "session": options.output,
+        "preset": options.preset,
+        "cameras": [camera.id for camera in truth.cameras],
+        "placements": truth.placements,
+        "bar_poses": [pose.id for pose in truth.bar_poses],
+    }
+    answer(options, record)
+    out.print(
+        f"Simulated {options.preset}: {counted(len(truth.cameras), 'camera')}, "
+        f"{counted(len(truth.placements), 'placement')}, {counted(len(truth.bar_poses), 'bar pose')}, in "
+        f"{escape(str(options.output))}."
+    )
+    return DONE

@@ -15,9 +15,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal import __version__
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import out
-from spherecal_app.cli.drivers_command import advice_for
+from spherecal_app.cli.cameras_source import advice_for
+from spherecal_app.cli.console import answer, out
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_cameras.genicam.discovery import producer_files
 from spherecal_cameras.protocol import Discovery

@@ -1,21 +1,25 @@
-"""`spherecal export`."""
+"""`spherecal export`, `frame`, `import` and `import-priors`."""
 
 import argparse
 from collections.abc import Mapping
 
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS, named
-from spherecal.files.rig_file import read_rig
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import out, say
+from spherecal.files.atomic import SESSION
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig, rig_bytes
+from spherecal.geometry.user_frame import FrameDefinition, UserFrame
+from spherecal_app.cli.console import answer, check_output_folder, out, output_file, plain_fields, say, to_output
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.output import output_file
+from spherecal_documents.export.import_rig import Imported
+from spherecal_documents.export.import_rig import import_rig as run
+from spherecal_documents.export.priors import matched, read_cameras, write_with_priors
 from spherecal_documents.export.refit import Loss
 from spherecal_documents.export.scene_formats import SceneFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
-from spherecal_rigs.frame_file import read_frame
+from spherecal_rigs.framed_rig import define_frame, frame_entry, read_frame, write_frame
 from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
 
 
@@ -101,3 +105,84 @@ def _costs(losses: Mapping[str, Loss]) -> list[str]:
             where = f"the calibrated volume (up to {elsewhere:.2g} px elsewhere in the image)"
         said.append(f"{loss.max_px:.2g} px (rms {loss.rms_px:.2g} px) over {where}, camera {worst}")
     return said
+
+
+def frame(options: argparse.Namespace) -> int:
+    """`spherecal frame`."""
+    x, y, z = options.offset
+    made = define_frame(
+        options.result, FrameDefinition(options.origin, options.x, options.xy, (x, y, z), tuple(options.turn))
+    )
+    with output_file(options.output) as place:
+        write_frame(made, place)
+    answer(options, {"output": options.output, **frame_entry(made)})
+    for line in _said(made):
+        say(line)
+    say(f"Frame in {options.output}.")
+    return DONE
+
+
+def _said(made: UserFrame) -> list[str]:
+    lines = [f"User's frame: {made.definition.words()}."]
+    if made.distance_mm is not None:
+        lines.append(
+            f"From the origin to +X {made.distance_mm:.3f} mm; the third place {made.angle_deg:.2f} degrees off."
+        )
+    if made.origin_sigma_mm is not None and made.axes_sigma_deg is not None:
+        origin, axes = (", ".join(f"{s:.2g}" for s in v) for v in (made.origin_sigma_mm, made.axes_sigma_deg))
+        lines.append(f"Standard uncertainty: origin {origin} mm along X, Y, Z; axes {axes} degrees about X, Y, Z.")
+    return lines
+
+
+def import_rig(options: argparse.Namespace) -> int:
+    """`spherecal import`."""
+    ids = None if options.ids is None else [one.strip() for one in options.ids.split(",")]
+    done = run(options.file, options.format, options.unit, ids)
+    rig = done.rig
+    output = options.output / "rig.json" if options.output.is_dir() else options.output
+    if output != options.output and output.exists():
+        raise OutputError(Phrase("error-has-rig", {"folder": options.output, "file": output}))
+    to_output(output, rig_bytes(rig))
+    cameras = [camera.id for camera in rig]
+    taken = {
+        **plain_fields(done, "unit unit_from nearest_mm farthest_mm"),
+        "lenses": {words: list(own) for words, own in done.lenses.items()},
+        "left_out": dict(done.left_out),
+        "warnings": list(done.warnings),
+    }
+    answer(options, {"output": output, "cameras": cameras, "reference_camera": rig.reference_camera, **taken})
+    if str(output) != "-":
+        names = ", ".join(cameras[:8]) + (", ..." if len(cameras) > 8 else "")
+        say(f"{counted(len(cameras), 'camera')} ({names}) in {output}.")
+        _say_taken(done)
+        say("How accurate they are is not known: verify the rig with a bar.")
+    return DONE
+
+
+def _say_taken(done: Imported) -> None:
+    """What was taken for the rig, and what was not."""
+    apart = ""
+    if done.nearest_mm is not None and done.farthest_mm is not None:
+        apart = f"; the cameras are {done.nearest_mm:.4g} to {done.farthest_mm:.4g} mm apart"
+    say(f"Lengths in the file are {done.unit} (from {done.unit_from}){apart}.".replace("from given", "given"))
+    for words, own in done.lenses.items():
+        say(f"Lens: {words}, of {counted(len(own), 'camera')}.")
+    for camera, why in done.left_out.items():
+        say(f"Left out: {camera} {why}.")
+    for warning in done.warnings:
+        say(f"Warning: {warning}.")
+
+
+def import_priors(options: argparse.Namespace) -> int:
+    """`spherecal import-priors`."""
+    check_output_folder(options.output, SESSION)
+    session = read_session(options.session)
+    kind, cameras = read_cameras(options.file)
+    priors = matched(session, cameras, options.by_order)
+    write_with_priors(options.session, priors, options.output)
+    without = [spec.id for spec in session.cameras if spec.id not in priors]
+    answer(options, {"output": options.output, "format": kind, "cameras": list(priors), "left_as_they_were": without})
+    say(f"{kind}: lenses of {counted(len(priors), 'camera')} are priors in {options.output}.")
+    if without:
+        say(f"Not in the file, left as they were: {', '.join(without)}.")
+    return DONE

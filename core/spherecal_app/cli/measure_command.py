@@ -23,23 +23,19 @@ from spherecal.files.read_session import read_session
 from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.cameras_source import discovered, open_asking
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import check_output_folder, kept_in_profile, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.kept import kept_in_profile
-from spherecal_app.cli.output import check_output_folder
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import default_profile_path, read_profile
 from spherecal_cameras.new_recording import camera_name
-from spherecal_measuring.body_file import read_body
-from spherecal_measuring.keep_health import keep_health
+from spherecal_measuring.health import keep_health
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
-from spherecal_measuring.measure_sets import run
+from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measured_sets import Health, MeasuredSet, ObservedSet
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Task, parse_point, parse_ruler, registered
-from spherecal_measuring.series_file import SERIES, check_table_kind
-from spherecal_measuring.series_tables import set_json
-from spherecal_measuring.sets import sets_of_session
+from spherecal_measuring.pose import read_body
+from spherecal_measuring.series_file import SERIES, check_table_kind, set_json
 from spherecal_measuring.stream import MeasurementStream
 from spherecal_rigs.rig_source import read_source
 

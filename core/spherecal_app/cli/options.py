@@ -1,35 +1,21 @@
 """The options of all commands."""
 
 from spherecal import __version__
-from spherecal_app.cli.parsers.ball_options import add_ball
-from spherecal_app.cli.parsers.bars_options import add_bars
-from spherecal_app.cli.parsers.calibrate_options import add_batch, add_calibrate
-from spherecal_app.cli.parsers.cameras_options import add_cameras
-from spherecal_app.cli.parsers.export_options import add_export, add_frame, add_import, add_import_priors
-from spherecal_app.cli.parsers.measure_options import add_measure
-from spherecal_app.cli.parsers.network_options import add_cross_validate, add_guide, add_recalibrate
-from spherecal_app.cli.parsers.profile_options import add_limits, add_profile
-from spherecal_app.cli.parsers.program_options import (
-    add_compile_kernels,
-    add_completion,
-    add_doctor,
-    add_help,
-    add_licences,
-    add_manual,
-)
-from spherecal_app.cli.parsers.session_options import add_session, add_support_bundle
-from spherecal_app.cli.parsers.simulate_options import add_demo, add_simulate
-from spherecal_app.cli.parsers.study_options import add_study
-from spherecal_app.cli.parsers.targets_options import add_detect, add_targets
-from spherecal_app.cli.parsers.verify_options import add_check, add_override, add_report, add_verify
+from spherecal_app.cli.parsers import calibrate_options as calibrating
+from spherecal_app.cli.parsers import program_options as program
+from spherecal_app.cli.parsers import recording_options as recording
+from spherecal_app.cli.parsers import rig_options as rigs
 from spherecal_app.cli.parsing import Parser, add_common, commands_below, main_parser
 
 # in the order of the help
 _COMMANDS = (
-    add_help, add_demo, add_simulate, add_targets, add_detect, add_calibrate, add_verify, add_override, add_report,
-    add_ball, add_bars, add_check, add_measure, add_support_bundle, add_batch, add_export, add_import,
-    add_import_priors, add_frame, add_limits, add_profile, add_recalibrate, add_guide, add_cross_validate,
-    add_session, add_study, add_licences, add_manual, add_completion, add_compile_kernels, add_doctor, add_cameras,
+    program.add_help, program.add_demo, program.add_simulate, recording.add_targets, recording.add_detect,
+    calibrating.add_calibrate, calibrating.add_verify, calibrating.add_override, calibrating.add_report,
+    rigs.add_ball, rigs.add_bars, calibrating.add_check, rigs.add_measure, recording.add_support_bundle,
+    calibrating.add_batch, rigs.add_export, rigs.add_import, rigs.add_import_priors, rigs.add_frame, rigs.add_limits,
+    rigs.add_profile, calibrating.add_recalibrate, calibrating.add_guide, calibrating.add_cross_validate,
+    recording.add_session, program.add_study, program.add_licences, program.add_manual, program.add_completion,
+    program.add_compile_kernels, program.add_doctor, recording.add_cameras,
 )  # fmt: skip
 # How the help groups them.
 _SECTIONS = {

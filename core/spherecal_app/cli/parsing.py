@@ -27,10 +27,7 @@ class _HelpAll(argparse.Action):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says which word may be meant; `commands_below` makes its subparsers.
-
-    `sections`: how `--help` groups its commands. `brief`: the only options of its own that `--help` shows, if any.
-    """
+    """Says which word may be meant; `sections` group its commands, of `brief` options alone `--help` shows."""
 
     sections: Mapping[str, Sequence[str]] = {}
     brief: Collection[str] = ()
@@ -124,11 +121,7 @@ def main_parser(program: str, description: str, epilog: str) -> Parser:
 
 
 def commands_below(
-    parser: argparse.ArgumentParser,
-    metavar: str = "ACTION",
-    dest: str = "action",
-    *,
-    required: bool = True,
+    parser: argparse.ArgumentParser, metavar: str = "ACTION", dest: str = "action", *, required: bool = True
 ) -> Add:
     """The function that adds a command below this one."""
     commands = parser.add_subparsers(dest=dest, required=required, metavar=metavar, parser_class=Parser)

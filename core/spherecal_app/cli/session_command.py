@@ -8,8 +8,7 @@ from rich.table import Table
 
 from spherecal.data.findings import counted
 from spherecal_app.api import new_session
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import out, say
+from spherecal_app.cli.console import answer, out, plain_fields, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_app.recordings.new_session import NewSession
@@ -19,19 +18,10 @@ def new(options: argparse.Namespace) -> int:
     """`spherecal session new`."""
     with shown_progress() as context:
         made = new_session(
-            options.folder,
-            options.images,
-            pattern=options.pattern,
-            board=options.board,
-            targets=options.targets,
-            sphere_diameter_mm=options.sphere,
-            spacing_mm=options.spacing,
-            focal_length_mm=options.focal_length,
-            pixel_pitch_um=options.pixel_pitch,
-            lens_model=options.lens,
-            frames=options.frames,
-            context=context,
-        )
+            options.folder, options.images, pattern=options.pattern, board=options.board, targets=options.targets,
+            sphere_diameter_mm=options.sphere, spacing_mm=options.spacing, focal_length_mm=options.focal_length,
+            pixel_pitch_um=options.pixel_pitch, lens_model=options.lens, frames=options.frames, context=context,
+        )  # fmt: skip
     answer(options, _summary(made))
     _show(made, options.folder)
     return DONE
@@ -43,13 +33,9 @@ def _summary(made: NewSession) -> dict[str, object]:
         "pattern": made.pattern,
         "cameras": [
             {
-                "id": camera.id,
-                "images": camera.images,
-                "image_size": list(camera.image_size),
+                **plain_fields(camera, "id images image_size"),
                 "focal_px": round(camera.focal_px, 3),
-                "focal_from": camera.focal_from,
-                "model": camera.model,
-                "serial": camera.serial,
+                **plain_fields(camera, "focal_from model serial"),
             }
             for camera in made.cameras
         ],

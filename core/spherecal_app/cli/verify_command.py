@@ -1,4 +1,4 @@
-"""`spherecal verify`."""
+"""`spherecal verify`, and `override`: a failed verification used all the same."""
 
 import argparse
 from pathlib import Path
@@ -18,13 +18,19 @@ from spherecal.verify.verification import Verification
 from spherecal.verify.verify_bars import VerifySettings
 from spherecal.verify.verify_bars import verify as run
 from spherecal.verify.write_verification import write_verification
-from spherecal_app.cli.answer import answer
-from spherecal_app.cli.console import number, out, say
+from spherecal_app.cli.console import (
+    answer,
+    check_output_folder,
+    log_findings,
+    number,
+    out,
+    plain_fields,
+    say,
+    show_findings,
+)
 from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
-from spherecal_app.cli.output import check_output_folder
-from spherecal_app.cli.print_findings import log_findings, show_findings
 from spherecal_app.cli.progress import shown_progress
-from spherecal_rigs.read_verification import answer_for
+from spherecal_rigs.result_folder import answer_for
 from spherecal_rigs.rig_source import corners_beside
 
 
@@ -76,14 +82,10 @@ def show_verification(verification: Verification, folder: Path) -> None:
         table.add_column(heading, justify="right")
     for length in verification.lengths:
         table.add_row(
-            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"),
-            str(length.n),
-            number(length.mean_error_mm, 4),
-            number(length.sd_mm, 4),
-            number(length.max_abs_error_mm, 4),
-            number(length.expanded_uncertainty_mm, 4),
-            number(length.coverage_factor, 2),
-        )
+            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"), str(length.n),
+            number(length.mean_error_mm, 4), number(length.sd_mm, 4), number(length.max_abs_error_mm, 4),
+            number(length.expanded_uncertainty_mm, 4), number(length.coverage_factor, 2),
+        )  # fmt: skip
     out.print(table)
     overall = verification.overall
     mean, u = number(overall.mean_error_mm, 4), number(overall.expanded_uncertainty_mm, 4)
@@ -145,12 +147,8 @@ def _verification_summary(verification: Verification) -> dict[str, object]:
     return {
         "verdict": verification.decision.verdict,
         "failed": verification.failed,
-        "chi_square": verification.decision.chi_square,
-        "most_chi_square": verification.decision.most_chi_square,
-        "n": verification.overall.n,
-        "mean_error_mm": verification.overall.mean_error_mm,
-        "sd_mm": verification.overall.sd_mm,
-        "max_abs_error_mm": verification.overall.max_abs_error_mm,
+        **plain_fields(verification.decision, "chi_square most_chi_square"),
+        **plain_fields(verification.overall, "n mean_error_mm sd_mm max_abs_error_mm"),
         "acceptance": _accepted(verification),
         "cameras": {c.id: c.state for c in verification.cameras},
         "findings": [FINDING.entry(finding) for finding in verification.findings],

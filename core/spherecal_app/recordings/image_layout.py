@@ -14,7 +14,7 @@ from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import as_id
 from spherecal.base.messages.values import Phrase
 from spherecal.files.toml_text import toml_of
-from spherecal_app.recordings.name_times import grouped_by_time
+from spherecal_app.recordings.video_frames import grouped_by_time
 
 IMAGES = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm"})
 VIDEOS = frozenset({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"})
@@ -45,10 +45,7 @@ _FIELD = re.compile(r"\{camera\}|\{placement\}|\*\*/|\*")
 
 @dataclass(frozen=True)
 class ImageLayout:
-    """Files by camera and placement (paths with "/" below the folder), what the layout is called, and its pattern.
-
-    Cameras and placements are ids in natural order; `left_out`: the files that are no part of it.
-    """
+    """Files ("/" below the folder) by camera and placement id, in natural order, and what is no part of it."""
 
     words: str
     pattern: str
@@ -73,19 +70,11 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
         return _by_pattern(folder, found, pattern, "files named by the pattern")
     kinds = [[path for path in found if PurePosixPath(path).suffix.lower() in kind] for kind in (IMAGES, VIDEOS)]
     if all(kinds):
-        raise InputError(
-            Phrase(
-                "error-images-and-videos",
-                {
-                    "folder": folder,
-                    "images": len(kinds[0]),
-                    "image": kinds[0][0],
-                    "videos": len(kinds[1]),
-                    "video": kinds[1][0],
-                    "pattern": "{camera}" + PurePosixPath(kinds[1][0]).suffix,
-                },
-            )
-        )
+        values = {
+            "folder": folder, "images": len(kinds[0]), "image": kinds[0][0], "videos": len(kinds[1]),
+            "video": kinds[1][0], "pattern": "{camera}" + PurePosixPath(kinds[1][0]).suffix,
+        }  # fmt: skip
+        raise InputError(Phrase("error-images-and-videos", values))
     words, chosen, rest = _known_program(found)
     overlays = _overlays(chosen)
     chosen, rest = [path for path in chosen if path not in overlays], [*rest, *sorted(overlays, key=natural)]
@@ -156,10 +145,7 @@ def _known_program(found: list[str]) -> tuple[str, list[str], list[str]]:
 
 
 def _anipose_regex(folder: Path) -> re.Pattern[str] | None:
-    """How Anipose finds the camera in a video's name: `cam_regex` of config.toml in the folder or the two around it.
-
-    InputError where it cannot be taken: without a group, or such that matching it could take for ever.
-    """
+    """Anipose's `cam_regex` of config.toml in the folder or the two around it; InputError for one that is unsafe."""
     for one in (folder.resolve(), *folder.resolve().parents[:2]):
         file = one / "config.toml"
         try:
@@ -283,10 +269,7 @@ def _flat(stems: Sequence[str], videos: bool) -> list[str]:
 
 
 def _places_of(values: Sequence[Sequence[str]], camera: int, free: Sequence[int]) -> list[int]:
-    """The parts that name the placement: all that differ, or the last alone where only that is common to cameras.
-
-    Basler's names have the time of each camera's image before its number.
-    """
+    """The parts that name the placement: all that differ, or the last alone where only that is common to cameras."""
     places = [i for i in free if i != camera]
     for own in (places, places[-1:]):
         by_camera: dict[str, list[tuple[str, ...]]] = {}
@@ -406,25 +389,13 @@ def _sorted_out(
         given = {"placement": ONLY_PLACEMENT, **own}
         camera, place = (_id(folder, names[kind], kind, given[kind]) for kind in ("camera", "placement"))
         if (other := files.setdefault(camera, {}).setdefault(place, path)) != path:
-            raise InputError(
-                Phrase(
-                    "error-two-files",
-                    {"folder": folder, "first": other, "second": path, "camera": camera, "place": place},
-                )
-            )
+            values = {"folder": folder, "first": other, "second": path, "camera": camera, "place": place}
+            raise InputError(Phrase("error-two-files", values))
     if not files:
-        raise InputError(
-            Phrase(
-                "error-pattern-fits-none",
-                {
-                    "folder": folder,
-                    "count": len(paths),
-                    "pattern": pattern,
-                    "files": _shown(paths),
-                    "example": _EXAMPLE,
-                },
-            )
-        )
+        values = {
+            "folder": folder, "count": len(paths), "pattern": pattern, "files": _shown(paths), "example": _EXAMPLE,
+        }  # fmt: skip
+        raise InputError(Phrase("error-pattern-fits-none", values))
     cameras = sorted(files, key=natural)
     places = sorted({place for own in files.values() for place in own}, key=natural)
     apart = len(cameras) > 1 and len(places) > 1 and all(sum(p in files[c] for c in cameras) < 2 for p in places)
@@ -435,11 +406,8 @@ def _sorted_out(
         words, apart = f"{words}, {said}", False
     if apart:
         first, second = (next(iter(files[camera].values())) for camera in cameras[:2])
-        raise InputError(
-            Phrase(
-                "error-no-common-placement", {"folder": folder, "pattern": pattern, "first": first, "second": second}
-            )
-        )
+        values = {"folder": folder, "pattern": pattern, "first": first, "second": second}
+        raise InputError(Phrase("error-no-common-placement", values))
     ordered = {camera: dict(sorted(files[camera].items(), key=lambda item: natural(item[0]))) for camera in cameras}
     return ImageLayout(words, pattern, ordered, tuple(places), tuple(left_out))
 
@@ -447,10 +415,7 @@ def _sorted_out(
 def _by_time(
     files: Mapping[str, Mapping[str, str]], cameras: Sequence[str]
 ) -> tuple[dict[str, dict[str, str]], list[str], str] | None:
-    """The files of placements that are named by time, each placement under the first camera's name; None: they are not.
-
-    Returns files, placements in order, and how they were put together.
-    """
+    """Files of placements named by time, the placements in order, how they were put together; None where not so."""
     names = {camera: sorted(files[camera], key=natural) for camera in cameras}
     grouped = grouped_by_time(names)
     if grouped is None:

@@ -24,9 +24,8 @@ from spherecal.targets.blobs import GreyImage
 from spherecal.targets.image_facts import ImageFacts, image_facts
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
-from spherecal_app.recordings.frame_times import frame_times
 from spherecal_app.recordings.image_layout import ImageLayout, recognise
-from spherecal_app.recordings.video_frames import choose_frames, grey_frames, keep_frames
+from spherecal_app.recordings.video_frames import choose_frames, frame_times, grey_frames, keep_frames
 from spherecal_boards.board_images import eight_bits, look_for_board, spread
 from spherecal_boards.looking import LOOKED_AT, as_text
 
@@ -48,33 +47,25 @@ class StatedCameras:
 
 @dataclass(frozen=True)
 class Contents:
-    """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter.
+    """What the session holds besides images."""
 
-    `spacing_mm`: what the targets' widest spacing measures on the print, and its expanded uncertainty (k = 2).
-    `seen_board`: `board` lacks rows and columns, which its images show.
-    """
-
-    board: Mapping[str, Any] | None = None
+    board: Mapping[str, Any] | None = None  # the entry `board` of session.json
     targets: TargetSet | None = None
     sphere_diameter_mm: float | None = None
-    spacing_mm: tuple[float, float] | None = None
-    seen_board: bool = False
+    spacing_mm: tuple[float, float] | None = None  # of targets, on the print, U (k = 2)
+    seen_board: bool = False  # `board` lacks rows and columns, which its images show
 
 
 @dataclass(frozen=True)
 class NewCamera:
-    """A camera of a new session: how many images, their size, its focal length and where that comes from.
-
-    `focal_px` is in px. `focal_from` says in words where it comes from: given, EXIF or assumed. `model` and `serial`
-    are EXIF's, None where the images do not agree on one.
-    """
+    """A camera of a new session: how many images, their size, its focal length and where that comes from."""
 
     id: str
     images: int
     image_size: tuple[int, int]
     focal_px: float
-    focal_from: str
-    model: str | None = None
+    focal_from: str  # in words: given, EXIF or assumed
+    model: str | None = None  # EXIF's, None where the images do not agree on one; so is the serial number
     serial: str | None = None
 
 
@@ -110,11 +101,7 @@ def make_session(
     frames: int,
     context: Context,
 ) -> NewSession:
-    """Make a session folder of the images or videos in `source`, which are copied into it (of videos single frames).
-
-    Where `source` is the folder or is inside it, nothing is copied and session.json is written beside the images. Where
-    it fails, nothing is left behind.
-    """
+    """Make a session folder of images or videos' frames, copied unless they are in it; all or nothing."""
     inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))
     if inside and (folder / SESSION_FILE).exists():
         raise OutputError(Phrase("error-has-already", {"folder": folder, "name": SESSION_FILE}))
@@ -140,14 +127,9 @@ def make_session(
     else:
         session = _write_new_folder(folder, document, maker, beside)
     return NewSession(
-        session,
-        layout.words,
-        layout.pattern,
-        cameras,
-        (*looked, *assumed),
-        _missing(contents, layout, len(maker.places)),
-        layout.left_out,
-    )
+        session, layout.words, layout.pattern, cameras, (*looked, *assumed),
+        _missing(contents, layout, len(maker.places)), layout.left_out,
+    )  # fmt: skip
 
 
 class _OfImages:

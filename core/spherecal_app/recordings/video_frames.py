@@ -1,12 +1,12 @@
-"""Frames of videos for a calibration: those in which nothing moves and the image is sharp, of common moments.
+"""Frames of videos for a calibration, and which frames and images are of one moment: by number, table or name."""
 
-Frames i of all videos show one moment, or the times of all frames are known. Bringing videos together by sound is left
-to other programs.
-"""
-
+import csv
+import io
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.images import LARGEST_MEGAPIXELS
 from spherecal.targets.png_file import png_bytes
@@ -46,24 +47,17 @@ _NEAR = 0.6
 
 @dataclass(frozen=True)
 class ChosenFrames:
-    """Frames of common moments: each camera's ascending frame numbers, a moment each, and its image size (px).
-
-    `apart_s`: how far apart the frames of a moment are at most, where their times are known. `rates`: the frames a
-    second of the videos where they differ, else empty.
-    """
+    """Frames of common moments: each camera's ascending frame numbers, a moment each, and its image size (px)."""
 
     numbers: Mapping[str, list[int]]
     sizes: Mapping[str, tuple[int, int]]
-    apart_s: float | None
-    rates: Mapping[str, float]
+    apart_s: float | None  # how far apart the frames of a moment are at most, where their times are known
+    rates: Mapping[str, float]  # frames a second of the videos where they differ, else empty
 
 
 @dataclass(frozen=True)
 class _Watched:
-    """A video frame by frame: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px.
-
-    `rate`: frames a second as its file says, 0 where it does not.
-    """
+    """A video: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px, frames a second."""
 
     motion: FloatArray
     sharpness: FloatArray
@@ -75,13 +69,7 @@ class _Watched:
 def choose_frames(
     videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None = None
 ) -> ChosenFrames:
-    """The frames of common moments that serve in all videos.
-
-    The recording is cut into as many stretches as moments are wanted. Of each the sharpest of its stillest frames is
-    taken, unless it shows the same as the one before.
-
-    `times` None: frames i of all videos show one moment.
-    """
+    """Frames of common moments: of each stretch the sharpest of the stillest, unless like the one before."""
     watched = {}
     for number, (camera, path) in enumerate(videos.items()):
         context.report(STAGE, 0.7 * number / len(videos), path.name)
@@ -116,10 +104,7 @@ def choose_frames(
 
 
 def common_moments(times: Sequence[NDArray[np.floating[Any]]]) -> IntArray:
-    """Frames of one moment (moments, cameras): of the slowest camera, each with the nearest frame of every other.
-
-    Moments at which a camera has no frame near are left out, and no frame belongs to two moments.
-    """
+    """Frames of one moment (moments, cameras): of the slowest camera, with the nearest of all others, each once."""
     usual = [float(np.median(np.diff(own))) for own in times]
     clock = times[int(np.argmax(usual))]
     moments, near = [], np.full(len(clock), True)
@@ -139,10 +124,7 @@ def grey_frames(path: Path, frames: Sequence[int]) -> list[NDArray[np.uint8]]:
 
 
 def keep_frames(path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context) -> None:
-    """Pass some frames of a video on as grey PNG files, in ascending order.
-
-    `keep`: called with the number and the PNG's bytes of each frame.
-    """
+    """Pass some frames of a video on, ascending: `keep(number, bytes)` with each as a grey PNG file."""
     wanted = set(frames)
     for number, grey in enumerate(_frames(path)):
         if number in wanted:
@@ -233,3 +215,85 @@ def _same(one: _Watched, a: int, b: int) -> bool:
     steps = np.abs(one.small[1:].astype(np.int16) - one.small[:-1]).mean(axis=(1, 2))
     difference = np.abs(one.small[a].astype(np.int16) - one.small[b]).mean()
     return bool(difference <= _SAME * min(float(np.percentile(steps, 5)), _STILL_GREY) + _SAME_GREY)
+
+
+# caliscope's, with cam_id and frame_time (the older: sync_index, port, frame_index, frame_time): seconds of one clock,
+# in any order; frame i of a video is its camera's i-th in time.
+NAMES = ("timestamps.csv", "frame_time_history.csv")
+_MOST_BYTES = 1 << 28
+
+
+def frame_times(videos: Mapping[str, Path]) -> tuple[Path, dict[str, FloatArray]] | None:
+    """The table beside the videos and each camera's ascending frame times (s); None for another program's, or none."""
+    folders = {path.parent for path in videos.values()}
+    beside = [folder / name for folder in folders for name in NAMES if (folder / name).is_file()]
+    if len(folders) > 1 or not beside:
+        return None
+    table = beside[0]
+    rows = csv.DictReader(io.StringIO(read_file(table, _MOST_BYTES).decode("utf-8-sig", errors="replace")))
+    of_camera = next((name for name in ("cam_id", "port") if name in (rows.fieldnames or ())), None)
+    if of_camera is None or "frame_time" not in (rows.fieldnames or ()):
+        return None  # another program's
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        try:
+            time = float(row["frame_time"])
+        except (TypeError, ValueError):
+            time = np.nan
+        if not np.isfinite(time):
+            raise InputError(Phrase("error-frame-time", {"file": table, "line": rows.line_num}))
+        found.setdefault((row[of_camera] or "").strip(), []).append(time)
+    return table, {camera: np.sort(_of(found, path, table)) for camera, path in videos.items()}
+
+
+def _of(found: Mapping[str, list[float]], video: Path, table: Path) -> FloatArray:
+    """The times of a video's camera, which the table knows by the number that ends the video's name."""
+    number = re.search(r"\d+$", video.stem)
+    for name in (video.stem, "" if number is None else str(int(number[0]))):
+        if name in found:
+            return np.array(found[name])
+    raise InputError(Phrase("error-frame-times-of", {"file": table, "video": video.name, "known": sorted(found)}))
+
+
+# Digits of a time since 1970 by its unit: seconds until 2286, and so on.
+_NANOSECONDS = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
+_DATE = re.compile(r"(?:19|20)\d{12}(\d*)")
+
+
+def grouped_by_time(names: Mapping[str, list[str]]) -> tuple[IntArray, str] | None:
+    """Which of each camera's ascending names are of one moment, (moments, cameras), and how: by time, else by order."""
+    times = [[_nanoseconds(name) for name in own] for own in names.values()]
+    known = [[time for time in own if time is not None] for own in times]
+    if known != times:
+        return None
+    origin = min(time for own in known for time in own)
+    seconds = [1e-9 * np.array([time - origin for time in own]) for own in known]
+    counts = {len(own) for own in seconds}
+    moments = common_moments(seconds) if min(counts) > 1 else np.zeros((0, len(seconds)), dtype=np.int64)
+    how = "by nearest time"
+    if not len(moments) and len(counts) == 1:
+        moments, how = np.tile(np.arange(counts.pop())[:, None], len(seconds)), "by order, since their clocks differ"
+    if not len(moments):
+        return None
+    return moments, f"images put together {how}: those of a moment are up to {_gap(seconds, moments)} apart"
+
+
+def _gap(seconds: list[FloatArray], moments: IntArray) -> str:
+    taken = np.array([own[rows] for own, rows in zip(seconds, moments.T, strict=True)])
+    gap = float(np.ptp(taken, axis=0).max())
+    unit, size = next(((u, s) for u, s in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)) if gap >= s), ("ns", 1e-9))
+    return f"{gap / size:.3g} {unit}"
+
+
+def _nanoseconds(name: str) -> int | None:
+    """The time of a name: a count since 1970, or a date with its time of day."""
+    digits = re.sub(r"[-_.:T ]", "", name)
+    if not digits.isdecimal():
+        return None
+    if (date := _DATE.fullmatch(digits)) is not None:
+        try:
+            moment = datetime.strptime(digits[:14], "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+        except ValueError:
+            return None
+        return int(moment.timestamp()) * 10**9 + int(f"{date[1]:0<9}"[:9])
+    return int(digits) * _NANOSECONDS[len(digits)] if len(digits) in _NANOSECONDS else None

@@ -15,36 +15,13 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from spherecal_cameras.genicam import words
+from spherecal_cameras.genicam import messages, words
 from spherecal_cameras.genicam.device import Device, DeviceLost
 from spherecal_cameras.genicam.features import FeatureError, plain
 from spherecal_cameras.genicam.hub import Producer, access_of
-from spherecal_cameras.genicam.messages import (
-    COMMANDS,
-    WIRE_VERSION,
-    Acquire,
-    Alive,
-    Answer,
-    Apply,
-    Command,
-    Describe,
-    Hello,
-    Indicate,
-    Live,
-    Open,
-    Opened,
-    Quit,
-    Report,
-    StateIs,
-    Trigger,
-    Triggered,
-    UseRing,
-    Working,
-)
 from spherecal_cameras.genicam.rings import TouchMark
 from spherecal_cameras.genicam.slots import SLOW_S, LateAnswers, Slot, assess, attach, why_not_opened
-from spherecal_cameras.genicam.waiting import Waiter
-from spherecal_cameras.genicam.wire import Inbox, pack
+from spherecal_cameras.genicam.wire import Inbox, Waiter, pack
 from spherecal_cameras.matching import TRIGGERED
 from spherecal_cameras.protocol import CameraSettings, CameraState, SetupReport
 
@@ -125,7 +102,7 @@ def _quiet(log_file: str | None) -> None:
 class _Service:
     def __init__(self, connection: Connection, touch: TouchMark) -> None:
         self._connection, self._touch = connection, touch
-        self._inbox = Inbox(connection, COMMANDS)
+        self._inbox = Inbox(connection, messages.COMMANDS)
         self._waiter = Waiter([connection])
         self._producers: dict[str, Producer] = {}
         self._slots: dict[str, Slot] = {}
@@ -139,7 +116,7 @@ class _Service:
     # --- the loop ----------------------------------------------------------------------------------------------------
 
     def serve(self) -> None:
-        self._send(Hello(WIRE_VERSION, os.getpid()))
+        self._send(messages.Hello(messages.WIRE_VERSION, os.getpid()))
         gc.freeze()
         while self._running:
             busy = False
@@ -163,38 +140,38 @@ class _Service:
         for producer in self._producers.values():
             producer.close()
 
-    def _send(self, report: Report) -> None:
+    def _send(self, report: messages.Report) -> None:
         self._connection.send_bytes(pack(report))
 
-    def _obey(self, command: Command) -> None:
+    def _obey(self, command: messages.Command) -> None:
         match command:
-            case Open():
+            case messages.Open():
                 self._keep_open(command)
-            case Apply():
-                self._send(Answer(command.request, self._apply(command.settings)))
-            case UseRing():
+            case messages.Apply():
+                self._send(messages.Answer(command.request, self._apply(command.settings)))
+            case messages.UseRing():
                 self._use_ring(command)
-            case Acquire():
+            case messages.Acquire():
                 self._acquire(command.on)
-            case Live():
+            case messages.Live():
                 self._live_s = None if command.rate_hz is None else 1.0 / command.rate_hz
                 self._next_live_s = 0.0
-            case Trigger():
+            case messages.Trigger():
                 self._trigger(command.round, command.serials)
-            case Describe():
+            case messages.Describe():
                 slot = self._slots.get(command.serial)
                 device = slot.device if slot else None
-                self._send(Answer(command.request, features=device.describe() if device else ()))
-            case Indicate():
+                self._send(messages.Answer(command.request, features=device.describe() if device else ()))
+            case messages.Indicate():
                 slot = self._slots.get(command.serial)
                 device = slot.device if slot else None
-                self._send(Answer(command.request, features=device.indicate(command.on) if device else ()))
-            case Quit():
+                self._send(messages.Answer(command.request, features=device.indicate(command.on) if device else ()))
+            case messages.Quit():
                 self._running = False
 
     # --- opening and losing ------------------------------------------------------------------------------------------
 
-    def _keep_open(self, command: Open) -> None:
+    def _keep_open(self, command: messages.Open) -> None:
         wanted = {camera.serial: camera for camera in command.cameras}
         for serial in [s for s in self._slots if s not in wanted]:
             self._touch.set(self._slots[serial].number, CHECKING)
@@ -215,14 +192,14 @@ class _Service:
             else:
                 reports += self._set_up(slot, new)
         self._touch.set(-1, 0)
-        self._send(Answer(command.request, tuple(reports)))
+        self._send(messages.Answer(command.request, tuple(reports)))
 
     def _open(self, slot: Slot) -> list[SetupReport]:
         """Try to open a camera; says what came out, and the report if it worked."""
-        self._send(Working(f"opening camera {slot.serial}", _OPEN_S))
+        self._send(messages.Working(f"opening camera {slot.serial}", _OPEN_S))
         producer = self._producer(slot)
         if producer.problem:
-            return self._cannot(slot, words.no_producer(producer.file, producer.problem))
+            return self._cannot(slot, words.state_in_words("no producer", file=producer.file, why=producer.problem))
         self._touch.set(slot.number, OPENING)
         listed = producer.find(slot.serial, slot.device_id)
         if listed is None or slot.tries:
@@ -230,10 +207,10 @@ class _Service:
                 producer.rescan()
             listed = producer.find(slot.serial, slot.device_id)
         if listed is None:
-            return self._cannot(slot, words.not_listed())
+            return self._cannot(slot, words.state_in_words("not listed"))
         access = access_of(listed)
         if access == "busy":
-            return self._cannot(slot, words.busy())
+            return self._cannot(slot, words.state_in_words("busy", why=""))
         try:
             device = Device(producer, listed, slot.serial, slot.settings)
         except Exception as error:
@@ -260,13 +237,13 @@ class _Service:
         except DeviceLost as error:
             device.close()
             slot.device = None
-            return self._cannot(slot, words.lost(str(error)))
+            return self._cannot(slot, words.state_in_words("lost", why=error))
         slot.tries, slot.failure = 0, None
         self._say(slot, CameraState.STREAMING if device.acquiring else CameraState.CONNECTED)
         return [report]
 
     def _say_opened(self, slot: Slot, device: Device, report: SetupReport) -> None:
-        self._send(Opened(report, device.image_bytes(), slot.opened_before))
+        self._send(messages.Opened(report, device.image_bytes(), slot.opened_before))
         slot.opened_before = True
 
     def _cannot(self, slot: Slot, state: tuple[CameraState, str, str]) -> list[SetupReport]:
@@ -286,10 +263,10 @@ class _Service:
             slot.device = None
         slot.tries = 0
         slot.wait_longer()
-        self._say(slot, *words.lost(plain(error)))
+        self._say(slot, *words.state_in_words("lost", why=plain(error)))
 
     def _say(self, slot: Slot, state: CameraState, cause: str = "", remedy: str = "") -> None:
-        report = StateIs(slot.serial, state, cause, remedy)
+        report = messages.StateIs(slot.serial, state, cause, remedy)
         if report != slot.said:
             slot.said = report
             self._send(report)
@@ -322,9 +299,9 @@ class _Service:
 
     def _announce_set_up(self, slot: Slot) -> None:
         """Some drivers take seconds: packet sizes are tried out, and four cameras of 16 MP queue 320 MB of buffers."""
-        self._send(Working(f"setting up camera {slot.serial}", _SET_UP_S))
+        self._send(messages.Working(f"setting up camera {slot.serial}", _SET_UP_S))
 
-    def _use_ring(self, ring: UseRing) -> None:
+    def _use_ring(self, ring: messages.UseRing) -> None:
         slot = self._slots.get(ring.serial)
         if slot is not None:
             slot.ring = ring
@@ -381,7 +358,7 @@ class _Service:
             self._note_late(slot, time.perf_counter() - began)
         self._touch.set(-1, 0)
         if round_number:
-            self._send(Triggered(round_number, refused))
+            self._send(messages.Triggered(round_number, refused))
 
     def _schedule(self, slots: list[Slot], round_number: int) -> dict[str, str]:
         """One action command a driver for all its cameras, for a moment of their common clock that is still to come."""
@@ -479,7 +456,9 @@ class _Service:
             for s in open_slots
             if s.device is not None
         }
-        self._send(Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None}))
+        self._send(
+            messages.Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None})
+        )
 
     def _wanted_hz(self, slot: Slot) -> float | None:
         if slot.settings.trigger == "free":

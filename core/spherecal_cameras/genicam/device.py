@@ -5,14 +5,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from spherecal_cameras.clock import CameraClock
 from spherecal_cameras.genicam.features import FeatureError, NodeFeatures, plain
 from spherecal_cameras.genicam.hub import Producer
 from spherecal_cameras.genicam.messages import FrameMeta
 from spherecal_cameras.genicam.pixels import first_grey, in_order, significant_bits
 from spherecal_cameras.genicam.rings import Ring
 from spherecal_cameras.genicam.setup import describe, exposure_us, gain_db, set_up
-from spherecal_cameras.matching import RoundKeeper
+from spherecal_cameras.matching import CameraClock, RoundKeeper
 from spherecal_cameras.protocol import CameraSettings, Counters, FeatureReport, SetupReport
 
 # Buffers of the driver: 4 images of 5 MP for 12 cameras are 240 MB.
@@ -307,11 +306,7 @@ class Device:
     # --- health ------------------------------------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Read a register past all caches, to notice a camera that does not answer as it must.
-
-        Access status would be cheaper, but shows losses with some producers only (harvesters issue 272). genicam takes
-        a code that it does not know for success: the value is then whatever was in memory.
-        """
+        """Read a register past all caches: access status shows losses with some producers only (harvesters 272)."""
         node = self.features.node(self.features.name("width") or "")
         if node is None or self._width is None:
             return

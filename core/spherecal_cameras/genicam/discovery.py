@@ -13,9 +13,8 @@ from pathlib import Path
 
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
-from spherecal_cameras.genicam.driver_copy import hash_of, hold
 from spherecal_cameras.genicam.messages import Probed
-from spherecal_cameras.genicam.trust import Admitted, Ask, TrustStore, admit
+from spherecal_cameras.genicam.trust import Admitted, Ask, TrustStore, admit, hash_of, hold
 from spherecal_cameras.genicam.wire import Inbox, WireError, pack
 from spherecal_cameras.makers import driver_patterns, own_folder
 from spherecal_cameras.protocol import CameraInfo, CamerasNotInstalled, Discovery, ProducerVerdict
@@ -27,11 +26,7 @@ _LOOK_S = 0.05
 
 
 def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
-    """All producer files (.cti): the user's own list (files or folders), the environment's folders, makers' folders.
-
-    Each once, by its real path; what the user names is kept even where it does not exist, so that its absence is
-    reported.
-    """
+    """All producer files (.cti) once: the user's own (also absent ones), the environment's and makers' folders."""
     named = [entry for entry in own if entry]
     folders = [folder for folder in os.environ.get(ENVIRONMENT, "").split(os.pathsep) if folder]
     found: dict[str, str] = {}
@@ -56,11 +51,7 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
 def discover(
     files: Sequence[str], context: Context | None = None, trust: TrustStore | None = None, ask: Ask | None = None
 ) -> Discovery:
-    """Every camera that the producer files reach; each file is tried in a process of its own.
-
-    `context` None does neither; `trust` None: all are loaded; `ask` None: a new one is allowed and remembered, a
-    changed one refused.
-    """
+    """Every camera that the producer files reach, each tried in its own process; `trust` None: all are loaded."""
     check_packages()
     context = context or Context()
     verdicts: dict[str, ProducerVerdict] = {}
@@ -104,11 +95,7 @@ def _admitted(file: str, trust: TrustStore | None, ask: Ask | None) -> Admitted 
 
 
 def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
-    """Every camera once: the first producer that can reach a serial number has it.
-
-    Cameras of two makers may have the same serial number: then each has its model in its name, or its address where
-    that differs.
-    """
+    """Every camera once, by the first producer; of two makers with one serial number model or address is added."""
     cameras: dict[str, CameraInfo] = {}
     doubles: list[CameraInfo] = []
     for verdict in verdicts:
@@ -218,12 +205,8 @@ def _check_file(file: str) -> ProducerVerdict | None:
 
 
 def _crashed(file: str, code: int | None) -> ProducerVerdict:
-    return ProducerVerdict(
-        file,
-        False,
-        f"The driver crashed while it was loaded or searched for cameras ({end_word(code)}).",
-        "Update or remove it; other drivers are not affected.",
-    )
+    said = f"The driver crashed while it was loaded or searched for cameras ({end_word(code)})."
+    return ProducerVerdict(file, False, said, "Update or remove it; other drivers are not affected.")
 
 
 def end_word(code: int | None) -> str:

@@ -34,11 +34,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "common clock": ("PtpEnable", "PtpMode", "GevIEEE1588"),
     "clock latch": ("PtpDataSetLatch", "GevIEEE1588DataSetLatch"),
     "clock state": ("PtpStatus", "GevIEEE1588Status"),
-    "clock offset": (
-        "PtpOffsetFromMaster",
-        "GevIEEE1588OffsetFromMaster",
-        "GevIEEE1588OffsetFromMasterLatched",
-    ),
+    "clock offset": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster", "GevIEEE1588OffsetFromMasterLatched"),
 }
 
 # Words for yes and no where one camera has a switch, another an enumeration, and makers differ in its entries.
@@ -148,10 +144,7 @@ class NodeFeatures:
         return value if node is None else _fit(node, value)
 
     def write(self, name: str, value: Any) -> Any:
-        """Write a node, in the camera's own words and steps (`meant`); the value that it then has.
-
-        A node that has the value already is not written, and so may be read-only.
-        """
+        """Write a node in the camera's own words and steps, unless it has the value; the value that it then has."""
         node = self.node(name)
         if node is None:
             raise FeatureError("the camera does not have it")

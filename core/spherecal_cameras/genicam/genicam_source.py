@@ -222,10 +222,7 @@ class _Attempt:
         self._timeout_s = self.took_s = 0.0
 
     def run(self, timeout_s: float, context: Context, earlier: Sequence["_Attempt"]) -> None:
-        """Wait until all images of this or an earlier try are there, or no missing camera can be expected any more.
-
-        The time begins again with every image that arrives: those of many large cameras come one after the other.
-        """
+        """Wait until all images of a try are there, or no missing one is expected; every image starts the time anew."""
         self._timeout_s = timeout_s
         if self._software:
             self._service.trigger(self.number, self._software)

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spherecal_cameras.genicam.driver_copy import hash_of, hold
 from spherecal_cameras.genicam.features import FeatureError, NodeFeatures, plain
 from spherecal_cameras.genicam.setup import ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK
-from spherecal_cameras.genicam.texts import tolerate_any_text
+from spherecal_cameras.genicam.trust import hash_of, hold
+from spherecal_cameras.genicam.words import tolerate_any_text
 from spherecal_cameras.protocol import CameraInfo
 
 # How long a producer may search its interfaces. Cameras on GigE answer a discovery within some ms on the same switch;
@@ -37,10 +37,7 @@ class _Collected(logging.Handler):
 
 
 class Producer:
-    """One loaded producer file.
-
-    Harvesters says nothing when a file does not load and lists no devices: `problem` is what it logged.
-    """
+    """One loaded producer file; `problem` is what Harvesters logged of one that does not load."""
 
     def __init__(self, file: str, load: str = "", sha256: str = "") -> None:
         from harvesters.core import Harvester
@@ -72,10 +69,7 @@ class Producer:
         self.problem = "" if loaded else "; ".join(dict.fromkeys(collected.texts)) or "it could not be initialised"
 
     def rescan(self) -> None:
-        """Look for plugged and unplugged cameras without disturbing the open ones.
-
-        `Harvester.update` would end them all; the lists of the interfaces can be renewed one by one.
-        """
+        """Look for plugged and unplugged cameras by interface: `Harvester.update` would end the open ones."""
         from harvesters.core import DeviceInfo
 
         found = []
@@ -89,10 +83,7 @@ class Producer:
         return list(self._harvester.device_info_list)
 
     def find(self, serial: str, device_id: str = "") -> Any | None:
-        """The listed device of this serial number, None where there is none.
-
-        Where several have it, it is the one of this id; where two interfaces list that, the one that can be opened.
-        """
+        """The listed device of this serial number, of several that of this id, or one that can be opened."""
         found = [device for device in self.devices() if serial in _names(device)]
         found = [device for device in found if _text(device, "id_") == device_id] or found
         return min(found, key=lambda device: _PREFERRED.index(access_of(device)), default=None)
@@ -102,10 +93,7 @@ class Producer:
         return self._harvester.create(device)
 
     def act(self, at_ns: int) -> None:
-        """Send an action command for a moment (ns) of the cameras' common clock.
-
-        The features are those that the standard names for a producer or its interfaces.
-        """
+        """Send an action command for a moment (ns) of the cameras' common clock, by the standard's features."""
         sent = False
         for module in (*self._harvester._systems, *self._harvester._ifaces):
             features = NodeFeatures(module.node_map)
@@ -159,10 +147,7 @@ def serial_of(device: Any) -> str:
 
 
 def clean(text: Any) -> str:
-    """A driver's text on one line, without characters that cannot be printed.
-
-    Texts that are not UTF-8 are taken for Latin-1, as older cameras have.
-    """
+    """A driver's text (UTF-8, else Latin-1) on one line, without characters that cannot be printed."""
     raw = str(text or "").encode("utf-8", "surrogateescape")
     try:
         plain_text = raw.decode("utf-8")
@@ -194,11 +179,7 @@ def _apart(device: Any) -> tuple[str, str, str]:
 
 
 def _distinct(devices: Sequence[Any]) -> list[tuple[str, Any]]:
-    """Names for devices of one serial number.
-
-    Of one kind on two interfaces they are the same camera, reached in two ways; of one kind on one interface, or of
-    two kinds, they are not.
-    """
+    """Names for devices of one serial number: of one kind on two interfaces they are the same camera."""
     kinds = {_kind(device) for device in devices}
     if len(kinds) > 1:
         return [(_names(device)[1], device) for device in devices]

@@ -3,14 +3,7 @@
 from dataclasses import dataclass, field
 from typing import get_args
 
-from spherecal_cameras.protocol import (
-    CameraSettings,
-    CameraState,
-    Counters,
-    FeatureReport,
-    ProducerVerdict,
-    SetupReport,
-)
+from spherecal_cameras import protocol
 
 WIRE_VERSION = 4
 
@@ -20,16 +13,13 @@ WIRE_VERSION = 4
 
 @dataclass(frozen=True)
 class RequestedCamera:
-    """A camera to keep open: the producer file that reaches it, what to load for it, its hash, and its settings.
-
-    `device_id` is the driver's name for it, by which it is known where others have its serial number.
-    """
+    """A camera to keep open: its producer file, what to load for it, its hash, the driver's name, its settings."""
 
     serial: str
     producer: str
     load: str
     sha256: str
-    settings: CameraSettings
+    settings: protocol.CameraSettings
     device_id: str = ""
 
 
@@ -46,7 +36,7 @@ class Apply:
     """Give cameras new settings; answered by `Answer`."""
 
     request: int
-    settings: dict[str, CameraSettings]
+    settings: dict[str, protocol.CameraSettings]
 
 
 @dataclass(frozen=True)
@@ -129,7 +119,7 @@ class Working:
 class Alive:
     """Heartbeat, several a second, with what is not worth a message of its own."""
 
-    counters: dict[str, Counters] = field(default_factory=dict)
+    counters: dict[str, protocol.Counters] = field(default_factory=dict)
     temperatures: dict[str, float | None] = field(default_factory=dict)
 
 
@@ -137,7 +127,7 @@ class Alive:
 class Opened:
     """A camera was opened and set up; its images take up to `image_bytes`. `again` after a loss."""
 
-    report: SetupReport
+    report: protocol.SetupReport
     image_bytes: int
     again: bool
 
@@ -147,7 +137,7 @@ class StateIs:
     """The state of a camera."""
 
     serial: str
-    state: CameraState
+    state: protocol.CameraState
     cause: str = ""
     remedy: str = ""
 
@@ -157,8 +147,8 @@ class Answer:
     """The answer to a command with a request number."""
 
     request: int
-    reports: tuple[SetupReport, ...] = ()
-    features: tuple[FeatureReport, ...] = ()
+    reports: tuple[protocol.SetupReport, ...] = ()
+    features: tuple[protocol.FeatureReport, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -206,7 +196,7 @@ class Slow:
 class Probed:
     """What a probe found out about a driver file."""
 
-    verdict: ProducerVerdict
+    verdict: protocol.ProducerVerdict
 
 
 Report = Hello | Working | Alive | Opened | StateIs | Answer | Triggered | FrameMeta | Slow

@@ -19,10 +19,7 @@ _SAMPLED = 7
 
 
 def grey_pixels(component: Any) -> GreyPixels:
-    """The pixels (h, w) of a 2-D component of a buffer; a view on its memory where they need no unpacking.
-
-    Line padding is cut off, colour becomes luminance, a Bayer mosaic stays as it is.
-    """
+    """The pixels (h, w) of a 2-D component, a view where they can be: no padding, luminance of colour, Bayer as is."""
     name, data = str(component.data_format), component.data
     if data is None or name.startswith(_NO_PICTURE):
         raise ValueError(f"images of the format {name} cannot be read")
@@ -46,10 +43,7 @@ def grey_pixels(component: Any) -> GreyPixels:
 
 
 def first_grey(components: Sequence[Any]) -> tuple[Any, GreyPixels]:
-    """The first component of a buffer that is an image, and its pixels (h, w).
-
-    Cameras with several parts in a buffer put range, confidence or processed images beside the plain one.
-    """
+    """The pixels (h, w) of a buffer's first component that is an image, not range or confidence beside it."""
     problem = "a buffer without an image"
     for component in components:
         if component is None:  # of a format that Harvesters does not know
@@ -76,11 +70,7 @@ def _luminance(image: NDArray[Any], name: str) -> GreyPixels:
 
 
 def in_order(image: GreyPixels, bits: int, big: bool) -> tuple[GreyPixels, int]:
-    """Pixels (h, w) in this computer's byte order, and their significant bits.
-
-    Drivers are often wrong about the order: 10 to 14 bits show it, since the other bits must be 0. Where they are 0 in
-    neither order, the values are at the upper end of 16 bits.
-    """
+    """Pixels (h, w) in this computer's byte order and their significant bits, by which bits are 0: drivers err."""
     if image.dtype != np.uint16 or bits == 8:
         return image, bits if image.dtype == np.uint8 else 16
     if bits == 16:

@@ -14,46 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.messages.values import Phrase
-from spherecal_cameras.genicam import child, words
+from spherecal_cameras import protocol
+from spherecal_cameras.genicam import child, messages, words
 from spherecal_cameras.genicam.discovery import end_word
-from spherecal_cameras.genicam.messages import (
-    REPORTS,
-    WIRE_VERSION,
-    Acquire,
-    Alive,
-    Answer,
-    Apply,
-    Command,
-    Describe,
-    FrameMeta,
-    Hello,
-    Indicate,
-    Live,
-    Open,
-    Opened,
-    Quit,
-    Report,
-    RequestedCamera,
-    Slow,
-    StateIs,
-    Trigger,
-    Triggered,
-    Working,
-)
-from spherecal_cameras.genicam.rings import TouchMark, remove_orphans, shared_memory_name
-from spherecal_cameras.genicam.shared_frames import FrameStore
+from spherecal_cameras.genicam.rings import FrameStore, TouchMark, remove_orphans, shared_memory_name
 from spherecal_cameras.genicam.trust import Admitted, Refusal, TrustStore, admit_again
-from spherecal_cameras.genicam.waiting import Waiter
-from spherecal_cameras.genicam.wire import Inbox, WireError, pack
-from spherecal_cameras.protocol import (
-    CameraError,
-    CameraSettings,
-    CameraState,
-    EventKind,
-    FeatureReport,
-    SetupReport,
-    TriggerMode,
-)
+from spherecal_cameras.genicam.wire import Inbox, Waiter, WireError, pack
 from spherecal_cameras.status_log import StatusLog
 
 # Silence of the process that is not announced (`Working`): heartbeats come every 0.1 s, and the slowest register read
@@ -75,20 +41,17 @@ Gate = Callable[[str], Admitted | Refusal]
 
 
 class CameraService:
-    """One camera process and what is known about its cameras. Thread-safe; `close` it.
-
-    `log_file` None: nowhere; `gate` None loads what was allowed before.
-    """
+    """One camera process and what is known about its cameras. Thread-safe; `close` it."""
 
     def __init__(self, log_file: Path | None = None, gate: Gate | None = None) -> None:
         self._gate = gate or (lambda file: admit_again(TrustStore(), file))
-        self._order: tuple[RequestedCamera, ...] = ()  # the cameras as the process numbers them
+        self._order: tuple[messages.RequestedCamera, ...] = ()  # the cameras as the process numbers them
         self._log_file = None if log_file is None else str(log_file)
         self._lock = threading.RLock()
         self._changed = threading.Condition(self._lock)
         self._requests = itertools.count(1)
-        self._answers: dict[int, Answer] = {}
-        self._wanted: dict[str, RequestedCamera] = {}
+        self._answers: dict[int, messages.Answer] = {}
+        self._wanted: dict[str, messages.RequestedCamera] = {}
         self._left_out: dict[str, float] = {}  # until when
         self._free: set[str] = set()  # cameras without a trigger
         self._crashes: Tally[str] = Tally()  # since the last image
@@ -96,8 +59,8 @@ class CameraService:
         self._live_hz: float | None = None
         self.frames = FrameStore()
         self.status_log = StatusLog()
-        self._listener: Callable[[FrameMeta], None] | None = None
-        self._triggered: dict[int, Triggered] = {}
+        self._listener: Callable[[messages.FrameMeta], None] | None = None
+        self._triggered: dict[int, messages.Triggered] = {}
         self._refused_version = False
         self._closing = False
         self._generation = 0
@@ -115,7 +78,7 @@ class CameraService:
         process = self._process
         return process.pid if process is not None else None
 
-    def open(self, cameras: Iterable[RequestedCamera]) -> tuple[SetupReport, ...]:
+    def open(self, cameras: Iterable[messages.RequestedCamera]) -> tuple[protocol.SetupReport, ...]:
         """Keep exactly these cameras open; a report of each that could be opened."""
         with self._lock:
             self._wanted = {camera.serial: camera for camera in cameras}
@@ -124,33 +87,33 @@ class CameraService:
             self.status_log.keep_only(self._wanted)
             self.frames.keep_only(self._wanted)
             self._start()
-        return self._ask(lambda request: Open(request, self._admitted())).reports
+        return self._ask(lambda request: messages.Open(request, self._admitted())).reports
 
-    def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
+    def apply(self, settings: Mapping[str, protocol.CameraSettings]) -> tuple[protocol.SetupReport, ...]:
         """Give cameras new settings, by serial, and keep them for later openings; a report of each that is open."""
         with self._lock:
             for serial, new in settings.items():
                 self._wanted[serial] = replace(self._wanted[serial], settings=new)
-        return self._ask(lambda request: Apply(request, dict(settings))).reports
+        return self._ask(lambda request: messages.Apply(request, dict(settings))).reports
 
-    def describe(self, serial: str) -> tuple[FeatureReport, ...]:
+    def describe(self, serial: str) -> tuple[protocol.FeatureReport, ...]:
         """All features of an open camera; empty while it is lost."""
-        return self._ask(lambda request: Describe(request, serial)).features
+        return self._ask(lambda request: messages.Describe(request, serial)).features
 
     def indicate(self, serial: str, on: bool) -> bool:
         """Switch an open camera's own light; whether it has one that can be switched."""
-        return bool(self._ask(lambda request: Indicate(request, serial, on)).features)
+        return bool(self._ask(lambda request: messages.Indicate(request, serial, on)).features)
 
     def acquire(self, on: bool, live_hz: float | None) -> None:
         """Let cameras send images or not, and trigger them for a live view."""
         with self._lock:
             self._acquiring, self._live_hz = on, live_hz
-            self._tell(Acquire(on))
-            self._tell(Live(live_hz))
+            self._tell(messages.Acquire(on))
+            self._tell(messages.Live(live_hz))
 
     def pause_live(self, paused: bool) -> None:
         """Stop the triggers of the live view while a set is taken, or begin them again."""
-        self._tell(Live(None if paused else self._live_hz))
+        self._tell(messages.Live(None if paused else self._live_hz))
 
     @property
     def acquiring(self) -> bool:
@@ -159,7 +122,7 @@ class CameraService:
 
     def trigger(self, round_number: int, serials: Iterable[str]) -> None:
         """Trigger cameras once; `refusals` says later which did not take it."""
-        self._tell(Trigger(round_number, tuple(serials)))
+        self._tell(messages.Trigger(round_number, tuple(serials)))
 
     def is_triggered(self, round_number: int) -> bool:
         """Whether a trigger round has been sent to all its cameras."""
@@ -172,19 +135,16 @@ class CameraService:
             known = self._triggered.get(round_number)
             return dict(known.refused) if known else {}
 
-    def listen(self, listener: Callable[[FrameMeta], None] | None) -> None:
-        """Call a function in the service's thread with every image that arrives; it may copy it, nothing slower.
-
-        None: call nothing any more.
-        """
+    def listen(self, listener: Callable[[messages.FrameMeta], None] | None) -> None:
+        """Call a function, which may copy it and nothing slower, with every image that arrives; None: none any more."""
         self._listener = listener
 
-    def trigger_modes(self) -> dict[str, TriggerMode]:
+    def trigger_modes(self) -> dict[str, protocol.TriggerMode]:
         """How every wanted camera is triggered: one without a trigger runs free, whatever its settings say."""
         with self._lock:
             return {s: "free" if s in self._free else w.settings.trigger for s, w in self._wanted.items()}
 
-    def settings(self) -> dict[str, CameraSettings]:
+    def settings(self) -> dict[str, protocol.CameraSettings]:
         """The settings of every wanted camera."""
         with self._lock:
             return {serial: wanted.settings for serial, wanted in self._wanted.items()}
@@ -195,7 +155,7 @@ class CameraService:
             if self._closing:
                 return
             self._closing = True
-            self._tell(Quit())
+            self._tell(messages.Quit())
             self._changed.notify_all()
         thread = self._thread
         if thread is not None and thread is not threading.current_thread():
@@ -209,14 +169,14 @@ class CameraService:
 
     # --- talking -----------------------------------------------------------------------------------------------------
 
-    def _tell(self, command: Command) -> None:
+    def _tell(self, command: messages.Command) -> None:
         """Send a command; a process that has just ended gets the state of things at its restart instead."""
         with self._lock:
             if self._connection is not None:
                 with contextlib.suppress(OSError, ValueError):
                     self._connection.send_bytes(pack(command))
 
-    def _ask(self, make: Callable[[int], Command]) -> Answer:
+    def _ask(self, make: Callable[[int], messages.Command]) -> messages.Answer:
         """Send a command and wait for its answer; asked again if the process ends meanwhile."""
         deadline = time.perf_counter() + _ANSWER_S
         with self._lock:
@@ -228,12 +188,12 @@ class CameraService:
                         return self._answers.pop(request)
                     self._changed.wait(0.1)
         if self._refused_version:
-            raise CameraError(Phrase("error-camera-process-version"))
-        raise CameraError(Phrase("error-camera-process"))
+            raise protocol.CameraError(Phrase("error-camera-process-version"))
+        raise protocol.CameraError(Phrase("error-camera-process"))
 
     def _start(self) -> None:
         if self._closing:
-            raise CameraError(Phrase("error-cameras-closed"))
+            raise protocol.CameraError(Phrase("error-cameras-closed"))
         if self._thread is None:
             remove_orphans()
             self._touch = TouchMark(shared_memory_name(), create=True)
@@ -275,17 +235,17 @@ class CameraService:
 
     def _restore(self) -> None:
         """Bring a new process to where the old one was."""
-        self._tell(Open(0, self._admitted()))
+        self._tell(messages.Open(0, self._admitted()))
         for ring in self.frames.in_use():
             self._tell(ring)
-        self._tell(Acquire(self._acquiring))
-        self._tell(Live(self._live_hz))
+        self._tell(messages.Acquire(self._acquiring))
+        self._tell(messages.Live(self._live_hz))
 
     def _follow(self) -> str:
         """Obey the process's reports until it ends; how it ended."""
         process, connection = self._process, self._connection
         assert process is not None and connection is not None
-        waiter, inbox = Waiter([connection, process.sentinel]), Inbox(connection, REPORTS)
+        waiter, inbox = Waiter([connection, process.sentinel]), Inbox(connection, messages.REPORTS)
         deadline = time.perf_counter() + _START_S
         reason = ""
         while not reason:
@@ -294,7 +254,7 @@ class CameraService:
             try:
                 while connection in ready:
                     for report in inbox.messages():
-                        allowed = min(report.allow_s, _START_S * 2) if isinstance(report, Working) else 0.0
+                        allowed = min(report.allow_s, _START_S * 2) if isinstance(report, messages.Working) else 0.0
                         deadline = time.perf_counter() + _HUNG_S + allowed
                         self._take(report)
                     ready = waiter.ready(0.0)
@@ -333,7 +293,7 @@ class CameraService:
         doing = child.ACTIONS[action] if 0 < action < len(child.ACTIONS) else "serving it"
         during = f" while {doing} (camera {culprit})" if culprit else ""
         self.status_log.event(
-            EventKind.SERVICE_LOST,
+            protocol.EventKind.SERVICE_LOST,
             f"The camera process ended ({reason}){during}.",
             "It is started again by itself; images already taken are safe.",
             culprit,
@@ -341,14 +301,14 @@ class CameraService:
         for serial in self._wanted:
             if serial not in self._left_out:
                 self.status_log.set_state(
-                    serial, CameraState.LOST, "The camera process is being started again.", "Wait."
+                    serial, protocol.CameraState.LOST, "The camera process is being started again.", "Wait."
                 )
         self._back_since = time.perf_counter()
         if culprit is not None and reason not in _OUTSIDE:
             self._crashes[culprit] += 1
             if self._crashes[culprit] >= _CRASHES:
                 self._left_out[culprit] = time.perf_counter() + _LEFT_OUT_S
-                self.status_log.set_state(culprit, *words.left_out(self._crashes[culprit]))
+                self.status_log.set_state(culprit, *words.state_in_words("left out", times=self._crashes[culprit]))
         if self._crashes.total() > _CRASHES:
             self._changed.wait(_PAUSE_S)
 
@@ -362,16 +322,16 @@ class CameraService:
             for serial in back:
                 del self._left_out[serial]
             if back:
-                self._tell(Open(0, self._admitted()))
+                self._tell(messages.Open(0, self._admitted()))
 
-    def _admitted(self) -> tuple[RequestedCamera, ...]:
+    def _admitted(self) -> tuple[messages.RequestedCamera, ...]:
         """The cameras that are not left out, with what to load for them now; their drivers are looked at each time."""
-        admitted: list[RequestedCamera] = []
+        admitted: list[messages.RequestedCamera] = []
         looked: dict[str, Admitted | Refusal] = {}
         for camera in (camera for serial, camera in self._wanted.items() if serial not in self._left_out):
             found = looked.setdefault(camera.producer, looked.get(camera.producer) or self._gate(camera.producer))
             if isinstance(found, Refusal):
-                self.status_log.set_state(camera.serial, CameraState.ERROR, found.message, found.hint)
+                self.status_log.set_state(camera.serial, protocol.CameraState.ERROR, found.message, found.hint)
             else:
                 admitted.append(replace(camera, load=found.load, sha256=found.sha256))
         self._order = tuple(admitted)
@@ -379,11 +339,11 @@ class CameraService:
 
     # --- reports -----------------------------------------------------------------------------------------------------
 
-    def _take(self, report: Report) -> None:
-        serial = report.report.serial if isinstance(report, Opened) else getattr(report, "serial", None)
+    def _take(self, report: messages.Report) -> None:
+        serial = report.report.serial if isinstance(report, messages.Opened) else getattr(report, "serial", None)
         if serial is not None and serial not in self._wanted:
             return  # of a camera that was let go of, or of none that there is
-        if isinstance(report, FrameMeta):
+        if isinstance(report, messages.FrameMeta):
             self.frames.announce(report)
             if self._crashes:
                 self._crashes.pop(report.serial, None)
@@ -393,42 +353,42 @@ class CameraService:
             return
         with self._lock:
             match report:
-                case Alive():
+                case messages.Alive():
                     for name, counters in report.counters.items():
                         self.status_log.count(name, counters, report.temperatures.get(name))
-                case Opened():
+                case messages.Opened():
                     self._opened(report)
-                case StateIs():
+                case messages.StateIs():
                     self.status_log.set_state(report.serial, report.state, report.cause, report.remedy)
-                case Answer():
+                case messages.Answer():
                     if report.request:
                         self._answers[report.request] = report
                     self._say_back()
-                case Triggered():
+                case messages.Triggered():
                     self._triggered = {k: v for k, v in self._triggered.items() if k > report.round - 8}
                     self._triggered[report.round] = report
                 case _:
                     self._take_word(report)
             self._changed.notify_all()
 
-    def _take_word(self, report: Report) -> None:
-        if isinstance(report, Slow):
-            self.status_log.event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
-        elif isinstance(report, Hello) and report.version != WIRE_VERSION:
+    def _take_word(self, report: messages.Report) -> None:
+        if isinstance(report, messages.Slow):
+            self.status_log.event(protocol.EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
+        elif isinstance(report, messages.Hello) and report.version != messages.WIRE_VERSION:
             self._refused_version = True
             self._closing = True
 
-    def _opened(self, report: Opened) -> None:
+    def _opened(self, report: messages.Opened) -> None:
         """Give the camera a ring that its images fit into."""
         serial = report.report.serial
         untriggered = {"trigger mode", "software trigger"} & set(report.report.missing)
         (self._free.add if untriggered else self._free.discard)(serial)
         try:
             if not 0 < report.image_bytes <= _MOST_IMAGE_BYTES:
-                raise CameraError(Phrase("error-image-bytes", {"camera": serial, "bytes": report.image_bytes}))
+                raise protocol.CameraError(Phrase("error-image-bytes", {"camera": serial, "bytes": report.image_bytes}))
             self._tell(self.frames.ring_for(serial, report.image_bytes))
-        except CameraError as error:
-            self.status_log.set_state(serial, CameraState.ERROR, error.message, error.hint)
+        except protocol.CameraError as error:
+            self.status_log.set_state(serial, protocol.CameraState.ERROR, error.message, error.hint)
             return
         if report.again:
             self.status_log.add(serial, reopened=1)
@@ -440,7 +400,7 @@ class CameraService:
         self._back_since = None
         usable = sum(1 for status in self.status_log.statuses().values() if status.state.usable)
         self.status_log.event(
-            EventKind.SERVICE_BACK,
+            protocol.EventKind.SERVICE_BACK,
             f"The camera process is back after {seconds:.1f} s with {usable} of {len(self._wanted)} cameras.",
         )
 

@@ -63,10 +63,7 @@ _SOFTWARE = ("Software", "TriggerSoftware", "SoftwareTrigger")
 
 
 def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> SetupReport:
-    """Write all features of a camera that is open and not acquiring; a report of each.
-
-    What the camera refuses is in the report and raises nothing.
-    """
+    """Write all features of a camera that is open and not acquiring; a report of each, also of what it refuses."""
     began = time.perf_counter()
     reports: list[FeatureReport] = []
     for name, values in _NEUTRAL:
@@ -304,10 +301,7 @@ def _common_clock(features: NodeFeatures) -> list[FeatureReport]:
 
 
 def _trigger(features: NodeFeatures, settings: CameraSettings) -> list[FeatureReport]:
-    """Every trigger but that of a frame off, that one as wanted.
-
-    A camera that is to be triggered by software and cannot be runs freely: else it would wait for ever.
-    """
+    """Every trigger but that of a frame off, that one as wanted; free-running where it knows no software trigger."""
     name = features.name("trigger mode")
     if name is None:
         problem = "" if settings.trigger == "free" else "the camera has no trigger: it runs freely"

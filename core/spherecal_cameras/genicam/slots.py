@@ -7,7 +7,7 @@ from spherecal_cameras.genicam.device import Device
 from spherecal_cameras.genicam.features import plain
 from spherecal_cameras.genicam.messages import RequestedCamera, Slow, StateIs, UseRing
 from spherecal_cameras.genicam.rings import Ring
-from spherecal_cameras.genicam.texts import error_id
+from spherecal_cameras.genicam.words import error_id
 from spherecal_cameras.protocol import CameraState
 
 _AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats
@@ -77,14 +77,14 @@ def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, st
     if not device.acquiring:
         return CameraState.CONNECTED, "", ""
     if device.unreadable:
-        return words.unreadable(device.unreadable)
+        return words.state_in_words("unreadable", why=device.unreadable)
     if now - device.last_incomplete_s < _INCOMPLETE_S:
-        return words.incomplete()
+        return words.state_in_words("incomplete")
     silent = now - device.last_image_s
     if slot.settings.trigger == "hardware" and silent > _SILENT_S:
-        return words.no_trigger(hardware=True)
+        return words.state_in_words("no hardware trigger")
     if device.unanswered >= _UNANSWERED and silent > _UNANSWERED_S:
-        return words.no_trigger(hardware=False)
+        return words.state_in_words("no software trigger")
     return CameraState.STREAMING, "", ""
 
 
@@ -99,11 +99,11 @@ def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str
     """The state, cause and remedy of a camera that could not be opened, by the driver's error."""
     text = plain(error)
     if "genapi" in type(error).__module__:
-        return words.no_description(text)
+        return words.state_in_words("no description", why=text)
     if error_id(str(error)) in (-1004, -1005):  # resource in use, access denied
-        return words.busy(text)
+        return words.state_in_words("busy", why=f" ({text})" if text else "")
     if access == "unreachable":
-        return words.unreachable(text)
+        return words.state_in_words("unreachable", why=text)
     if error_id(str(error)) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
-        return words.lost(text)
-    return words.failed(text)
+        return words.state_in_words("lost", why=text)
+    return words.state_in_words("failed", why=text)

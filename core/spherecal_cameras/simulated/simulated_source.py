@@ -1,9 +1,10 @@
-"""A simulated rig as a camera source: drawn or rendered views, the ball moved by script or by hand, faults."""
+"""A source of simulated cameras, with the faults that they can have."""
 
 import threading
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,53 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal_cameras.in_process import InProcessSource, NoImage
 from spherecal_cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, SourceKind
-from spherecal_cameras.simulated.camera_faults import SimulatedFault
 from spherecal_cameras.simulated.draw import digitise
 from spherecal_cameras.simulated.stage import ArtefactPose, Stage, StageView
+
+FaultKind = Literal["lose", "delay", "drop", "blur", "dim", "bump"]
+_USUAL: dict[str, float] = {"lose": 0.0, "delay": 2.0, "drop": 0.0, "blur": 3.0, "dim": 0.25, "bump": 0.5}
+
+
+@dataclass(frozen=True)
+class SimulatedFault:
+    """What goes wrong with a simulated camera (its id or serial) from set `first_set` to `last_set` (None: for good).
+
+    `lose`: it is unplugged. `delay`: its images come `amount` s late. `drop`: it ignores the first trigger of each set.
+    `blur`: its lens is out of focus by `amount` px. `dim`: its images have `amount` times the light. `bump`: it is
+    turned by `amount` degrees. `first_set` 0 includes the live view before the first set.
+    """
+
+    kind: FaultKind
+    camera: str
+    amount: float | None = None
+    first_set: int = 0
+    last_set: int | None = None
+
+    @property
+    def size(self) -> float:
+        """The amount, or the usual one of its kind."""
+        return _USUAL[self.kind] if self.amount is None else self.amount
+
+    def active(self, number: int) -> bool:
+        """Whether it is there in the set of this number."""
+        return number >= self.first_set and (self.last_set is None or number <= self.last_set)
+
+
+def parse_fault(text: str) -> SimulatedFault:
+    """A fault written as KIND:CAMERA[:AMOUNT][@FIRST[-LAST]], such as `lose:C03@2-3`."""
+    body, _, sets = text.partition("@")
+    kind, _, rest = body.partition(":")
+    camera, _, amount = rest.partition(":")
+    first, dash, last = sets.partition("-")
+    try:
+        known = next((known for known in get_args(FaultKind) if known == kind), None)
+        if known is None or not camera:
+            raise ValueError
+        until = int(last) if last else (None if dash or not sets else int(first))
+        return SimulatedFault(known, camera, float(amount) if amount else None, int(first) if first else 0, until)
+    except ValueError:
+        raise InputError(Phrase("error-bad-fault", {"text": repr(text), "kinds": list(get_args(FaultKind))})) from None
+
 
 PREFIX = "SIM-"
 _NOMINAL_EXPOSURE_US = 10_000.0
@@ -23,12 +68,7 @@ _WARM_C = 41.0
 
 
 class SimulatedSource(InProcessSource):
-    """The simulated cameras of a preset rig.
-
-    `stage` moves ball and bars; `faults` may be exchanged at any time, as by `inject` and `heal`.
-
-    `stage` None makes one of `preset` and `seed`.
-    """
+    """The simulated cameras of a preset rig; `stage` moves ball and bars, `faults` may be exchanged at any time."""
 
     kind: SourceKind = "simulated"
 
@@ -132,19 +172,9 @@ class SimulatedSource(InProcessSource):
         arrived = time.perf_counter()
         temperature = _WARM_C + 0.5 * float(np.sin(arrived / 900 + self._index[serial]))  # at most 0.03 K a minute
         return Frame(
-            serial,
-            image,
-            bits,
-            f"Mono{bits}",
-            began,
-            arrived,
-            self.next_frame_id(serial),
-            self.stamp_ns(),
-            None,
-            settings.exposure_us,
-            settings.gain_db,
-            round(temperature, 2),
-        )
+            serial, image, bits, f"Mono{bits}", began, arrived, self.next_frame_id(serial), self.stamp_ns(), None,
+            settings.exposure_us, settings.gain_db, round(temperature, 2),
+        )  # fmt: skip
 
     def _picture(self, serial: str, view: StageView, artefact: ArtefactPose) -> NDArray[np.float32]:
         """The noise-free image, kept while nothing changes."""

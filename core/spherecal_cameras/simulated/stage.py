@@ -17,12 +17,11 @@ from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.targets.target_set import TargetSet
 from spherecal_cameras.protocol import CameraError
 from spherecal_cameras.simulated.draw import Solid, draw
-from spherecal_sim.dot_truth import TrueDots, ball_dots, bar_dots
+from spherecal_sim.dot_truth import Station, TrueDots, ball_dots, bar_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for
-from spherecal_sim.station import Station
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 
@@ -39,10 +38,7 @@ Path = Callable[[float], tuple[Vector, Vector]]
 
 @dataclass(frozen=True)
 class StageView:
-    """How one simulated camera sees: blur (standard deviation, px), brightness (1 = as exposed well), a knock.
-
-    The knock is a turn (rotation vector, rad) and a shift (mm) in the camera's frame.
-    """
+    """How a simulated camera sees: blur (sd, px), brightness (1 = well exposed), a knock (rotation rad, shift mm)."""
 
     blur_px: float = SHARP_PX
     brightness: float = 1.0
@@ -66,10 +62,7 @@ class ArtefactPose:
 
 
 class Stage:
-    """A simulated rig with its ball and bars; `poses` names everything that can be shown.
-
-    `options` None is that of rendered sessions with two bar poses.
-    """
+    """A simulated rig with its ball and bars; `poses` names everything that can be shown."""
 
     def __init__(self, preset: str, seed: int = 1, options: SimulationOptions | None = None) -> None:
         self.preset = preset

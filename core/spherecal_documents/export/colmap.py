@@ -12,21 +12,8 @@ from scipy.spatial.transform import Rotation
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
-from spherecal_documents.export.colmap_model import (
-    ModelCamera,
-    ModelImage,
-    read_model_cameras,
-    read_model_images,
-    read_model_rigs,
-)
-from spherecal_documents.export.file_cameras import (
-    FileCamera,
-    FileRig,
-    Pose,
-    Reading,
-    distortion,
-    numbers,
-)
+from spherecal_documents.export import colmap_model
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, Reading, distortion, numbers
 from spherecal_documents.export.format import Format
 
 # Ours (the centre of the first pixel is 0) to COLMAP's (it is 0.5).
@@ -116,8 +103,8 @@ def _rig_config(rig: FileRig, names: Sequence[str], reference: FileCamera) -> li
 
 def read_colmap_lenses(folder: Path) -> list[FileCamera]:
     """The cameras of a model without poses, named after the folder of their images where that is one name a camera."""
-    images = list(read_model_images(folder))
-    return [_camera(row, images) for row in read_model_cameras(folder, _COUNTS)]
+    images = list(colmap_model.read_model_images(folder))
+    return [_camera(row, images) for row in colmap_model.read_model_cameras(folder, _COUNTS)]
 
 
 def read_colmap(folder: Path) -> Reading:
@@ -126,7 +113,7 @@ def read_colmap(folder: Path) -> Reading:
     InputError where moments contradict each other, since then its images are not those of a rig.
     """
     folder = folder.parent if folder.is_file() else folder
-    rows, images = read_model_cameras(folder, _COUNTS), list(read_model_images(folder))
+    rows, images = colmap_model.read_model_cameras(folder, _COUNTS), list(colmap_model.read_model_images(folder))
     numbers = [row.number for row in rows]
     poses, why = _by_rig(folder, numbers, images) or _by_moments(folder, numbers, images)
     cameras = [(row, _camera(row, images)) for row in rows]
@@ -134,7 +121,7 @@ def read_colmap(folder: Path) -> Reading:
     return Reading(tuple(replace(c, pose=poses[row.number]) for row, c in cameras if row.number in poses), left_out)
 
 
-def _camera(row: ModelCamera, images: Sequence[ModelImage]) -> FileCamera:
+def _camera(row: colmap_model.ModelCamera, images: Sequence[colmap_model.ModelImage]) -> FileCamera:
     """The lens of a row, and its name."""
     lens = np.zeros(N_INTRINSICS)
     for value, targets in zip(row.parameters, _PARAMETERS[row.model], strict=True):
@@ -153,9 +140,9 @@ _Posed = tuple[dict[int, Pose], dict[int, str]]  # poses by camera, and why othe
 _UNSEEN = "has no image with a pose"
 
 
-def _by_rig(folder: Path, cameras: Sequence[int], images: Sequence[ModelImage]) -> _Posed | None:
+def _by_rig(folder: Path, cameras: Sequence[int], images: Sequence[colmap_model.ModelImage]) -> _Posed | None:
     """The poses of a rig with several cameras, in the world of its reference camera's first image."""
-    rigs = read_model_rigs(folder)
+    rigs = colmap_model.read_model_rigs(folder)
     if not rigs:
         return None
     rig = max(rigs, key=lambda one: len(one.others))
@@ -169,7 +156,7 @@ def _by_rig(folder: Path, cameras: Sequence[int], images: Sequence[ModelImage]) 
     return known, {camera: why.get(camera, "is of another rig") for camera in cameras if camera not in known}
 
 
-def _by_moments(folder: Path, cameras: Sequence[int], images: Sequence[ModelImage]) -> _Posed:
+def _by_moments(folder: Path, cameras: Sequence[int], images: Sequence[colmap_model.ModelImage]) -> _Posed:
     """The poses at the moment that most cameras saw; others are linked by moments that they share with these."""
     moments: dict[str, dict[int, Pose]] = {}
     single = len({image.camera for image in images}) == len(images)
@@ -231,14 +218,7 @@ def _refuse_contradiction(
             )
 
 
-FORMAT = Format(
-    "colmap",
-    "COLMAP text model with rig",
-    8,
-    ("mm", "m"),
-    _write,
-    read_colmap,
-    folder=True,
-    ids=FileRig.safe_names,
+COLMAP = Format(
+    "colmap", "COLMAP text model with rig", 8, ("mm", "m"), _write, read_colmap, folder=True, ids=FileRig.safe_names,
     fisheye=True,
-)
+)  # fmt: skip

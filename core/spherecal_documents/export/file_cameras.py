@@ -76,15 +76,11 @@ class FileCamera:
 
 @dataclass(frozen=True)
 class Reading(Sequence[FileCamera]):
-    """The cameras of a file, and what else it says.
-
-    `left_out`: cameras by name with why they are no part of the rig. `unit`: that of lengths, where the file itself
-    shows it. `notes`: what else is to be said.
-    """
+    """The cameras of a file, and what else it says."""
 
     cameras: tuple[FileCamera, ...]
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    unit: Unit | None = None
+    left_out: Mapping[str, str] = field(default_factory=dict)  # by name with why they are no part of the rig
+    unit: Unit | None = None  # of lengths, where the file itself shows it
     notes: tuple[str, ...] = ()
 
     @overload
@@ -100,11 +96,7 @@ class Reading(Sequence[FileCamera]):
 
 @dataclass(frozen=True)
 class FileRig:
-    """What a format writes: cameras with poses in `unit`; `reference` is the camera whose frame is the world, if any.
-
-    `source` says on one line where the file comes from. `first`: the rig's reference camera, where the world is the
-    user's frame: cameras are numbered the same in both.
-    """
+    """What a format writes: cameras, whose frame is the world, unit, where it comes from, whom it counts from."""
 
     cameras: tuple[FileCamera, ...]
     reference: str | None
@@ -135,10 +127,7 @@ def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:
 
 
 def lens_vector(matrix: ArrayLike, coefficients: ArrayLike, fisheye: bool, where: str = "the file") -> FloatArray:
-    """The 16 intrinsics of either model; InputError for what no lens of ours can be: skew, another count, no focal.
-
-    `matrix`: camera matrix (3, 3), px; `coefficients`: in OpenCV's order; `where`: the camera and its file, in words.
-    """
+    """The 16 intrinsics of K (3, 3) px and OpenCV's coefficients; InputError for what no lens of ours can be."""
     given, numbers = np.asarray(matrix, dtype=float), np.asarray(coefficients, dtype=float).ravel()
     if given.shape == (3, 3) and given[0, 1] != 0:
         raise InputError(f"{where}: its pixels are skewed by {given[0, 1]:g} px, which no lens model here has.")

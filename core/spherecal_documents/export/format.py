@@ -1,9 +1,10 @@
-"""What every export format states about itself."""
+"""What every export format states about itself, and formats that installed packages add (docs/plugins.md)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from spherecal.base.plugins import EXPORTERS, IMPORTERS, load
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Unit
 
 
@@ -30,3 +31,24 @@ class Format:
     ids: Callable[[FileRig], Sequence[str]] = FileRig.ids
     fisheye: bool = False
     fields: bool = False
+
+
+@dataclass(frozen=True)
+class ImportFormat:
+    """A format that is only read: `read` gives the cameras of a file or folder, lengths in the first of `units`."""
+
+    name: str
+    title: str
+    units: tuple[Unit, ...]
+    read: Callable[[Path], Sequence[FileCamera]]
+
+
+def exporter(name: str) -> Format | None:
+    """The export format of an installed package; None where no package has this name."""
+    return load(EXPORTERS, name, Format)
+
+
+def importer(name: str) -> Format | ImportFormat | None:
+    """The format of an installed package that can be read: an importer, else an exporter that reads back, or None."""
+    found = load(IMPORTERS, name, (Format, ImportFormat))
+    return exporter(name) if found is None else found

@@ -17,14 +17,13 @@ from spherecal.data.rig import Rig, rig_of_unknown_quality
 from spherecal.data.rig_camera import RigCamera
 from spherecal.geometry.camera import is_fisheye
 from spherecal.geometry.opencv import pose_rotation
-from spherecal_documents.export import matlab
 from spherecal_documents.export.file_cameras import MM_PER, FileCamera, Reading, Unit
-from spherecal_documents.export.format import Format
-from spherecal_documents.export.other_formats import ImportFormat, importer
+from spherecal_documents.export.format import Format, ImportFormat, importer
+from spherecal_documents.export.matlab import MATLAB
 from spherecal_documents.export.write_export import FORMATS
 
 # Formats that are read and not written.
-READ_ONLY = {one.FORMAT.name: one.FORMAT for one in (matlab,)}
+READ_ONLY = {MATLAB.name: MATLAB}
 
 
 # Rigs whose cameras are at most 20 mm apart (two lenses side by side) or more than 50 m (a hall) are hardly any. One in
@@ -34,30 +33,20 @@ _LEAST_MM, _MOST_MM = 20.0, 50_000.0
 
 @dataclass(frozen=True)
 class Imported:
-    """A rig, and what was taken for it: the unit with where it is from, lens models, distances, what was left out.
-
-    `lenses`: camera ids by lens model in words. `nearest_mm`, `farthest_mm`: of two cameras' centres, None of one
-    camera. `left_out`: cameras by name with the reason. `warnings`: what is hardly right.
-    """
+    """A rig, and what was taken for it: the unit with where it is from, lens models, distances, what was left out."""
 
     rig: Rig
     unit: Unit
     unit_from: Literal["given", "the file", "the format"]
-    lenses: Mapping[str, tuple[str, ...]]
-    nearest_mm: float | None
+    lenses: Mapping[str, tuple[str, ...]]  # camera ids by lens model in words
+    nearest_mm: float | None  # of two cameras' centres, None of one camera
     farthest_mm: float | None
-    left_out: Mapping[str, str]
-    warnings: tuple[str, ...]
+    left_out: Mapping[str, str]  # cameras by name with the reason
+    warnings: tuple[str, ...]  # what is hardly right
 
 
 def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Imported:
-    """The rig in a file or folder of a format that is read, lengths in mm.
-
-    Nothing is known of its accuracy, which its one finding says. All formats pass the same gate: what a rig cannot
-    represent is refused, cameras without a pose are left out.
-
-    `unit` None: what the file shows, else the format's own; `ids` None: their names there.
-    """
+    """The rig of unknown accuracy in a file or folder, lengths in mm; refused where a rig cannot represent it."""
     form = _format(name)
     if not path.exists():
         raise InputError(Phrase("error-no-file-or-folder", {"path": path}))

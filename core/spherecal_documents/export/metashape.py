@@ -18,22 +18,14 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import read_bytes
-from spherecal_documents.export.file_cameras import (
-    FileCamera,
-    FileRig,
-    Pose,
-    Reading,
-    lens_vector,
-    number,
-    numbers,
-)
+from spherecal_documents.export import file_cameras
 from spherecal_documents.export.format import Format
 
 _PIXEL_CENTRE = 0.5
 _MOST_BYTES = 8 << 20
 _TERMS = ("f", "cx", "cy", "b1", "k1", "k2", "k3", "p1", "p2")
 _NO_TERMS = ("resolution", "date", "covariance", "black_level", "sensitivity", "pixel_width", "pixel_height")
-_TRANSFORM = (("rotation", numbers(np.eye(3), " ")), ("translation", "0 0 0"), ("scale", "1"))
+_TRANSFORM = (("rotation", file_cameras.numbers(np.eye(3), " ")), ("translation", "0 0 0"), ("scale", "1"))
 
 
 def _add(parent: ElementTree.Element, name: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
@@ -42,7 +34,7 @@ def _add(parent: ElementTree.Element, name: str, text: str | None = None, **attr
     return child
 
 
-def _write(rig: FileRig) -> Mapping[str, str]:
+def _write(rig: file_cameras.FileRig) -> Mapping[str, str]:
     document = ElementTree.Element("document", version="2.0.0")
     source = re.sub("-+", "-", rig.source).replace(">", " ")  # without what would end a comment
     document.append(ElementTree.Comment(f" {source} "))
@@ -59,13 +51,13 @@ def _write(rig: FileRig) -> Mapping[str, str]:
     for i, (camera, name) in enumerate(zip(rig.cameras, rig.safe_names(), strict=True)):
         _sensor(sensors, str(i), camera)
         entry = _add(cameras, "camera", id=str(i), sensor_id=str(i), component_id="0", label=name, enabled="true")
-        _add(entry, "transform", numbers(camera.placed.inverse().matrix(), " "))
+        _add(entry, "transform", file_cameras.numbers(camera.placed.inverse().matrix(), " "))
         _add(entry, "orientation", "1")
     ElementTree.indent(document)
     return {"": ElementTree.tostring(document, encoding="unicode", xml_declaration=False) + "\n"}
 
 
-def _sensor(sensors: ElementTree.Element, key: str, camera: FileCamera) -> None:
+def _sensor(sensors: ElementTree.Element, key: str, camera: file_cameras.FileCamera) -> None:
     width, height = camera.size
     fu, fv, u0, v0, k1, k2, p1, p2, k3 = camera.intrinsics[:9]
     sensor = _add(sensors, "sensor", id=key, label=camera.id, type="frame")
@@ -81,10 +73,10 @@ def _sensor(sensors: ElementTree.Element, key: str, camera: FileCamera) -> None:
     calibration = _add(sensor, "calibration", **{"type": "frame", "class": "adjusted"})
     _add(calibration, "resolution", **size)
     for name, value in values.items():
-        _add(calibration, name, number(value))
+        _add(calibration, name, file_cameras.number(value))
 
 
-def _read(path: Path) -> Reading:
+def _read(path: Path) -> file_cameras.Reading:
     """A document of cameras: ElementTree knows no external entities, and expat limits how far internal ones expand."""
     try:
         document = ElementTree.fromstring(read_bytes(path, _MOST_BYTES))
@@ -104,9 +96,9 @@ def _read(path: Path) -> Reading:
         raise InputError(f"{path}: is not a Metashape file that can be read ({problem}).") from None
 
 
-def _cameras_of(path: Path, chunk: ElementTree.Element) -> Reading:
+def _cameras_of(path: Path, chunk: ElementTree.Element) -> file_cameras.Reading:
     sensors = {sensor.get("id"): sensor for sensor in chunk.iterfind("sensors//sensor")}
-    placed: dict[str | None, list[FileCamera]] = {}  # by component: each has a frame of its own
+    placed: dict[str | None, list[file_cameras.FileCamera]] = {}  # by component: each has a frame of its own
     lost: dict[str, str] = {}
     for entry in chunk.iterfind("cameras//camera"):  # they may be in groups
         label = entry.get("label") or f"camera{entry.get('id')}"
@@ -126,30 +118,30 @@ def _cameras_of(path: Path, chunk: ElementTree.Element) -> Reading:
         component = entry.get("component_id")
         scale, place = _placement(chunk, component)
         centre = scale * place.rotation @ matrix[:3, 3] + place.translation
-        pose = Pose(place.rotation @ matrix[:3, :3], centre).inverse()
-        placed.setdefault(component, []).append(FileCamera(name, size, lens, pose))
+        pose = file_cameras.Pose(place.rotation @ matrix[:3, :3], centre).inverse()
+        placed.setdefault(component, []).append(file_cameras.FileCamera(name, size, lens, pose))
     largest = max(placed, key=lambda component: len(placed[component]), default=None)
     others = {c.id: f"is of component {key}, not linked" for key, own in placed.items() if key != largest for c in own}
     notes = () if chunk.find("transform") is not None else ("its chunk has no scale, so lengths are arbitrary",)
-    return Reading(tuple(placed.get(largest, ())), {**lost, **others}, notes=notes)
+    return file_cameras.Reading(tuple(placed.get(largest, ())), {**lost, **others}, notes=notes)
 
 
-def _placement(chunk: ElementTree.Element, component: str | None) -> tuple[float, Pose]:
+def _placement(chunk: ElementTree.Element, component: str | None) -> tuple[float, file_cameras.Pose]:
     """Chunk (or component) to world: x_world = scale * rotation @ x + translation."""
     own = chunk.find(f"components/component[@id='{component}']/transform") if component is not None else None
     transform = own if own is not None and own.find("scale") is not None else chunk.find("transform")
     if transform is None:
-        return 1.0, Pose(np.eye(3), np.zeros(3))
+        return 1.0, file_cameras.Pose(np.eye(3), np.zeros(3))
     if len(transform) == 0:  # as one matrix
         matrix = _floats(transform.text or "", 16).reshape(4, 4)
         scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
         if not scale > 0:
             raise ValueError("its transform has no scale above 0")
-        return scale, Pose(matrix[:3, :3] / scale, matrix[:3, 3])
+        return scale, file_cameras.Pose(matrix[:3, :3] / scale, matrix[:3, 3])
     turn, shift, scale = (_floats(transform.findtext(name) or text, text.count(" ") + 1) for name, text in _TRANSFORM)
     if not scale[0] > 0:
         raise ValueError("its transform has no scale above 0")
-    return float(scale[0]), Pose(turn.reshape(3, 3), shift)
+    return float(scale[0]), file_cameras.Pose(turn.reshape(3, 3), shift)
 
 
 def _floats(text: str, count: int) -> np.ndarray:
@@ -186,7 +178,7 @@ def _read_sensor(sensor: ElementTree.Element, where: str) -> tuple[tuple[int, in
     centre = width / 2 + term["cx"] - _PIXEL_CENTRE, height / 2 + term["cy"] - _PIXEL_CENTRE
     matrix = [[term["f"] + term["b1"], 0, centre[0]], [0, term["f"], centre[1]], [0, 0, 1]]
     coefficients = [term[name] for name in ("k1", "k2", "p2", "p1", "k3")]
-    return (width, height), lens_vector(matrix, coefficients, False, where)
+    return (width, height), file_cameras.lens_vector(matrix, coefficients, False, where)
 
 
-FORMAT = Format("metashape", "Agisoft Metashape XML", 5, ("m",), _write, _read, ids=FileRig.safe_names)
+METASHAPE = Format("metashape", "Agisoft Metashape XML", 5, ("m",), _write, _read, ids=file_cameras.FileRig.safe_names)

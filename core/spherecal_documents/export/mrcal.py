@@ -1,6 +1,8 @@
-"""mrcal's .cameramodel: one file a camera, poses world to camera, metres."""
+"""Files of mrcal, MC-Calib and multical."""
 
 import ast
+import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -8,28 +10,24 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.files.json_file import JsonValue, decode, read_bytes
+from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal_documents.export.file_cameras import (
-    FileCamera,
-    FileRig,
-    Pose,
-    distortion,
-    lens_vector,
-    numbers,
-)
+from spherecal_documents.export import file_cameras
+from spherecal_documents.export.file_cameras import numbers
 from spherecal_documents.export.format import Format
+from spherecal_documents.export.opencv_yaml import opencv_matrix, opencv_node, read_other_json, read_yaml
 
 _ENDING = ".cameramodel"
 _LENSMODEL = "LENSMODEL_OPENCV"
 _MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
 
 
-def _write(rig: FileRig) -> Mapping[str, str]:
+def _write(rig: file_cameras.FileRig) -> Mapping[str, str]:
     return {f"{name}{_ENDING}": _model(c, rig) for name, c in zip(rig.safe_names(), rig.cameras, strict=True)}
 
 
-def _model(camera: FileCamera, rig: FileRig) -> str:
-    coefficients = distortion(camera, (4, 5, 8, 12))
+def _model(camera: file_cameras.FileCamera, rig: file_cameras.FileRig) -> str:
+    coefficients = file_cameras.distortion(camera, (4, 5, 8, 12))
     pose = f"{numbers(log_rotation(camera.placed.rotation))}, {numbers(camera.placed.translation)}"
     return (
         f"# {rig.source}\n# {camera.id}; lengths in {rig.unit}\n{{\n"
@@ -41,13 +39,13 @@ def _model(camera: FileCamera, rig: FileRig) -> str:
     )
 
 
-def _read(path: Path) -> list[FileCamera]:
+def _read(path: Path) -> list[file_cameras.FileCamera]:
     if path.is_file():
         return [_read_model(path)]
     return [_read_model(file) for file in sorted(path.glob(f"*{_ENDING}"))]
 
 
-def _read_model(path: Path) -> FileCamera:
+def _read_model(path: Path) -> file_cameras.FileCamera:
     try:
         value = JsonValue(ast.literal_eval(decode(path, read_bytes(path, _MOST_BYTES))), path)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
@@ -63,11 +61,11 @@ def _read_model(path: Path) -> FileCamera:
     found = f["intrinsics"].numbers(4 + count)
     fu, fv, u0, v0 = found[:4]
     where = f"{path}: the camera"
-    lens = lens_vector([[fu, 0, u0], [0, fv, v0], [0, 0, 1]], found[4:], False, where)
+    lens = file_cameras.lens_vector([[fu, 0, u0], [0, fv, v0], [0, 0, 1]], found[4:], False, where)
     width, height = (side.integer(1) for side in f["imagersize"].items(2))
     pose = np.array(posed[0].numbers(6)) if posed else None
-    placed = None if pose is None else Pose(exp_rotation(pose[:3]), pose[3:])
-    return FileCamera(path.name.removesuffix(_ENDING), (width, height), lens, placed)
+    placed = None if pose is None else file_cameras.Pose(exp_rotation(pose[:3]), pose[3:])
+    return file_cameras.FileCamera(path.name.removesuffix(_ENDING), (width, height), lens, placed)
 
 
 def _coefficients(named: JsonValue) -> int:
@@ -82,4 +80,127 @@ def _coefficients(named: JsonValue) -> int:
     return known[name]
 
 
-FORMAT = Format("mrcal", "mrcal cameramodel", 12, ("m", "mm"), _write, _read, folder=True, ids=FileRig.safe_names)
+MRCAL = Format(
+    "mrcal", "mrcal cameramodel", 12, ("m", "mm"), _write, _read, folder=True, ids=file_cameras.FileRig.safe_names
+)
+
+
+_BROWN, _KANNALA = 0, 1  # its names; the second is cv::fisheye
+
+
+def _write_mc_calib(rig: file_cameras.FileRig) -> Mapping[str, str]:
+    cameras = rig.reference_first()
+    text = (
+        f"%YAML:1.0\n---\n# {rig.source}\n# camera_pose_matrix: camera to world, lengths in {rig.unit}\n"
+        f"nb_camera: {len(cameras)}\n"
+    )
+    for i, camera in enumerate(cameras):
+        width, height = camera.size
+        text += (
+            f"camera_{i}: # {camera.id}\n"
+            + opencv_node("camera_matrix", camera_matrix(camera.intrinsics), "   ")
+            + opencv_node("distortion_vector", np.array([file_cameras.distortion(camera, (5,))]), "   ")
+            + f"   distortion_type: {_KANNALA if camera.fisheye else _BROWN}\n"
+            + f"   camera_group: 0\n   img_width: {width}\n   img_height: {height}\n"
+            + opencv_node("camera_pose_matrix", camera.placed.inverse().matrix(), "   ")
+        )
+    return {"": text}
+
+
+def _read_mc_calib(path: Path) -> file_cameras.Reading:
+    document = read_yaml(path)
+    count = document.fields(("nb_camera",))["nb_camera"].integer(0, 10_000)
+    groups: dict[int, list[file_cameras.FileCamera]] = {}
+    for name, value in document.fields([f"camera_{i}" for i in range(count)]).items():
+        f = value.fields(
+            ("camera_matrix", "distortion_vector", "distortion_type", "camera_pose_matrix", "img_width", "img_height"),
+            ("camera_group",),
+        )
+        wide = f["distortion_type"].integer(_BROWN, _KANNALA) == _KANNALA
+        matrix, coefficients = opencv_matrix(f["camera_matrix"]), opencv_matrix(f["distortion_vector"])
+        lens = file_cameras.lens_vector(matrix, coefficients, wide, f'{path}: camera "{name}"')
+        pose = opencv_matrix(f["camera_pose_matrix"])
+        if pose.shape != (4, 4):
+            raise f["camera_pose_matrix"].error("must be a 4 x 4 matrix")
+        size = f["img_width"].integer(1), f["img_height"].integer(1)
+        group = f["camera_group"].integer(0) if "camera_group" in f else 0
+        camera = file_cameras.FileCamera(name, size, lens, file_cameras.Pose(pose[:3, :3], pose[:3, 3]).inverse())
+        groups.setdefault(group, []).append(camera)
+    # each group has a frame of its own: only one can be a rig
+    largest = max(groups, key=lambda group: (len(groups[group]), -group), default=0)
+    others = {c.id: f"is of group {g}, not linked" for g, own in groups.items() if g != largest for c in own}
+    return file_cameras.Reading(tuple(groups.get(largest, ())), others)
+
+
+def _ids(rig: file_cameras.FileRig) -> list[str]:
+    place = {camera.id: f"camera_{i}" for i, camera in enumerate(rig.reference_first())}
+    return [place[camera.id] for camera in rig.cameras]
+
+
+MC_CALIB = Format("mc-calib", "MC-Calib YAML", 5, ("mm", "m"), _write_mc_calib, _read_mc_calib, ids=_ids, fisheye=True)
+
+
+_MODELS = {5: "standard", 8: "rational", 12: "thin_prism"}
+_OTHER_MODELS = ("tilted", "fix_k1", "fix_k2", "fix_k3", "fix_k4")
+_FISHEYE_LENGTH = 4
+
+
+def _names(rig: file_cameras.FileRig) -> list[str]:
+    """Names without "_to_", by which multical separates a transform's two cameras."""
+    return [name.replace("_to_", "-to-") for name in rig.safe_names()]
+
+
+def _write_multical(rig: file_cameras.FileRig) -> Mapping[str, str]:
+    names = dict(zip(rig.ids(), _names(rig), strict=True))
+    master = rig.reference
+    cameras, poses = {}, {}
+    for camera in rig.cameras:
+        coefficients = file_cameras.distortion(camera, tuple(_MODELS))
+        cameras[names[camera.id]] = {
+            "model": _MODELS[len(coefficients)],
+            "image_size": list(camera.size),
+            "K": camera_matrix(camera.intrinsics).tolist(),
+            "dist": [coefficients],
+        }
+        own = camera.id == master or master is None
+        pose_name = names[camera.id] if own else f"{names[camera.id]}_to_{names[master or '']}"
+        poses[pose_name] = {"R": camera.placed.rotation.tolist(), "T": camera.placed.translation.tolist()}
+    document = {"source": f"{rig.source}; lengths in {rig.unit}", "cameras": cameras, "camera_poses": poses}
+    return {"": json.dumps(document, indent=1, ensure_ascii=False) + "\n"}
+
+
+def _read_multical(path: Path) -> list[file_cameras.FileCamera]:
+    f = read_other_json(path).fields(("cameras",), ("camera_poses",))
+    if "camera_poses" not in f:
+        raise InputError(f"{path}: has lenses only.", "Name the calibration.json of all cameras together.")
+    poses, masters, known = {}, set(), f["cameras"].as_object()
+    for name, value in f["camera_poses"].entries().items():
+        pose = value.fields(("R", "T"))
+        camera, master = _of_and_from(name, known)
+        masters |= {master} - {""}
+        poses[camera] = file_cameras.Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
+    if len(masters) > 1:
+        raise InputError(f"{path}: its poses are from several cameras ({', '.join(sorted(masters))}), not from one.")
+    return [_camera(name, value, poses.get(name)) for name, value in f["cameras"].entries().items()]
+
+
+def _of_and_from(name: str, known: Mapping[str, object]) -> tuple[str, str]:
+    """The camera of a pose and the one it is from, "" where it is from none: either may have "_to_" in its name."""
+    if name in known:
+        return name, ""
+    cuts = [(name[: cut.start()], name[cut.end() :]) for cut in re.finditer("_to_", name)]
+    return next((cut for cut in cuts if set(cut) <= set(known)), (cuts or [(name, "")])[0])
+
+
+def _camera(name: str, value: JsonValue, pose: file_cameras.Pose | None) -> file_cameras.FileCamera:
+    f = value.fields(("image_size", "K", "dist"), ("model",))
+    width, height = (side.integer(1) for side in f["image_size"].items(2))
+    if "model" in f and f["model"].text() not in (*_MODELS.values(), *_OTHER_MODELS):
+        raise f["model"].error(f'is "{f["model"].text()}", a lens model that is not known here')
+    numbers = file_cameras.flat(f["dist"])
+    fisheye = len(numbers) == _FISHEYE_LENGTH
+    lens = file_cameras.lens_vector(f["K"].matrix(3, 3), numbers, fisheye, f'{value.file}: camera "{name}"')
+    return file_cameras.FileCamera(name, (width, height), lens, pose)
+
+
+MULTICAL = Format("multical", "multical JSON", 12, ("mm", "m"), _write_multical, _read_multical, ids=_names)

@@ -15,8 +15,7 @@ from spherecal.geometry.camera import camera_matrix
 from spherecal_documents.export.colmap import read_colmap_lenses
 from spherecal_documents.export.file_cameras import FileCamera
 from spherecal_documents.export.kalibr import read_kalibr
-from spherecal_documents.export.opencv_yaml import read_opencv
-from spherecal_documents.export.yaml_file import read_yaml
+from spherecal_documents.export.opencv_yaml import read_opencv, read_yaml
 
 _DISTORTION_LENGTHS = (4, 5, 8, 12)
 _MOST_BYTES = 1 << 30
@@ -74,10 +73,7 @@ def _check_size(spec: CameraSpec, camera: FileCamera) -> None:
 
 
 def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], output: Path) -> None:
-    """Write a copy of the session whole to `output` in which these cameras have these lenses as priors.
-
-    session.json keeps all its other contents.
-    """
+    """Write a copy of the session whole, in which these cameras have these lenses as priors; the rest as it was."""
     session = read_session(session_folder)
     document = json.loads((session_folder / SESSION_FILE).read_bytes().decode("utf-8-sig"))
     for entry in document["cameras"]:

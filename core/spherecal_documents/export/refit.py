@@ -28,16 +28,12 @@ _LEVELLINGS = 10  # the demo rig's largest loss goes from 0.107 to 0.032 px in a
 
 @dataclass(frozen=True)
 class Loss:
-    """What a refit changed: rms and largest difference over the image, and by how much the camera was turned.
-
-    Fitted over a volume, both are over the image points that see it, and `image_px` is the largest one over the image.
-    Otherwise `image_px` is None.
-    """
+    """What a refit changed over the image, or the image points that see a volume, and the turn of the camera."""
 
     rms_px: float
     max_px: float
     turned_deg: float
-    image_px: float | None = None
+    image_px: float | None = None  # the largest difference over the image where it was fitted over a volume, else None
 
 
 def refit(
@@ -78,20 +74,14 @@ def refit(
 
 
 def dropped(intrinsics: FloatArray, coefficients: int) -> tuple[str, ...]:
-    """The names of those distortion numbers that are in use and not among the first `coefficients`.
-
-    `intrinsics`: the lens (16,), not of the fisheye model.
-    """
+    """The distortion numbers of a lens (16,) in use that are not among the first `coefficients`, by name."""
     return tuple(
         name for name, value in list(zip(INTRINSIC_NAMES, intrinsics, strict=True))[4 + coefficients :] if value
     )
 
 
 def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int]) -> FloatArray:
-    """Image points (n, 2) px from edge to edge of the image, row by row.
-
-    `image_size` (width, height) in px; `grid`: how many (columns, rows).
-    """
+    """Image points (n, 2) px from edge to edge of an image (width, height), row by row; `grid`: (columns, rows)."""
     width, height = image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, grid[0]), np.linspace(-0.5, height - 0.5, grid[1]))
     return np.stack([u.ravel(), v.ravel()], axis=1)

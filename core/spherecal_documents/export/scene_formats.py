@@ -15,6 +15,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.resources import resource_path
 from spherecal.files.json_file import decode, parse_json, read_bytes
 from spherecal.geometry.camera import undistort
 from spherecal_documents.export.file_cameras import MM_PER, FileRig, Unit, numbers
@@ -30,10 +31,7 @@ _FLOAT, _UINT, _LINES = 5126, 5125, 1
 
 @dataclass(frozen=True)
 class SceneFormat:
-    """A scene format: how it is called and written, and how its frusta (c, 5, 3) are read back in the file's world.
-
-    `world` turns the rig's world into the file's; `unit` is that of its lengths.
-    """
+    """A format of frusta (c, 5, 3): written and read back in the file's world, which `world` turns the rig's into."""
 
     name: str
     title: str
@@ -63,12 +61,7 @@ def frusta(rig: FileRig) -> FloatArray:
 
 
 def largest_difference_px(form: SceneFormat, path: Path, rig: FileRig) -> float:
-    """The largest error in px of the frusta that a file has.
-
-    Of corners it is how far they are off in the image, of centres their shift as seen at the corners' distance. It is
-    infinite for a frustum that is not in front of its camera, or not finite. Corners beyond the lens model's inverse,
-    which have no place in the image, are left out.
-    """
+    """The largest error in px of a file's frusta: corners, and centres seen at their distance; infinite behind."""
     read = form.frusta(path) @ form.world(rig)  # transposed inverse of a rotation
     largest = 0.0
     for camera, places in zip(rig.cameras, read, strict=True):
@@ -119,22 +112,12 @@ def _gltf(rig: FileRig) -> str:
         "cameras": cameras,
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": _LINES}]}],
         "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": _FLOAT,
-                "count": len(points),
-                "type": "VEC3",
-                "min": low,
-                "max": high,
-            },
+            {"bufferView": 0, "componentType": _FLOAT, "count": len(points), "type": "VEC3", "min": low, "max": high},
             {"bufferView": 1, "componentType": _UINT, "count": lines.size, "type": "SCALAR"},
         ],
         "bufferViews": views,
         "buffers": [
-            {
-                "byteLength": len(data),
-                "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
-            }
+            {"byteLength": len(data), "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode()}
         ],
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -183,41 +166,7 @@ def _read_ply(path: Path) -> FloatArray:
         raise InputError(f"{path}: is no PLY file of a rig.") from None
 
 
-_SCRIPT = '''"""{source}. Run in Blender: blender --python {name}, or from its Text Editor.
-
-Adds a camera for each of the rig's, in metres, z up. Blender's cameras have no distortion: render, then distort, or
-undistort the images. The ratio of focal lengths in x and y is taken as 1.
-"""
-
-import json
-
-RIG = json.loads(r"""
-{data}
-""")
-
-
-def add_cameras(rig):
-    """Cameras in a collection of their own; the scene renders at the first one's size."""
-    import bpy
-    from mathutils import Matrix
-
-    collection = bpy.data.collections.new(rig["name"])
-    bpy.context.scene.collection.children.link(collection)
-    for entry in rig["cameras"]:
-        camera = bpy.data.cameras.new(entry["id"])
-        camera.sensor_fit, camera.sensor_width = "HORIZONTAL", entry["sensor_width_mm"]
-        camera.lens, camera.shift_x, camera.shift_y = entry["lens_mm"], entry["shift_x"], entry["shift_y"]
-        placed = bpy.data.objects.new(entry["id"], camera)
-        placed.matrix_world = Matrix(entry["matrix_world"])
-        collection.objects.link(placed)
-    render = bpy.context.scene.render
-    render.resolution_x, render.resolution_y = rig["cameras"][0]["image_size"]
-    bpy.context.scene.camera = collection.objects[0]
-
-
-if __name__ == "__main__":
-    add_cameras(RIG)
-'''
+_SCRIPT = resource_path("blender_rig.txt").read_text(encoding="utf-8")
 
 
 def _z_up(rig: FileRig) -> FloatArray:

@@ -21,31 +21,22 @@ from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.verify.verification_file import Override
-from spherecal_documents.export import (
-    anipose,
-    caliscope,
-    colmap,
-    csv_table,
-    kalibr,
-    maps,
-    mc_calib,
-    metashape,
-    mrcal,
-    multical,
-    opencv_yaml,
-    ros,
-)
+from spherecal_documents.export.anipose import ANIPOSE, CALISCOPE
+from spherecal_documents.export.colmap import COLMAP
+from spherecal_documents.export.csv_table import CSV, MAPS
 from spherecal_documents.export.file_cameras import MM_PER, FileCamera, FileRig, Pose, Unit
-from spherecal_documents.export.format import Format
-from spherecal_documents.export.other_formats import ImportFormat, exporter
+from spherecal_documents.export.format import Format, ImportFormat, exporter
+from spherecal_documents.export.kalibr import KALIBR, ROS
+from spherecal_documents.export.metashape import METASHAPE
+from spherecal_documents.export.mrcal import MC_CALIB, MRCAL, MULTICAL
+from spherecal_documents.export.opencv_yaml import OPENCV
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat
 from spherecal_documents.export.scene_formats import largest_difference_px as scene_difference_px
-from spherecal_rigs.frame_file import frame_entry
-from spherecal_rigs.framed_rig import in_frame
+from spherecal_rigs.framed_rig import frame_entry, in_frame
 
-_MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table, maps)
-FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
+_FORMATS = (OPENCV, ROS, KALIBR, COLMAP, METASHAPE, ANIPOSE, CALISCOPE, MC_CALIB, MULTICAL, MRCAL, CSV, MAPS)
+FORMATS: dict[str, Format] = {one.name: one for one in _FORMATS}
 
 EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")
 
@@ -211,12 +202,7 @@ def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses, override: Override | None) 
 
 
 def _write_scene(
-    form: SceneFormat,
-    rig: Rig,
-    output: Path,
-    unit: Unit | None,
-    frame: UserFrame | None,
-    override: Override | None,
+    form: SceneFormat, rig: Rig, output: Path, unit: Unit | None, frame: UserFrame | None, override: Override | None
 ) -> Exported:
     """Write the rig as a scene and read its frusta back."""
     if unit not in (None, form.unit):
@@ -239,22 +225,12 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     names = list(dropped(camera.intrinsics, form.coefficients))
     needed = np.ceil(losses[worst].max_px * 100) / 100
     loss = losses[worst]
-    raise InputError(
-        Phrase(
-            "error-lens-lost",
-            {
-                "format": form.title,
-                "count": form.coefficients,
-                "names": names,
-                "camera": worst,
-                "max_px": loss.max_px,
-                "rms_px": loss.rms_px,
-                "limit_px": max_loss_px,
-                "needed_px": float(needed),
-                "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
-            },
-        )
-    )
+    values = {
+        "format": form.title, "count": form.coefficients, "names": names, "camera": worst, "max_px": loss.max_px,
+        "rms_px": loss.rms_px, "limit_px": max_loss_px, "needed_px": float(needed),
+        "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
+    }  # fmt: skip
+    raise InputError(Phrase("error-lens-lost", values))
 
 
 def _bytes(content: str | bytes) -> bytes:
@@ -304,10 +280,7 @@ def _refit_entry(loss: Loss) -> dict[str, float]:
 
 
 def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
-    """Up to 1,000 points (n, 3) in mm in the world and their images (n, 2): all over the image, near and far.
-
-    Points where the lens cannot be inverted are left out. The same camera and rig give the same points.
-    """
+    """Up to 1,000 points (n, 3) mm and their images (n, 2), near and far, where the lens can be inverted."""
     random = np.random.default_rng(_SEED)
     width, height = camera.image_size
     uv = random.uniform((-0.5, -0.5), (width - 0.5, height - 0.5), (_CHECK_POINTS, 2))
@@ -322,11 +295,7 @@ def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:
 def largest_difference_px(
     rig: Rig, ids: Sequence[str], cameras: Sequence[FileCamera], unit: Unit, fields: bool = False
 ) -> float:
-    """Largest difference in px between the rig's projections and those of cameras that were read.
-
-    It is infinite where a camera that was read has no image of a point. With `fields` the lenses' fields count, and
-    points that such a camera does not hold do not.
-    """
+    """Largest difference in px of the rig's projections from those of cameras read; infinite where they have none."""
     by_id = {camera.id: camera for camera in cameras}
     largest = 0.0
     for camera, name in zip(rig.cameras, ids, strict=True):

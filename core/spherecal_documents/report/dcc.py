@@ -24,8 +24,7 @@ from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.verify.verification_file import ArtefactRow
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
-from spherecal_rigs.read_verification import refuse_failed
-from spherecal_rigs.result_folder import Result
+from spherecal_rigs.result_folder import Result, refuse_failed
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"
@@ -113,10 +112,7 @@ ISSUER = FileFormat(
 
 
 def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
-    """The certificate as XML; the same result and issuer give the same bytes.
-
-    Source: the published schema of DCC 3.2.1.
-    """
+    """The certificate as XML, by the published schema of DCC 3.2.1; the same result and issuer give the same bytes."""
     if not result.rig.cameras or not result.has_scale:
         raise InputError(Phrase("error-certificate-needs", {"folder": result.folder}))
     refuse_failed(result.folder)
@@ -147,10 +143,7 @@ def _add(parent: Xml.Element, name: str, text: str | None = None, **attributes: 
 
 
 def clean(text: str) -> str:
-    """Text without what XML 1.0 forbids, with single spaces; "-" where nothing is left.
-
-    The schema's texts are not empty and end in no space.
-    """
+    """Text without what XML 1.0 forbids, with single spaces; "-" where nothing is left."""
     kept = "".join(c if c >= " " and not 0xD800 <= ord(c) <= 0xDFFF and c not in "\ufffe\uffff" else " " for c in text)
     return " ".join(kept.split()) or "-"
 
@@ -260,13 +253,9 @@ def _calibration(results: Xml.Element, result: Result) -> None:
     verdict = calibration_verdict(result)
     method = dict(result.software.details).get("method", "auto")
     found = _measurement(
-        results,
-        "Calibration of the cameras",
-        f"{verdict.word}: {verdict.sentence}",
-        f"Bundle adjustment of a ball's coded targets, method {method}",
-        "",
-        result,
-    )
+        results, "Calibration of the cameras", f"{verdict.word}: {verdict.sentence}",
+        f"Bundle adjustment of a ball's coded targets, method {method}", "", result,
+    )  # fmt: skip
     _conditions(found, "Temperature of the rig", [])
     listed = _add(found, "results")
     for camera in result.rig.cameras:

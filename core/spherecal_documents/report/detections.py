@@ -15,11 +15,9 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal.files.read_session import SESSION_FILE, read_session
-from spherecal_documents.report.labels import Labels
 from spherecal_documents.report.language import label
 from spherecal_documents.report.model import TEXT_MM, Figure, Paragraph, Section
-from spherecal_documents.report.sheet import PageBox, Sheet
-from spherecal_documents.report.style import SOFT, TINY_PT, count
+from spherecal_documents.report.style import SOFT, TINY_PT, Labels, PageBox, Sheet, count
 from spherecal_rigs.result_folder import Result
 
 _MOST_PIXELS = 200_000_000
@@ -41,11 +39,7 @@ class Detection:
 
 
 def find_session(result: Result, given: Path | None) -> Session | None:
-    """The session that the result was made from: the folder given, or else one called `session` beside the result.
-
-    The folder around the result is tried as well. A folder that was only guessed is left alone where it is another
-    session or cannot be read; None where none fits.
-    """
+    """The session of a result: the folder given, else one called `session` beside it that fits, or None."""
     if given is not None:
         session = read_session(given)
         if session.input_sha256 != result.rig.input_sha256:
@@ -196,16 +190,8 @@ def _picture(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], extent: tuple
 
 
 def _mark(axes: Axes, detection: Detection, size_pt: float, line_pt: float, cross: bool = False) -> None:
-    for chosen, mark, colour in (
-        (detection.used, "+" if cross else "o", _USED),
-        (~detection.used, "x", _ASIDE),
-    ):
+    for chosen, mark, colour in ((detection.used, "+" if cross else "o", _USED), (~detection.used, "x", _ASIDE)):
         axes.plot(
-            *detection.uv[chosen].T,
-            linestyle="none",
-            marker=mark,
-            markersize=size_pt,
-            markerfacecolor="none",
-            markeredgecolor=colour,
-            markeredgewidth=line_pt,
-        )
+            *detection.uv[chosen].T, linestyle="none", marker=mark, markersize=size_pt, markerfacecolor="none",
+            markeredgecolor=colour, markeredgewidth=line_pt,
+        )  # fmt: skip

@@ -10,8 +10,7 @@ import matplotlib
 
 from spherecal.data.findings import Finding
 from spherecal_documents.report.language import finding_words, label
-from spherecal_documents.report.sheet import PageBox, Sheet
-from spherecal_documents.report.style import INK
+from spherecal_documents.report.style import INK, PageBox, Sheet
 
 TEXT_MM = 175.0  # width of the text, on which drawings are as wide
 

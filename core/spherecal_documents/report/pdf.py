@@ -12,8 +12,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
 from spherecal_documents.report.language import label, language_now
 from spherecal_documents.report.model import Report, as_plain, svg_of
-from spherecal_documents.report.sheet import Sheet
-from spherecal_documents.report.style import chinese_fonts, font_families
+from spherecal_documents.report.style import Sheet, chinese_fonts, font_families
 
 PageSize = Literal["A4", "Letter"]
 

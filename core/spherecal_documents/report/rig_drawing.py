@@ -1,23 +1,60 @@
-"""The rig in pictures: cameras with their names, targets by placement, from four sides."""
+"""Drawings of the rig: a picture of the scene, or lines."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.patches import Circle
+from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.catalogue import phrase
-from spherecal_documents.report.labels import Labels
+from spherecal.data.session import Session
+from spherecal_documents.report import style
 from spherecal_documents.report.language import label, language_now
 from spherecal_documents.report.model import TEXT_MM, Block, Figure, Paragraph
 from spherecal_documents.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, DrawnRig, Projection, make_scene
-from spherecal_documents.report.scene_picture import ScenePicture, draw_scene
-from spherecal_documents.report.sheet import PageBox, Sheet, shortened
-from spherecal_documents.report.style import INK, MARKS, NONE, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
 from spherecal_rigs.result_folder import Result
+
+_FOOT_MM = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePicture:
+    """`pixels` (height, width, 3) uint8; `names` at `places` (n, 2) px from its top left corner; the grid's side."""
+
+    pixels: NDArray[np.uint8]
+    names: tuple[str, ...]
+    places: FloatArray
+    grid_mm: float
+
+    def height_for(self, width_mm: float) -> float:
+        """The height on paper, mm, with the line below it."""
+        height, width = self.pixels.shape[:2]
+        return width_mm * height / width + _FOOT_MM
+
+
+# What renders a result with the images of its session, where there is one; None where it cannot.
+Renderer = Callable[[Result, Session | None], ScenePicture | None]
+
+
+def draw_scene(sheet: style.Sheet, box: style.PageBox, picture: ScenePicture, unit: str) -> None:
+    """The picture with its names, and below it how wide the grid is."""
+    height, width = picture.pixels.shape[:2]
+    axes = sheet.axes(box.inset(0.0, bottom=_FOOT_MM))
+    axes.imshow(picture.pixels, extent=(0.0, width, -height, 0.0), aspect="auto", interpolation="antialiased")
+    axes.set_axis_off()
+    flat = picture.places.reshape(-1, 2) * np.array([1.0, -1.0])
+    bounds, middle = np.array([[0.0, -height], [width, 0.0]]), np.array([width, -height]) / 2
+    names = style.Labels(axes, box.width / width, flat, bounds)
+    for name, place in zip(picture.names, flat, strict=True):
+        names.put(place, name, place - middle, style.SMALL_PT, style.INK, bold=True, gap_mm=1.6)
+    note = label("report-grid", step=picture.grid_mm, unit=unit)
+    sheet.text(box.x, box.y + box.height - 1.0, note, style.TINY_PT, colour=style.SOFT)
+
 
 _CROWDED = 12  # cameras that four views on one page can still name
 _MANY_PLACEMENTS = 6
@@ -49,7 +86,7 @@ def _figure(scene: DrawnRig, views: Sequence[Projection], result: Result) -> Fig
     """Views side by side."""
     width = (TEXT_MM - (len(views) - 1) * _GAP_MM) / len(views)
 
-    def draw(sheet: Sheet, box: PageBox) -> None:
+    def draw(sheet: style.Sheet, box: style.PageBox) -> None:
         for place, view in zip(box.grid(1, len(views), _GAP_MM), views, strict=True):
             _draw_view(sheet, place, scene, view, result)
 
@@ -72,16 +109,16 @@ def _frame(view: Projection) -> tuple[float, float, float, float]:
 
 def _explanation(scene: DrawnRig, result: Result) -> str:
     def axis(row: FloatArray) -> str:
-        return "(" + ", ".join(number(float(x), 3) for x in row) + ")"
+        return "(" + ", ".join(style.number(float(x), 3) for x in row) + ")"
 
     a, b, h = map(axis, scene.axes)
-    camera = result.rig.reference_camera or NONE
+    camera = result.rig.reference_camera or style.NONE
     return label("report-views-caption", h=h, camera=camera, height=scene.height_is, a=a, b=b)
 
 
-def _draw_view(sheet: Sheet, box: PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
+def _draw_view(sheet: style.Sheet, box: style.PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
     """One view with its title, axes or a grid below the rig, names of cameras and placements."""
-    sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), SMALL_PT, bold=True)
+    sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), style.SMALL_PT, bold=True)
     measured = bool(view.labels[0])
     inner = box.inset(*_frame(view))
     axes = sheet.axes(inner)
@@ -92,17 +129,17 @@ def _draw_view(sheet: Sheet, box: PageBox, scene: DrawnRig, view: Projection, re
         axes.set_axis_off()
         _floor(axes, scene, view)
         note = label("report-grid", step=_step(scene), unit=result.unit)
-        sheet.text(box.x, box.y + box.height - 1.0, note, TINY_PT, colour=SOFT)
+        sheet.text(box.x, box.y + box.height - 1.0, note, style.TINY_PT, colour=style.SOFT)
     targets = _draw_placements(axes, scene, view)
     _draw_cameras(axes, scene, view)
     frusta = [
         view.flat(part) for c in scene.cameras for part in (c.centre[None], c.corners, (c.corners + c.centre) / 2)
     ]
     obstacles = np.vstack([*targets, *frusta])
-    _name_all(Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
+    _name_all(style.Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
 
 
-def _fit(axes: Axes, box: PageBox, scene: DrawnRig, view: Projection) -> tuple[FloatArray, float]:
+def _fit(axes: Axes, box: style.PageBox, scene: DrawnRig, view: Projection) -> tuple[FloatArray, float]:
     """Equal scales with room around for the names; the limits (2, 2) and millimetres on paper for a unit."""
     low, high = _limits(scene, view)
     size = high - low
@@ -122,7 +159,7 @@ def _limits(scene: DrawnRig, view: Projection) -> tuple[FloatArray, FloatArray]:
     return low, np.maximum(high, low + 1e-6)
 
 
-def _measured_axes(axes: Axes, box: PageBox, view: Projection, unit: str) -> None:
+def _measured_axes(axes: Axes, box: style.PageBox, view: Projection, unit: str) -> None:
     axes.set_xlabel(f"{view.labels[0]} / {unit}", labelpad=1.5)
     axes.set_ylabel(f"{view.labels[1]} / {unit}", labelpad=1.0)
     axes.grid(color=_GRID, linewidth=0.4)
@@ -168,24 +205,21 @@ def _floor(axes: Axes, scene: DrawnRig, view: Projection) -> None:
     lines += [[(low[0], y, level), (high[0], y, level)] for y in along]
     axes.add_collection(LineCollection([view.flat(np.array(line)) for line in lines], colors=_GRID, linewidths=0.5))
     plumbs = [np.array([c.centre, [c.centre[0], c.centre[1], level]]) for c in scene.cameras]
-    axes.add_collection(LineCollection([view.flat(line) for line in plumbs], colors=RULE, linewidths=0.5, zorder=1.5))
+    axes.add_collection(
+        LineCollection([view.flat(line) for line in plumbs], colors=style.RULE, linewidths=0.5, zorder=1.5)
+    )
 
 
 def _draw_placements(axes: Axes, scene: DrawnRig, view: Projection) -> list[FloatArray]:
     flat = []
     for i, placement in enumerate(scene.placements):
-        colour, mark = SERIES[i % len(SERIES)], MARKS[i % len(MARKS)]
+        colour, mark = style.SERIES[i % len(style.SERIES)], style.MARKS[i % len(style.MARKS)]
         places = view.flat(placement.targets)
         flat.append(places)
         axes.plot(
-            *places.T,
-            linestyle="none",
-            marker=mark,
-            markersize=1.7,
-            markerfacecolor=colour,
-            markeredgewidth=0,
+            *places.T, linestyle="none", marker=mark, markersize=1.7, markerfacecolor=colour, markeredgewidth=0,
             zorder=3,
-        )
+        )  # fmt: skip
         if placement.ball_centre is not None:
             middle = view.flat(placement.ball_centre[None])[0]
             circle = Circle((float(middle[0]), float(middle[1])), placement.ball_radius)
@@ -206,29 +240,31 @@ def _draw_cameras(axes: Axes, scene: DrawnRig, view: Projection) -> None:
     for camera in scene.cameras:
         if camera.id == scene.reference:
             origin, tips = view.flat(camera.centre[None])[0], view.flat(scene.axis_tips(camera))
-            axes.add_collection(LineCollection([[origin, tip] for tip in tips], colors=INK, linewidths=1.1, zorder=6))
+            axes.add_collection(
+                LineCollection([[origin, tip] for tip in tips], colors=style.INK, linewidths=1.1, zorder=6)
+            )
 
 
-def _name_all(labels: Labels, scene: DrawnRig, view: Projection, mm_per_unit: float) -> None:
+def _name_all(labels: style.Labels, scene: DrawnRig, view: Projection, mm_per_unit: float) -> None:
     reference = next((camera for camera in scene.cameras if camera.id == scene.reference), None)
     if reference is not None:
         origin = view.flat(reference.centre[None])[0]
         for tip, name in zip(view.flat(scene.axis_tips(reference)), "xyz", strict=True):
             if np.linalg.norm(tip - origin) > 0.25 * scene.frustum:
-                labels.put(tip, name, tip - origin, TINY_PT, INK, gap_mm=0.3)
-    size = TINY_PT if len(scene.cameras) <= 5 * _CROWDED else 5.0
+                labels.put(tip, name, tip - origin, style.TINY_PT, style.INK, gap_mm=0.3)
+    size = style.TINY_PT if len(scene.cameras) <= 5 * _CROWDED else 5.0
     middle = view.flat(np.zeros((1, 3)))[0]
     for place, ids in _together(scene, view, mm_per_unit):
         name = ", ".join(ids) if len(ids) <= 3 else f"{ids[0]}, {ids[1]} +{len(ids) - 2}"
-        name = shortened(name, _LONGEST_NAME_MM, size)
+        name = style.shortened(name, _LONGEST_NAME_MM, size)
         is_reference = scene.reference in ids
         labels.put(place, name, place - middle, size, _CAMERA, bold=is_reference, always=is_reference)
     many = len(scene.placements) > _MANY_PLACEMENTS
     for i, placement in enumerate(scene.placements):
         centre = placement.targets.mean(axis=0) if placement.ball_centre is None else placement.ball_centre
         above = view.flat(centre[None])[0] + np.array([0.0, placement.ball_radius])
-        colour, size = SERIES[i % len(SERIES)], 5.0 if many else TINY_PT
-        name = shortened(placement.name, _LONGEST_NAME_MM, size)
+        colour, size = style.SERIES[i % len(style.SERIES)], 5.0 if many else style.TINY_PT
+        name = style.shortened(placement.name, _LONGEST_NAME_MM, size)
         labels.put(above, name, np.array([0.0, 1.0]), size, colour, bold=not many, gap_mm=0.4, always=not many)
 
 

@@ -100,13 +100,9 @@ def make_scene(result: Result) -> DrawnRig:
     placements = _placements(result, axes, middle)
     depth = _FRUSTUM * _viewing_distance((centres - middle) @ axes.T, placements)
     return DrawnRig(
-        axes,
-        height_is,
-        tuple(_shape(camera, axes, middle, depth) for camera in cameras),
-        placements,
-        depth,
+        axes, height_is, tuple(_shape(camera, axes, middle, depth) for camera in cameras), placements, depth,
         result.rig.reference_camera,
-    )
+    )  # fmt: skip
 
 
 def _viewing_distance(centres: FloatArray, placements: tuple[DrawnPlacement, ...]) -> float:

@@ -1,42 +1,25 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
-from spherecal.verify.verification_file import (
-    BUDGET_PARTS,
-    AcceptanceReport,
-    BarReport,
-    BudgetReport,
-    LengthRow,
-    ProcedureReport,
-)
-from spherecal_documents.report.error_drawing import error_figures, lengths_in_order, name_of
+from spherecal.verify import verification_file
 from spherecal_documents.report.language import columns, label, word, written
 from spherecal_documents.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
+from spherecal_documents.report.residual_drawings import error_figures, lengths_in_order, name_of
 from spherecal_documents.report.style import BAD, INK, NONE, count, number, significant
 from spherecal_rigs.result_folder import Result
 
 _MANY = 10_000
 # The words for what verification.json names.
 _VERDICTS = {
-    "pass": "verdict-pass",
-    "fail": "verdict-fail",
-    "cannot tell": "verdict-cannot-tell",
-    "consistent": "verdict-consistent",
-    "inconsistent": "verdict-inconsistent",
-    "no data": "verdict-no-data",
-}
+    "pass": "verdict-pass", "fail": "verdict-fail", "cannot tell": "verdict-cannot-tell",
+    "consistent": "verdict-consistent", "inconsistent": "verdict-inconsistent", "no data": "verdict-no-data",
+}  # fmt: skip
 _STATES = {"verified": "state-verified", "not seen": "state-not-seen", "rejected": "state-rejected"}
 _DISTRIBUTIONS = {"normal": "distribution-normal", "rectangular": "distribution-rectangular"}
 _SHARES = {
-    "certificate": "share-certificate",
-    "thermometer": "share-thermometer",
-    "expansion": "share-expansion",
-    "temperature": "share-temperature",
-    "calibration": "share-calibration",
-    "scale": "share-scale",
-    "centring": "share-centring",
-    "repeatability": "share-repeatability",
-    "resolution": "share-resolution",
-}
+    "certificate": "share-certificate", "thermometer": "share-thermometer", "expansion": "share-expansion",
+    "temperature": "share-temperature", "calibration": "share-calibration", "scale": "share-scale",
+    "centring": "share-centring", "repeatability": "share-repeatability", "resolution": "share-resolution",
+}  # fmt: skip
 _DOUBTS = {
     "camera-moved": "doubt-camera-moved",
     "certificate-expired": "doubt-certificate-expired",
@@ -77,7 +60,7 @@ def _section(key: str, title: str, text: str, *tables: Table) -> list[Section]:
     return [Section(key, title, (Paragraph(text, "note"), *tables))]
 
 
-def _statistics(bars: BarReport, verdict: Verdict) -> Section:
+def _statistics(bars: verification_file.BarReport, verdict: Verdict) -> Section:
     """The verdict and its rule, the errors drawn and by length."""
     rule = label("report-rule", rule=written(bars.rule))
     texts = [label("report-rule-verdict", rule=rule, verdict=word(_VERDICTS, bars.verdict))]
@@ -100,13 +83,13 @@ def _statistics(bars: BarReport, verdict: Verdict) -> Section:
     return Section("bar-errors", title, (verdict, *notes, *figures, Table(heads, tuple(rows))), new_page=True)
 
 
-def _by_length(bars: BarReport) -> list[LengthRow]:
+def _by_length(bars: verification_file.BarReport) -> list[verification_file.LengthRow]:
     """The statistics in the order of the drawing."""
     place = {key: i for i, key in enumerate(lengths_in_order(bars))}
     return sorted(bars.lengths, key=lambda x: (place.get(x.key, len(place)), x.key))
 
 
-def _cameras(bars: BarReport) -> list[Section]:
+def _cameras(bars: verification_file.BarReport) -> list[Section]:
     """What each camera saw of the marks, and how it fits."""
     if not bars.cameras:
         return []
@@ -116,7 +99,7 @@ def _cameras(bars: BarReport) -> list[Section]:
     return _section("bar-cameras", label("report-cameras-in-the-verification"), text, table)
 
 
-def _sources(bars: BarReport) -> list[Section]:
+def _sources(bars: verification_file.BarReport) -> list[Section]:
     """The parts of the means' uncertainties, where the file has no budget."""
     rows = []
     for x in _by_length(bars):
@@ -126,17 +109,17 @@ def _sources(bars: BarReport) -> list[Section]:
             rows.append((name_of(x.key), *cells))
     if not rows:
         return []
-    table = Table((*columns("length"), *(f"{part}\nmm" for part in BUDGET_PARTS)), tuple(rows))
+    table = Table((*columns("length"), *(f"{part}\nmm" for part in verification_file.BUDGET_PARTS)), tuple(rows))
     text = label("report-standard-uncertainties-k-1-of")
     return _section("budget", label("report-uncertainty-sources"), text, table)
 
 
-def doubts_in_words(acceptance: AcceptanceReport) -> str:
+def doubts_in_words(acceptance: verification_file.AcceptanceReport) -> str:
     """What casts doubt on a pass, in words."""
     return ", ".join(word(_DOUBTS, code) for code in acceptance.doubts)
 
 
-def _conformity(procedure: ProcedureReport) -> list[Section]:
+def _conformity(procedure: verification_file.ProcedureReport) -> list[Section]:
     acceptance = procedure.acceptance
     if acceptance is None:
         return []
@@ -152,22 +135,18 @@ def _conformity(procedure: ProcedureReport) -> list[Section]:
     return _section("conformity", label("report-conformity-with-the-limit"), text, table)
 
 
-def _budgets(procedure: ProcedureReport) -> list[Section]:
+def _budgets(procedure: verification_file.ProcedureReport) -> list[Section]:
     if not procedure.budgets:
         return []
     text = label("report-uncertainty-of-a-single-measured")
     return _section("budget", label("report-uncertainty-budget"), text, *map(_budget, procedure.budgets))
 
 
-def _budget(budget: BudgetReport) -> Table:
+def _budget(budget: verification_file.BudgetReport) -> Table:
     title = label(
-        "report-budget",
-        length=name_of((budget.bar, budget.start, budget.end)),
-        u=number(budget.combined_mm, 4),
-        freedom=_freedom(budget.freedom),
-        k=number(budget.coverage_factor, 2),
-        expanded=number(budget.expanded_mm, 4),
-    )
+        "report-budget", length=name_of((budget.bar, budget.start, budget.end)), u=number(budget.combined_mm, 4),
+        freedom=_freedom(budget.freedom), k=number(budget.coverage_factor, 2), expanded=number(budget.expanded_mm, 4),
+    )  # fmt: skip
     if budget.remedy.text:
         title = label("report-to-lessen", budget=title, remedy=written(budget.remedy))
     rows = []
@@ -188,7 +167,7 @@ def _freedom(value: float | None) -> str:
     return f"{value:.0f}" if value < _MANY else f"> {count(_MANY)}"
 
 
-def _artefacts(procedure: ProcedureReport) -> list[Section]:
+def _artefacts(procedure: verification_file.ProcedureReport) -> list[Section]:
     if not procedure.bars:
         return []
     rows = []
@@ -207,7 +186,7 @@ def _artefacts(procedure: ProcedureReport) -> list[Section]:
     return _section("artefacts", title, text, Table(heads, tuple(rows), 6), certified)
 
 
-def _temperatures(procedure: ProcedureReport) -> list[Section]:
+def _temperatures(procedure: verification_file.ProcedureReport) -> list[Section]:
     if not procedure.poses:
         return []
     known = [pose.temperature_c for pose in procedure.poses if pose.temperature_c is not None]
@@ -219,7 +198,7 @@ def _temperatures(procedure: ProcedureReport) -> list[Section]:
     return _section("temperatures", label("report-temperatures"), text, table)
 
 
-def _departures(procedure: ProcedureReport) -> list[Section]:
+def _departures(procedure: verification_file.ProcedureReport) -> list[Section]:
     first = label("report-departs")
     if procedure.volume is not None:
         sides = " x ".join(f"{side:.0f}" for side in procedure.volume[0])
@@ -228,7 +207,7 @@ def _departures(procedure: ProcedureReport) -> list[Section]:
     return [Section("departures", label("report-procedure-title"), (Paragraph(first), *items))]
 
 
-def _measured(bars: BarReport) -> Section:
+def _measured(bars: verification_file.BarReport) -> Section:
     """Every measured length; its error in red where it is beyond the limit."""
     rows: list[tuple[Cell, ...]] = []
     for row in bars.measured:

@@ -10,11 +10,9 @@ import numpy as np
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import FISHEYE_NAMES, INTRINSIC_NAMES, is_fisheye
 from spherecal_documents.report.language import columns, label, word
-from spherecal_documents.report.length_map_drawing import length_map_figure
 from spherecal_documents.report.model import Cell, KeyValues, Paragraph, Section, Strong, Table
-from spherecal_documents.report.residual_drawings import residual_blocks
-from spherecal_documents.report.rig_drawing import rig_blocks
-from spherecal_documents.report.scene_picture import ScenePicture
+from spherecal_documents.report.residual_drawings import length_map_figure, residual_blocks
+from spherecal_documents.report.rig_drawing import ScenePicture, rig_blocks
 from spherecal_documents.report.style import BAD, NONE, count, number, significant, some_of
 from spherecal_rigs.result_folder import RESULT_FILES, Result
 
@@ -247,14 +245,10 @@ def _lengths(result: Result) -> list[Section]:
             seen = f"{100 * len(own) / len(row):.0f} %"
             rows.append((name, number(float(np.median(own)), 4), number(float(own.max()), 4), seen))
     text = label(
-        "report-expanded-uncertainty-k-of-a",
-        coverage_factor=found.coverage_factor,
-        length_mm=found.length_mm,
-        sigma_px=found.sigma_px,
-        places_mm=len(found.places_mm),
-        finite=number(float(np.median(finite)), 4),
+        "report-expanded-uncertainty-k-of-a", coverage_factor=found.coverage_factor, length_mm=found.length_mm,
+        sigma_px=found.sigma_px, places_mm=len(found.places_mm), finite=number(float(np.median(finite)), 4),
         worst=number(found.worst[0], 4),
-    )
+    )  # fmt: skip
     blocks = [Paragraph(text, "note"), Table(columns("direction median-mm worst-mm seen-at"), tuple(rows))]
     if (figure := length_map_figure(found)) is not None:
         caption = label("report-each-square-the-largest-expanded", length_mm=found.length_mm)

@@ -76,10 +76,7 @@ class View:
 
 
 def fitting_view(places: FloatArray, side: str, width: float, height: float) -> View:
-    """The view from a side that shows all places in a picture.
-
-    `places`: what is to be seen, (n, 3) mm; `width`, `height`: size of the picture, px.
-    """
+    """The view from a side that shows all places (n, 3) mm in a picture of `width` x `height` px."""
     turn, lift = SIDES[side]
     view = View(np.zeros(3), turn, lift)
     right, up = view.axes()

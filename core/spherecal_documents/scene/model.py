@@ -29,10 +29,7 @@ _MOST_POINTS = 6000
 
 @dataclass(frozen=True)
 class CameraFigures:
-    """What is known of one camera: serial number, sensor px, rms px, standard uncertainty of its place mm.
-
-    None: not known.
-    """
+    """What is known of a camera: serial number, sensor px, rms px, sd of its place mm; None where not known."""
 
     serial: str = ""
     sensor_px: tuple[int, int] | None = None
@@ -42,10 +39,7 @@ class CameraFigures:
 
 @dataclass(frozen=True, eq=False)
 class SceneBar:
-    """A measured bar: its ends (3,) in the scene, error and expanded uncertainty of its length, mm.
-
-    `level` is `good` or `bad`, or `none` where the uncertainty is not known.
-    """
+    """A bar: ends (3,), error and U of its length, mm; `level`: good, bad, or none where U is not known."""
 
     name: str
     start: FloatArray
@@ -266,16 +260,9 @@ def scene_data(result: Any, links: tuple[tuple[str, str], ...] = ()) -> SceneDat
     places = (xyz[keep] - middle) @ scene.axes.T
     names = tuple((points.placement[i], int(points.target[i]), points.point[i]) for i in keep.tolist())
     shown = SceneData(
-        scene,
-        places,
-        sizes[keep] / (usual or 1.0),
-        links=links,
-        normals=_normals(scene, places, names),
-        names=names,
-        most_px=usual,
-        figures=_figures(result.rig),
-        origin_mm=middle,
-    )
+        scene, places, sizes[keep] / (usual or 1.0), links=links, normals=_normals(scene, places, names), names=names,
+        most_px=usual, figures=_figures(result.rig), origin_mm=middle,
+    )  # fmt: skip
     shown = replace(shown, **_ellipsoids(result, scene.axes, middle))
     lengths = result.rig.length_map
     if lengths is None:
@@ -351,10 +338,7 @@ def point_residuals(result: Any) -> FloatArray:
 
 
 def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneData:
-    """The scene with the measured bars whose marks' places are known.
-
-    A length whose error is larger than its expanded uncertainty (k = 2) is `bad`.
-    """
+    """The scene with the measured bars whose marks are known; `bad` where the error is larger than U (k = 2)."""
     bars = []
     for row in report.measured if report is not None else ():
         ends = [places.get(f"{row.pose}/{mark}") for mark in (row.start, row.end)]

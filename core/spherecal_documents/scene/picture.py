@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal.data.session import Session
-from spherecal_documents.report.scene_picture import ScenePicture
+from spherecal_documents.report.rig_drawing import ScenePicture
 from spherecal_documents.report.style import ACCENT, BAD, CAUTION, GOOD, INK, RULE
 from spherecal_documents.scene.eye import fitting_view
 from spherecal_documents.scene.model import SceneData, scene_data, with_images
@@ -53,10 +53,7 @@ def named_places(data: SceneData) -> tuple[tuple[str, ...], FloatArray]:
 
 
 def last_images(session: Session) -> Mapping[str, NDArray[np.uint8]]:
-    """The last image of each camera by id, small (height, width) uint8.
-
-    One that cannot be read is left out, as nothing depends on it.
-    """
+    """The last image of each camera by id, small (height, width) uint8, but for those that cannot be read."""
     from spherecal.targets.images import read_image
 
     last = {camera: path for placement in session.placements for camera, path in placement.images.items()}

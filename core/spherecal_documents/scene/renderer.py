@@ -73,18 +73,10 @@ class ScenePlotter:
         made = self._pyvista.PolyData(mesh.vertices.astype(np.float32), faces)
         made["tint"] = np.asarray(mesh.colours, dtype=np.uint8)
         self._plotter.add_mesh(
-            made,
-            scalars="tint",
-            rgb=True,
-            smooth_shading=mesh.smooth,
-            show_scalar_bar=False,
-            reset_camera=False,
-            lighting=not mesh.plain,
-            ambient=0.25,
-            diffuse=0.85,
-            specular=0.25 if mesh.smooth else 0.08,
+            made, scalars="tint", rgb=True, smooth_shading=mesh.smooth, show_scalar_bar=False, reset_camera=False,
+            lighting=not mesh.plain, ambient=0.25, diffuse=0.85, specular=0.25 if mesh.smooth else 0.08,
             specular_power=20,
-        )
+        )  # fmt: skip
 
     def _add_lines(self, lines: Lines) -> None:
         count = len(lines.ends)
@@ -92,14 +84,9 @@ class ScenePlotter:
         made = self._pyvista.PolyData(lines.ends.reshape(-1, 3).astype(np.float32), lines=cells)
         made.cell_data["tint"] = np.asarray(lines.colours, dtype=np.uint8)
         actor = self._plotter.add_mesh(
-            made,
-            scalars="tint",
-            rgb=True,
-            line_width=lines.width,
-            lighting=False,
-            show_scalar_bar=False,
+            made, scalars="tint", rgb=True, line_width=lines.width, lighting=False, show_scalar_bar=False,
             reset_camera=False,
-        )
+        )  # fmt: skip
         self._lines.append((actor, lines.width))
 
     def _add_picture(self, picture: Picture) -> None:

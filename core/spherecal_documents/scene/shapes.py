@@ -47,10 +47,7 @@ class SceneStyle:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles: `vertices` (n, 3), `faces` (m, 3), `colours` (n, 3) uint8; `smooth` normals, else one by face.
-
-    `plain`: not lit, as its colours mean something.
-    """
+    """Triangles: vertices (n, 3), faces (m, 3), colours (n, 3) uint8; normals smooth or by face; `plain`: not lit."""
 
     vertices: FloatArray
     faces: IntArray
@@ -157,7 +154,9 @@ def _cameras(data: SceneData, style: SceneStyle) -> list[Mesh]:
         plug = np.array([0.3, 0.3, 0.1]) * size
         bodies.append(Mesh(rear - 0.1 * size * axes[2] + (CUBE * plug) @ axes, _CUBE_FACES, _same(metal, 8), False))
         lenses.append(_tube(camera.centre - barrel * axes[2], camera.centre, 0.34 * size, 0.4 * size, axes, metal))
-        lenses.append(_disc(camera.centre, axes[2], 0.3 * size, blended(style.accent, (0, 0, 0), 0.45)))
+        lenses.append(
+            _discs(camera.centre[None], axes[2:], 0.3 * size, _same(blended(style.accent, (0, 0, 0), 0.45), 1))
+        )
     return [joined(bodies, smooth=False, name="cameras"), joined(lenses, smooth=False, name="lenses")]
 
 
@@ -194,10 +193,6 @@ def _tube(start: FloatArray, end: FloatArray, near: float, far: float, axes: Flo
     return Mesh(vertices, faces, _same(tint, len(vertices)), smooth=False)
 
 
-def _disc(middle: FloatArray, normal: FloatArray, radius: float, tint: Tint) -> Mesh:
-    return _discs(middle[None], normal[None], radius, _same(tint, 1))
-
-
 def _frusta(data: SceneData, style: SceneStyle) -> Lines:
     ends, tints = [], []
     for camera in data.scene.cameras:
@@ -231,10 +226,7 @@ def _picture(data: SceneData) -> Picture | None:
 
 
 def shrunk(image: Any, longest: int) -> ByteArray:
-    """The image with every k by k pixels averaged, (h, w) uint8.
-
-    `image`: the image, (height, width); `longest`: longer side of the result at most, px.
-    """
+    """An image (h, w) uint8 with every k by k pixels averaged, so that its longer side is at most `longest` px."""
     k = max(1, -(-max(image.shape) // longest))
     h, w = (side // k * k for side in image.shape)
     return image[:h, :w].reshape(h // k, k, w // k, k).mean(axis=(1, 3)).round().astype(np.uint8)

@@ -17,17 +17,14 @@ BOARD_PAGES_MM: dict[str, tuple[float, float]] = {
 
 
 def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> None:
-    """Write a board at full size as a PDF, the page turned where it fits better so.
-
-    The same board gives the same bytes.
-    """
+    """Write a board at full size as a PDF, the page turned where it fits better; same board, same bytes."""
     if page not in BOARD_PAGES_MM:
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(BOARD_PAGES_MM)}))
     drawn = figure(pattern)
     across, down = drawn.size_mm
     width, height = _turned(BOARD_PAGES_MM[page], across, down, page)
     canvas = PdfCanvas(f"Board: {words(pattern)}", width * MM, height * MM)
-    drawing = SheetDrawing(canvas, width, height)
+    drawing = SheetDrawing(canvas, height)
     for x, y, a, b, grey in drawn.rectangles:
         drawing.rectangle(LEFT_MM + x, HEAD_MM + y, a, b, grey)
     for x, y, diameter, grey in drawn.discs:

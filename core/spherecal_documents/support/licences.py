@@ -106,7 +106,7 @@ def bill_of_materials(extras: Iterable[str] = EXTRAS) -> bytes:
                 "version": __version__,
                 "bom-ref": references["spherecal"],
                 "licenses": [{"license": {"id": "Apache-2.0"}}],
-            },
+            }
         },
         "components": components,
         "dependencies": sorted(dependencies, key=lambda entry: entry["ref"]),

@@ -77,10 +77,7 @@ _RULES = tuple(
 
 
 class Redactor:
-    """Knows the names in the files of a bundle, and of this computer and its user; puts stand-ins in their place.
-
-    Numbers in documents and tables are names only in fields and columns of serial numbers and ids.
-    """
+    """Knows the names in a bundle's files, of this computer and its user; puts stand-ins in their place."""
 
     def __init__(self, files: Mapping[str, bytes]) -> None:
         self._as: dict[str, str] = {}  # stand-ins by `_key` of a name

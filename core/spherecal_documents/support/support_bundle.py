@@ -46,26 +46,19 @@ _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip file knows: when it
 
 @dataclass(frozen=True)
 class BundleOptions:
-    """What to add: a result folder, the cameras.json, logs, the images too; and how the session was calibrated.
-
-    `settings` matter only where the session has images and no observations: they are then made as `calibrate` makes
-    them. With `names` users, hosts and serial numbers stay as they are.
-    """
+    """What to add: a result folder, the cameras.json, logs, the images too; and how the session was calibrated."""
 
     result: Path | None = None
     camera_settings: Path | None = None
     logs: tuple[Path, ...] = ()
     images: bool = False
-    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
-    names: bool = False
+    settings: CalibrationSettings = field(default_factory=CalibrationSettings)  # for images without observations
+    names: bool = False  # users, hosts and serial numbers stay as they are
 
 
 @dataclass(frozen=True)
 class BundleContents:
-    """What a bundle holds: its files with their sizes in bytes, and what was taken out of them, in words.
-
-    `names` has a line for each name that was replaced; it is shown, and never written into the bundle.
-    """
+    """A bundle's files with their sizes in bytes, what was taken out, and the names replaced, never written."""
 
     files: Mapping[str, int]
     redacted: tuple[str, ...]
@@ -79,13 +72,7 @@ def write_bundle(
     context: Context | None = None,
     announce: Callable[[BundleContents], None] | None = None,
 ) -> tuple[str, ...]:
-    """Write a session's bundle, a zip file, whole or not at all; the names of the files in it.
-
-    It holds no images unless asked. Where program and packages are the same, `calibrate` of the bundle gives the same
-    rig.json as of the session, byte for byte, but for serial numbers that were replaced.
-
-    `options` None: nothing is added, names are replaced; `context` None: neither; `announce` None: nobody is asked.
-    """
+    """Write a session's bundle (zip) whole: `calibrate` of it gives the same rig.json; the names of its files."""
     options, context = options or BundleOptions(), context or Context()
     session = read_session(folder)
     data = _session_files(folder, session, options, context) | _rest(options)

@@ -113,14 +113,9 @@ class CameraNetwork:
         size = str(camera.width), str(camera.height)
         command = [self._server, "eth0", camera.serial, *size, camera.mac, MASK, str(camera.pictures)]
         program = subprocess.Popen(
-            camera.network.inside(command),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            pass_fds=(camera.network.file, camera.pictures),
-            env=os.environ | {"ARV_DEBUG": ""},
-        )
+            camera.network.inside(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True, pass_fds=(camera.network.file, camera.pictures), env=os.environ | {"ARV_DEBUG": ""},
+        )  # fmt: skip
         assert program.stdout is not None and program.stderr is not None
         if program.stdout.readline().strip() != "ready":
             raise CommandError(f"camera {camera.serial}: {program.stderr.read().strip() or 'did not start'}")

@@ -33,12 +33,7 @@ class GigeCamera:
 
 
 class GigeRig:
-    """Simulated cameras that speak GigE Vision, each in a network namespace of its own, on one switch with a computer.
-
-    `inside(command)` runs a command on that computer. Everything ends with `close`, or with this process.
-
-    `mtu`: largest packet of the network, bytes (576 to 9216).
-    """
+    """Simulated GigE Vision cameras in network namespaces, on one switch with a computer; ends with `close`."""
 
     def __init__(self, cameras: Sequence[GigeCamera], mtu: int = 1500) -> None:
         _check(cameras, mtu)
@@ -54,13 +49,9 @@ class GigeRig:
         package = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, (package, os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            pass_fds=files,
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, pass_fds=files,
             env=os.environ | {"PYTHONPATH": path},
-        )
+        )  # fmt: skip
         try:
             about = [
                 {"serial": c.serial, "width": c.width, "height": c.height, "pictures": self._pictures[c.serial].file}
@@ -107,11 +98,7 @@ class GigeRig:
         return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._computers[computer]}", *command]
 
     def shell(self, command: str) -> list[str]:
-        """The command that runs a shell's command on the rig's computer; all of it ends when its starter ends.
-
-        It has process numbers of its own, where this machine allows that: then the processes that it has started end
-        too.
-        """
+        """The command that runs a shell's on the rig's computer; all of it ends when its starter ends."""
         alone = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc"]
         try:
             tried = subprocess.run(self.inside([*alone, "true"]), capture_output=True, timeout=_END_S, check=False)
@@ -124,10 +111,7 @@ class GigeRig:
 
     @contextmanager
     def entered(self, computer: str = "client") -> Iterator[None]:
-        """The calling thread, and what it starts meanwhile, is on a computer of the rig; only as root.
-
-        The computers are `client` and `second`.
-        """
+        """The calling thread, and what it starts, is on the rig's computer `client` or `second` meanwhile; as root."""
         network = NetworkNamespace(
             os.open(f"/proc/{self.pid}/fd/{self._computers[computer]}", os.O_RDONLY | os.O_CLOEXEC)
         )
@@ -164,20 +148,11 @@ class GigeRig:
 
 # Faults: what the words mean. A camera is named by its serial number.
 FAULTS = {
-    "loss": "CAMERA PERCENT",
-    "burst": "CAMERA LENGTH EVERY",
-    "thin": "CAMERA|line MBIT_S",
-    "latency": "CAMERA MS JITTER_MS",
-    "unplug": "CAMERA",
-    "plug": "CAMERA",
-    "power_off": "CAMERA",
-    "power_on": "CAMERA",
-    "seize": "CAMERA",
-    "release": "CAMERA",
-    "conflict": "CAMERA OTHER",
-    "subnet": "CAMERA",
+    "loss": "CAMERA PERCENT", "burst": "CAMERA LENGTH EVERY", "thin": "CAMERA|line MBIT_S",
+    "latency": "CAMERA MS JITTER_MS", "unplug": "CAMERA", "plug": "CAMERA", "power_off": "CAMERA",
+    "power_on": "CAMERA", "seize": "CAMERA", "release": "CAMERA", "conflict": "CAMERA OTHER", "subnet": "CAMERA",
     "home": "CAMERA",
-}
+}  # fmt: skip
 
 
 class _Pictures:

@@ -118,15 +118,9 @@ def _understood(interface: str, data: bytes) -> NetworkCamera | None:
     body = data[_HEADER.size :]
     vendor, model, serial, user = (_text(body, *at) for at in ((0x48, 32), (0x68, 32), (0xD8, 16), (0xE8, 16)))
     return NetworkCamera(
-        interface,
-        socket.inet_ntoa(body[0x24:0x28]),
-        socket.inet_ntoa(body[0x34:0x38]),
-        body[10:16].hex(":"),
-        vendor,
-        model,
-        serial,
-        user,
-    )
+        interface, socket.inet_ntoa(body[0x24:0x28]), socket.inet_ntoa(body[0x34:0x38]), body[10:16].hex(":"), vendor,
+        model, serial, user,
+    )  # fmt: skip
 
 
 def _text(body: bytes, start: int, size: int) -> str:

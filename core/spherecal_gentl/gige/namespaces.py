@@ -12,13 +12,9 @@ from spherecal.base.working_folder import find_program
 _NEW_NETWORK = 0x40000000  # CLONE_NEWNET
 _OWN = "/proc/thread-self/ns/net"
 _TOOLS = {
-    "unshare": "util-linux",
-    "setpriv": "util-linux",
-    "nsenter": "util-linux",
-    "ip": "iproute2",
-    "tc": "iproute2",
+    "unshare": "util-linux", "setpriv": "util-linux", "nsenter": "util-linux", "ip": "iproute2", "tc": "iproute2",
     "nft": "nftables",
-}
+}  # fmt: skip
 _PATH = f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"
 _LIMIT_S = 20.0
 
@@ -36,10 +32,7 @@ def missing_packages() -> list[str]:
 
 
 def isolated(command: Sequence[str]) -> list[str]:
-    """`command` with a network and process numbers of its own; all its processes end with it.
-
-    Without root, in a user namespace too.
-    """
+    """`command` with a network and process numbers of its own, without root too; all its processes end with it."""
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
     return ["unshare", *user, "--net", "--pid", "--fork", "--kill-child", *command]
 
@@ -57,13 +50,9 @@ def why_not() -> str | None:
     environment = os.environ | {"PATH": _PATH}
     try:
         done = subprocess.run(
-            isolated(["sh", "-c", probe]),
-            capture_output=True,
-            text=True,
-            timeout=_LIMIT_S,
-            check=False,
+            isolated(["sh", "-c", probe]), capture_output=True, text=True, timeout=_LIMIT_S, check=False,
             env=environment,
-        )
+        )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)
     return None if done.returncode == 0 else (done.stderr.strip().splitlines() or ["refused"])[-1]
@@ -101,14 +90,9 @@ class NetworkNamespace:
     def run(self, command: str, *words: str) -> None:
         """Run a command in the namespace; `words` are arguments that may hold blanks."""
         done = subprocess.run(
-            self.inside([*command.split(), *words]),
-            capture_output=True,
-            text=True,
-            timeout=_LIMIT_S,
-            check=False,
-            pass_fds=(self.file,),
-            env=os.environ | {"PATH": _PATH},
-        )
+            self.inside([*command.split(), *words]), capture_output=True, text=True, timeout=_LIMIT_S, check=False,
+            pass_fds=(self.file,), env=os.environ | {"PATH": _PATH},
+        )  # fmt: skip
         if done.returncode != 0:
             raise CommandError(f"{' '.join((command, *words))}: {done.stderr.strip() or done.returncode}")
 

@@ -57,11 +57,7 @@ _FAKE_CAMERA = _Product(
 
 
 def build_producer(folder: Path | None = None, aravis: bool = False) -> Path:
-    """The path of a producer's .cti, built on first use: of simulated cameras, or of real ones on libaravis.
-
-    It is kept in the user's cache folder under a hash of its sources and the compiler's name, alone in its folder. So
-    this folder can be named in GENICAM_GENTL64_PATH.
-    """
+    """The path of a producer's .cti, built on first use and kept by a hash of its sources in a folder of its own."""
     product = _OF_ARAVIS if aravis else _SIMULATED
     kept = _built(product)
     if folder is None:

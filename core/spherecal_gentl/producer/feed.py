@@ -54,12 +54,7 @@ class SessionScenes:
 
 
 class RigFeed:
-    """One simulated camera for each camera of a session, under its serial number or, without one, its id.
-
-    `control` steers the simulated cameras (faults, counters).
-
-    `name` None is an unused one, or with `running` the usual one; `scene` None is the first one.
-    """
+    """One simulated camera for each of a session, by serial number or id; `control` steers them."""
 
     def __init__(
         self, session_folder: Path, name: str | None = None, scene: str | None = None, running: bool = False
@@ -92,10 +87,7 @@ class RigFeed:
         return self._scenes.names
 
     def show(self, scene: str) -> None:
-        """Let every camera see this scene from its next exposure on; one without an image of it sees black.
-
-        All images are read before the first is shown, so that the scene changes within milliseconds.
-        """
+        """Let every camera see this scene from its next exposure on, all at once; black where it has none."""
         images = self._scenes.images(scene)
         self.control.set_images(images)
         self.scene = scene

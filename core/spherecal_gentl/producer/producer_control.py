@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal_gentl.producer import memory_layout as layout
+from spherecal_gentl.producer import region as layout
 from spherecal_gentl.producer.region import REGION_VARIABLE, SharedRegion, attach, create, default_name
 
 # GenTL's error codes that faults are made of. genicam takes a code outside -1001..-1022 for success and goes on with
@@ -40,18 +40,16 @@ def simulated_cameras(count: int = 12) -> tuple[SimulatedCamera, ...]:
 
 
 class ProducerControl:
-    """The rig to which the simulated cameras belong: makes their shared memory and removes it when closed.
-
-    Every program that loads the .cti with `environment` set sees these cameras. Closing unplugs them all. Methods that
-    take a serial number raise InputError where no simulated camera has it.
-    """
+    """The simulated cameras' rig: makes their shared memory, and removes it, with them, when closed."""
 
     def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
         cameras = cameras or simulated_cameras()
         _check(cameras)
         slot = max(c.width * c.height * (1 if c.source_bits == 8 else 2) for c in cameras)
         slot = -(-slot // layout.PAGE) * layout.PAGE
-        self._region = create(name or _unused_name(), len(cameras), slot)
+        self._region = create(
+            name or f"spherecal-gentl-{os.getpid()}-{time.monotonic_ns() % 10**6}", len(cameras), slot
+        )
         for record, camera in zip(self._region.devices, cameras, strict=True):
             record["serial"], record["model"] = camera.serial.encode(), camera.model.encode()
             record["user_id"] = camera.user_id.encode()
@@ -61,10 +59,7 @@ class ProducerControl:
 
     @classmethod
     def attached(cls, name: str | None = None) -> Self:
-        """Steer the simulated cameras of another running program.
-
-        Without a name these are the cameras of `spherecal cameras simulate-producer`.
-        """
+        """Steer the simulated cameras of another program, by default of `cameras simulate-producer`."""
         control = cls.__new__(cls)
         control._region = attach(name or default_name())
         control._index = {record["serial"].decode(): i for i, record in enumerate(control._region.devices)}
@@ -108,10 +103,7 @@ class ProducerControl:
     # ---- pictures ----
 
     def set_image(self, serial: str, image: NDArray[Any]) -> int:
-        """Set what a camera sees from its next exposure on; the image's number (1, 2, ...).
-
-        `image`: as large as the sensor, (height, width).
-        """
+        """Set what a camera sees, (height, width), from its next exposure on; the image's number from 1."""
         record, index = self._record(serial), self._index[serial]
         shape = int(record["sensor_height"]), int(record["sensor_width"])
         kind = np.uint8 if int(record["source_bits"]) == 8 else np.uint16
@@ -188,10 +180,7 @@ class ProducerControl:
         record["read_error_count"] = _count(times)
 
     def fail_writes(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register writes and commands fail, of one feature or of any.
-
-        `times` None: until `clear_faults`; `feature` None: any.
-        """
+        """Register writes and commands fail, so many times or until `clear_faults`, of one feature or of any."""
         record = self._record(serial)
         record["write_error"] = code
         record["write_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
@@ -216,24 +205,15 @@ class ProducerControl:
         self._record(serial)["incomplete_count"] = _count(times)
 
     def lose_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames are exposed and lost on the way: their frame numbers are left out.
-
-        `times` None: until `clear_faults`.
-        """
+        """Frames are exposed and lost on the way, so many or until `clear_faults`: their numbers are left out."""
         self._record(serial)["lost_frame_count"] = _count(times)
 
     def drop_triggers(self, serial: str, times: int | None = 1) -> None:
-        """Triggers do not reach the camera: no frame, and no gap in the frame numbers.
-
-        `times` None: until `clear_faults`.
-        """
+        """Triggers do not reach the camera, so many or until `clear_faults`: no frame, no gap in their numbers."""
         self._record(serial)["dropped_trigger_count"] = _count(times)
 
     def delay_frames(self, serial: str, seconds: float, times: int | None = 1) -> None:
-        """Frames arrive late, with the time stamp of their exposure; those behind them wait.
-
-        `times` None: until `clear_faults`.
-        """
+        """Frames arrive late, so many or until `clear_faults`, stamped at their exposure; those behind them wait."""
         record = self._record(serial)
         record["late_ms"] = round(seconds * 1e3)
         record["late_count"] = _count(times)
@@ -299,11 +279,6 @@ def _count(times: int | None) -> int:
 def _unplug(record: Any, until_ns: int) -> None:
     record["plug_generation"] += 1
     record["unplugged_until_ns"] = until_ns
-
-
-def _unused_name() -> str:
-    # 31 characters are the longest name macOS takes
-    return f"spherecal-gentl-{os.getpid()}-{time.monotonic_ns() % 10**6}"
 
 
 def _check(cameras: Iterable[SimulatedCamera]) -> None:

@@ -1,8 +1,4 @@
-"""How options are declared, and those that several commands share; light, since every command reads all parsers.
-
-Each function takes `to`, the parser or group of options that it adds to, the option's name, the placeholder for its
-value in the help, and the help's text.
-"""
+"""How options are declared, and those that several commands share; light, since every command reads all parsers."""
 
 import argparse
 from collections.abc import Callable, Sequence

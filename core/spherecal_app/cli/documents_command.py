@@ -1,0 +1,81 @@
+"""`spherecal report`, `support-bundle`, `licences` and `manual`."""
+
+import argparse
+import webbrowser
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.base.resources import manual_page
+from spherecal.data.findings import counted
+from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli.console import answer, out, output_file, say, to_output
+from spherecal_app.cli.exit_codes import DONE
+from spherecal_app.cli.progress import shown_progress
+from spherecal_documents.report.write_report import write_report
+from spherecal_documents.scene.picture import scene_picture
+from spherecal_documents.support.licences import bill_of_materials, licence_text, parts
+from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, write_bundle
+
+
+def report(options: argparse.Namespace) -> int:
+    """`spherecal report`."""
+    o = options
+    with shown_progress() as context:
+        context.report("drawing the report", 0.0)
+        write_report(o.result, o.output, o.session, o.page, o.issuer, o.language, render=scene_picture)
+    answer(options, {"output": options.output})
+    say(f"Report in {options.output}.")
+    return DONE
+
+
+def support_bundle(options: argparse.Namespace) -> int:
+    """`spherecal support-bundle`."""
+    wanted = BundleOptions(
+        options.result, options.settings, tuple(options.log_file), options.images,
+        CalibrationSettings(method=options.method), options.names,
+    )  # fmt: skip
+
+    def announce(contents: BundleContents) -> None:
+        answer(
+            options,
+            {"output": options.output, "files": contents.files, "replaced": contents.redacted, "names": contents.names},
+        )
+        say(f"{counted(len(contents.files), 'file goes', 'files go')} into {options.output}:")
+        for name, size in contents.files.items():
+            say(f"  {name}  {size} bytes")
+        say(f"Replaced in them: {'; '.join(contents.redacted)}.", *(f"  {name}" for name in contents.names))
+
+    with shown_progress() as context, output_file(options.output) as place:
+        write_bundle(options.session, place, wanted, context, announce)
+    say(f"Written: {options.output}")
+    if not options.images:
+        out.print("It holds no images.")
+    return DONE
+
+
+def licences(options: argparse.Namespace) -> int:
+    """`spherecal licences`."""
+    found = parts()
+    answer(options, [{"name": part.name, "version": part.version, "licence": part.licence} for part in found])
+    if options.texts is not None:
+        to_output(options.texts, licence_text().encode())
+        say(f"Licence texts in {options.texts}.")
+    if options.sbom is not None:
+        to_output(options.sbom, bill_of_materials())
+        say(f"Bill of materials in {options.sbom}.")
+    if options.texts is None and options.sbom is None:
+        for part in found:
+            say(f"{part.name} {part.version}: {part.licence}")
+    return DONE
+
+
+def manual(options: argparse.Namespace) -> int:
+    """`spherecal manual`."""
+    page = manual_page(options.language)
+    if page is None:
+        raise InputError(Phrase("error-no-manual"))
+    answer(options, {"page": page})
+    say(str(page))
+    if options.open and not webbrowser.open(page.as_uri()):
+        raise InputError(Phrase("error-no-browser", {"page": page}))
+    return DONE

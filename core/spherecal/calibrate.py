@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from spherecal.adjust.corrections import drifts, one_moved
+from spherecal.adjust.corrections import drift_alike, drifts, one_moved
 from spherecal.ball.fit import solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
@@ -154,7 +154,7 @@ def _adjust(session: Session, task: _Task) -> Calibration:
             done = lens.noted_in(done)
         if sound is not None and not _fits_as_well(done, sound):
             return sound  # rational lenses from focal lengths 30 % off: 0.22 px, 0.07 before
-        if sound is None and moves_are_all(done) and drifts(network) and not one_moved(network):
+        if sound is None and moves_are_all(done) and drift_alike(network):
             sound, turning = done, True  # fields without turns: what drifts by 10 urad may look moved (seed 1272)
             continue
         if not done.rig.quality.valid:  # the turns show who moved, or a few points of an image contradict them

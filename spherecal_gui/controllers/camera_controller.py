@@ -232,7 +232,7 @@ class CameraController(ControllerPart):
     def accept_look(self) -> None:
         """The images are good."""
         if self.project is not None:
-            self.main.change(looked=self.project.cameras)
+            self.main.update(replace(self.project, looked=self.project.cameras))  # a step that the disk refused too
 
     # --- lost, moved -------------------------------------------------------------------------------------------------
 

@@ -63,6 +63,10 @@ class Words(QLabel):
         """What it says, with plain spaces."""
         return self._said
 
+    def clear(self) -> None:
+        """Say nothing."""
+        self.setText("")
+
 
 def label(text: str = "", name: str = "", wrap: bool = True, level: str = "", hidden: bool = False) -> QLabel:
     """A label in one of the style sheet's kinds, in the colour of a level where one is given."""

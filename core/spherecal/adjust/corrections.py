@@ -336,6 +336,12 @@ def drifts(network: Network) -> bool:
     return found is not None and not found.turning and MOTION in found.evidence
 
 
+def drift_alike(network: Network) -> bool:
+    """Whether cameras turn by the data, but not in the network, none in one step and none far more than the others."""
+    found = network.corrections
+    return found is not None and drifts(network) and not (found.moved_once | found.turns_more).any()
+
+
 def one_moved(network: Network) -> bool:
     """Whether a camera turns in one step, or for one image."""
     return network.corrections is not None and bool(network.corrections.moved_once.any())

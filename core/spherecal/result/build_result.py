@@ -66,6 +66,8 @@ from spherecal.scale.metric import MetricFit, Solution
 # Where the typical length is more uncertain than this share of it, uncertainties to first order say little: of eight
 # cameras above a plane that was only shifted (203 mm on 500) two were 14 times their U off.
 MOST_UNCERTAIN = 0.1
+# Findings on what parts of the recording disagree by: fields that are held are a cause of that.
+OF_PARTS = ("poses-scatter", "parts-disagree")
 
 
 def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, method: str, run: Run) -> Calibration:
@@ -97,7 +99,9 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     release_freed()
     names = [camera.id for camera in cameras]
     share = not_of_fields(corrections, solution.covariance, len(placed))[placed & lasting]
-    factor, of_poses = (np.sqrt(1 + (f**2 - 1) * share) for f in widening(findings, names, choice.form))
+    parts, others = ([f for f in findings if (f.code in OF_PARTS) == by_parts] for by_parts in (True, False))
+    grown = zip(widening(parts, names, choice.form), widening(others, names, choice.form), strict=True)
+    factor, of_poses = (np.maximum(np.sqrt(1 + (part**2 - 1) * share), other) for part, other in grown)
     findings = ruled(within_growth(findings, float(factor.max(initial=1.0))))
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]

@@ -177,7 +177,7 @@ def test_a_wrong_view_is_left_out_and_two_that_disagree_give_none(rig: spherecal
     [
         ({"C99": [[1, 2]]}, 'has no camera "C99"'),
         ({"C01": [[1, 2]], "C02": [[1, 2], [3, 4]]}, "different numbers"),
-        ({"C01": [1, 2, 3]}, r"shape \(2,\) \| \(\.\.\., 2\)"),
+        ({"C01": [1, 2, 3]}, r"must have the shape \(\.\.\., 2\), but has \(3,\)"),
         ({"C01": [[1, 2]], "C02": [1, 2]}, "different shapes"),
         ({"C01": "nonsense"}, "array of numbers"),
         (np.zeros((3, 2)), r"\(6, \.\.\., 2\)"),

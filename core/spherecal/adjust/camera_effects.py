@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation
 
-FIELD, MOTION = 0, 1  # kinds of effects
+FIELD, MOTION, BENDING = 0, 1, 2  # kinds of effects
 TURN = 3  # columns of a motion
+# Powers of a place's coordinates in a smooth change of the ball's shape, the sum of them at most 3 (no shift).
+_POWERS = np.array([p for p in product(range(4), repeat=3) if 1 <= sum(p) <= 3])
 
 
 # A step between two placements, or of one image alone, explains this share of the turns of a camera that was knocked
@@ -35,6 +38,36 @@ class Field:
 
 
 @dataclass(frozen=True)
+class Bending:
+    """Smooth changes of the ball's shape at each of its placements, by polynomials (p,s) of its points' places.
+
+    `size`: of the ball, the rms distance of its points from their middle.
+    """
+
+    values: FloatArray
+    size: float
+    n_placements: int
+
+    @property
+    def count(self) -> int:
+        """Columns of one placement."""
+        return 3 * self.values.shape[1]
+
+    def derivatives(self, point: IntArray, by_point: FloatArray) -> FloatArray:
+        """Weighted derivatives (k,2,r) of residuals by a placement's columns, from those by their points, (k,2,3)."""
+        return (self.values[point][:, None, :, None] * by_point[:, :, None]).reshape(len(point), 2, -1)
+
+
+def bending_of(points: FloatArray, n_placements: int) -> Bending:
+    """Changes of the shape of a body with points (p,3), NaN where unknown; each polynomial has an rms of 1 over them."""
+    known = np.isfinite(points).all(axis=1)
+    off = np.where(known[:, None], points - points[known].mean(axis=0), 0.0)
+    size = float(np.sqrt((off[known] ** 2).sum(axis=1).mean()))
+    values = ((off / size)[:, None] ** _POWERS).prod(axis=2)
+    return Bending(values / np.sqrt((values[known] ** 2).mean(axis=0)).clip(min=1e-9), size, n_placements)
+
+
+@dataclass(frozen=True)
 class Design:
     """The effects that a network may have: fields of lenses, then turns of images, if any, as columns.
 
@@ -47,6 +80,7 @@ class Design:
     span_of_image: IntArray
     n_cameras: int
     together: int = 1
+    bending: Bending | None = None
 
     @cached_property
     def n_fields(self) -> int:
@@ -56,6 +90,11 @@ class Design:
     @property
     def count(self) -> int:
         """All columns."""
+        return self.n_of_cameras + (self.bending.count * self.bending.n_placements if self.bending else 0)
+
+    @property
+    def n_of_cameras(self) -> int:
+        """Columns of fields and turns."""
         return self.n_fields + TURN * len(self.camera_of_image)
 
     @property
@@ -67,12 +106,14 @@ class Design:
     def part(self) -> IntArray:
         """The part of each column: fields, then cameras that turn."""
         fields = [np.full(field.basis.count, number) for number, field in enumerate(self.fields)]
-        return np.concatenate([*fields, len(self.fields) + np.repeat(self.camera_of_image, TURN)])
+        turns = len(self.fields) + np.repeat(self.camera_of_image, TURN)
+        bending = np.full(self.count - self.n_of_cameras, len(self.fields) + self.n_cameras)
+        return np.concatenate([*fields, turns, bending])
 
     @property
     def kind(self) -> IntArray:
         """The kind of each part."""
-        return np.repeat([FIELD, MOTION], [len(self.fields), self.n_cameras])
+        return np.repeat([FIELD, MOTION, BENDING], [len(self.fields), self.n_cameras, int(self.bending is not None)])
 
     @cached_property
     def _fields_by_camera(self) -> list[list[Field]]:
@@ -91,11 +132,17 @@ class Design:
         return np.searchsorted(self.camera_of_image * count + self.span_of_image, camera * count + span)
 
     def columns(self, image: int) -> IntArray:
-        """The columns that an image's observations have."""
+        """The columns of fields and turns that an image's observations have."""
         if not len(self.camera_of_image):
             return np.concatenate([np.zeros(0, dtype=np.int64), *(f.columns for f in self.fields_of(image))])
         turn = self.n_fields + TURN * image + np.arange(TURN)
         return np.concatenate([*(f.columns for f in self.fields_of(int(self.camera_of_image[image]))), turn])
+
+    def of_placement(self, placement: int) -> IntArray:
+        """The columns of the ball's shape at a placement."""
+        if self.bending is None:
+            return np.zeros(0, dtype=np.int64)
+        return self.n_of_cameras + placement * self.bending.count + np.arange(self.bending.count)
 
     def derivatives(self, camera: int, uv: FloatArray, weight: FloatArray, by_camera: FloatArray) -> FloatArray:
         """Weighted derivatives (k,2,r) of residuals at measured pixels uv (k,2) of one image by its columns."""

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.ball_model import Deformable, Free
+from spherecal.adjust.ball_model import Deformable, Free, Rigid
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.camera_effects import FIELD, MOTION, TURN, Corrections, Design, Field
+from spherecal.adjust.camera_effects import BENDING, FIELD, MOTION, TURN, Corrections, Design, Field, bending_of
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
@@ -58,6 +58,8 @@ _LEAST_POINTS, _MOST_POINTS = 64, 1024
 # -2 log of the likelihood is one more. Only where fields gain more than noise does (5 on rig A with 100 targets; one in
 # 1,000 of such amplitudes gains 9.5): clean results stay as they are. Real lenses deviate by up to 0.3 px.
 NOT_EXCLUDED_PX, NOT_EXCLUDED, MORE_THAN_NOISE = tuple(0.4 / 2**k for k in range(7, -1, -1)), 1.0, 10.0
+# Changes of the ball's shape, each polynomial's share of the ball's size, at up to so many placements.
+MOST_BENDING, BENT = 10, tuple(2e-4 / 2**k for k in range(9, -1, -1))
 ROUNDS = 4
 SETTLED_PX = 1e-3
 # A round that lowers -2 log of the likelihood by less says nothing new: effects are taken from 30 on. What a lens, a
@@ -223,6 +225,7 @@ def _part(
         placement = problem.placement[rows]
         first = [problem.n_cameras * width + POSE * int(placement[k[0]]) for k in groups]
         moved = [np.append(own, at + np.arange(POSE)) for own, at in zip(moved, first, strict=True)]
+        met = [np.append(own, design.of_placement(int(placement[k[0]]))) for own, k in zip(met, groups, strict=True)]
     kept = np.flatnonzero(np.isin(problem.kept_points, points))
     ends = problem.layout.expanded - 3 * (len(problem.kept_points) - kept)[:, None] + np.arange(3)
     effects, columns = np.unique(np.concatenate(met)), np.unique(np.concatenate([*moved, ends.ravel()]))
@@ -233,6 +236,9 @@ def _part(
     for k, met_here, moved_here in zip(groups, met, moved, strict=True):
         theirs = linear.by_camera[k]
         values = design.derivatives(int(camera[k[0]]), uv[k], weight[k], theirs)  # (k,2,r)
+        if design.bending is not None:
+            bent = design.bending.derivatives(problem.point[rows[k]], linear.by_point[k])
+            values = np.concatenate([values, bent], axis=2)
         if problem.n_placements:
             theirs = np.concatenate([theirs, linear.by_placement[k]], axis=2)
         at, others = np.searchsorted(effects, met_here), np.searchsorted(columns, moved_here)
@@ -375,21 +381,52 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         return given
     with one_blas_thread(), suppress(np.linalg.LinAlgError):
         design = design_of(network, adjusted).of_fields if found is None else found.design
+        if isinstance(network.ball, Rigid) and adjusted.problem.n_placements <= MOST_BENDING:
+            design = replace(design, bending=bending_of(adjusted.state.points, adjusted.problem.n_placements))
         if not design.count:
             return given
-        system = effects_of(network, adjusted, design, given.factors, None if found is None else found.applied)
-        variances = np.zeros(len(design.kind)) if found is None else found.variances
+        start = None if found is None else np.append(found.applied, np.zeros(design.count - design.n_of_cameras))
+        system = effects_of(network, adjusted, design, given.factors, start)
+        variances = np.zeros(len(design.kind))
+        if found is not None:
+            variances[: len(found.variances)] = found.variances
+        may_bend = design.bending is not None
         if not (variances[design.kind == FIELD] > 0).any():
-            variances = _not_excluded(design, system.quadratic, variances, adjusted)
+            variances, gain = _not_excluded(design, system.quadratic, variances, adjusted)
+            may_bend &= gain <= LEAST_EVIDENCE
+        own = effect_cofactors(system.quadratic, variances)
+        if may_bend:
+            variances, own = _with_bending(design, system.quadratic, variances, own, adjusted)
         used = np.flatnonzero(variances[design.part] > 0)
         if len(used):
-            own = effect_cofactors(system.quadratic, variances)[np.ix_(used, used)]
-            return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own)
+            return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own[np.ix_(used, used)])
     return given
 
 
-def _not_excluded(design: Design, effects: Effects, variances: FloatArray, adjusted: Adjustment) -> FloatArray:
-    """The variances (parts,) with fields of the largest common amplitude that the data hardly speak against.
+def _with_bending(
+    design: Design, effects: Effects, variances: FloatArray, own: FloatArray, adjusted: Adjustment
+) -> tuple[FloatArray, FloatArray]:
+    """Variances (parts,) and cofactors (m,m) of the effects with those of a ball that bends but is taken as rigid.
+
+    Its changes of shape are not estimated: what is estimated takes them up (consider covariance; S. Schmidt, 1966).
+    """
+    assert design.bending is not None
+    squared = (design.kind == BENDING) * design.bending.size**2 / max(adjusted.variance, LEAST_VARIANCE)
+    tried = [(solved(effects, variances + squared * size**2).deviance, size) for size in (0.0, *BENT)]
+    least, size = min(tried)
+    if tried[0][0] - least <= MORE_THAN_NOISE:
+        return variances, own
+    bent = design.kind[design.part] == BENDING
+    taken = own[:, ~bent] @ effects.matrix[np.ix_(~bent, bent)]
+    taken[bent] = -np.eye(int(bent.sum()))
+    variances = variances + squared * size**2
+    return variances, own + variances[-1] * taken @ taken.T
+
+
+def _not_excluded(
+    design: Design, effects: Effects, variances: FloatArray, adjusted: Adjustment
+) -> tuple[FloatArray, float]:
+    """The variances (parts,) with fields of the largest common amplitude that the data hardly speak against; their gain.
 
     Long lenses whose balls covered 23 % of the images (seed 1093) had fields of 0.03 px, which lowered -2 log of the
     likelihood by 23: a camera was 3.9 times its U off. What gains more than fields that are taken, and was not taken,
@@ -404,7 +441,7 @@ def _not_excluded(design: Design, effects: Effects, variances: FloatArray, adjus
             break
         px, before, least = next_px, now, min(least, now)
     gain = solved(effects, variances).deviance - least
-    return variances + squared * px**2 * (MORE_THAN_NOISE < gain <= LEAST_EVIDENCE)
+    return variances + squared * px**2 * (MORE_THAN_NOISE < gain <= LEAST_EVIDENCE), gain
 
 
 def _estimated(

@@ -63,7 +63,7 @@ def test_held_lenses_are_like_the_others_of_the_rig() -> None:
 
 def test_over_a_part_of_the_image_a_field_is_mostly_what_its_lens_takes_up() -> None:
     free = estimated_mask("brown")
-    basis = field_basis(np.array([2064.0, 1544.0]), LENS, free, 40, 1e-4)
+    basis = field_basis(np.zeros(2), np.array([2064.0, 1544.0]), LENS, free, 40, 1e-4)
     uv = np.random.default_rng(1).uniform([700, 500], [1300, 1000], (400, 2))  # a sixth of its area
     field = basis.at(uv) @ np.random.default_rng(2).normal(size=basis.count)
     rest = beyond_lens(field, uv, LENS, free)

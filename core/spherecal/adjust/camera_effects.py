@@ -59,7 +59,7 @@ class Bending:
 
 
 def bending_of(points: FloatArray, n_placements: int) -> Bending:
-    """Changes of the shape of a body with points (p,3), NaN where unknown; each polynomial has an rms of 1 over them."""
+    """Changes of the shape of a body with points (p,3), NaN where unknown: polynomials of rms 1 over these."""
     known = np.isfinite(points).all(axis=1)
     off = np.where(known[:, None], points - points[known].mean(axis=0), 0.0)
     size = float(np.sqrt((off[known] ** 2).sum(axis=1).mean()))

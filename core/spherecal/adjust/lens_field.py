@@ -1,9 +1,10 @@
 """The correction field of a lens: what its images are off the lens model, as a smooth random function of the pixel.
 
 `uv - F(uv)` is where the lens model predicts the measured pixel `uv`. F is a Gaussian process with squared-exponential
-covariance over the whole image, written in its eigenfunctions (Karhunen-Loeve; C. Rasmussen and C. Williams, Gaussian
-Processes for Machine Learning, 2006, 4.3), each scaled so that its coefficient has the field's standard deviation. What
-the lens model or a turn of the camera can do as well is taken out, so that the field says only what they cannot.
+covariance over the part of the image where points are, written in its eigenfunctions (Karhunen-Loeve; C. Rasmussen and
+C. Williams, Gaussian Processes for Machine Learning, 2006, 4.3), each scaled so that its coefficient has the field's
+standard deviation. What the lens model or a turn of the camera can do there as well is taken out, so that the field
+says only what they cannot.
 """
 
 from dataclasses import dataclass, replace
@@ -14,8 +15,8 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.geometry.camera import project_with_derivatives, undistort
 from spherecal.geometry.rotation import cross_matrix
 
-# Correlation length over half the image's width. 0.8 is too stiff (rig A, 0.1 px: 35 um against 18); 0.3 and 0.5 differ
-# by less than a tenth, and 0.5 needs half the coefficients.
+# Correlation length over half the region's longer side. 0.8 is too stiff (rig A, 0.1 px: 35 um against 18); 0.3 and 0.5
+# differ by less than a tenth, and 0.5 needs half the coefficients.
 LENGTH = 0.5
 _NODES = 40  # of the quadrature along an axis
 _CELL = 0.1  # of the length: points so near each other count as one, with less noise
@@ -24,12 +25,14 @@ _GRID = 14  # points along each axis at which the lens model's own derivatives a
 
 @dataclass(frozen=True)
 class FieldBasis:
-    """The functions (m of them) of one lens' field: `size` (2,) px of the image, products of functions along its axes.
+    """The functions (m of them) of one lens' field over a region of the image: products of functions along its axes.
 
+    `low`, `size` (2,) px: the region's first corner and its sides; beyond it the functions go to 0.
     `nodes` (2,k): of the quadrature, from -1 to 1; `along_u, along_v` (k,a) and (k,b): the axes' functions at these;
     `pairs` (s,2): which of them each product has; `mixture` (2s,m): of products by both coordinates.
     """
 
+    low: FloatArray
     size: FloatArray
     nodes: FloatArray
     along_u: FloatArray
@@ -45,7 +48,7 @@ class FieldBasis:
 
     def scalars(self, uv: FloatArray) -> FloatArray:
         """The products (n,s) at pixels (n,2), as they are for each coordinate."""
-        at = 2 * uv / self.size - 1
+        at = 2 * (uv - self.low) / self.size - 1
         u, v = (
             np.exp(-0.5 * ((at[:, k, None] - self.nodes[k]) / self.lengths[k]) ** 2) @ along
             for k, along in enumerate((self.along_u, self.along_v))
@@ -59,11 +62,13 @@ class FieldBasis:
         return np.stack([scalars @ self.mixture[:s], scalars @ self.mixture[s:]], axis=1)
 
 
-def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most: int, least_share: float) -> FieldBasis:
+def field_basis(
+    low: FloatArray, size: FloatArray, intrinsics: FloatArray, free: BoolArray, most: int, least_share: float
+) -> FieldBasis:
     """The basis of a lens' field, at most `most` functions a coordinate, without what the lens model itself can do.
 
-    `least_share`: of the variance, below which functions are left out; `size` (2,) px; `intrinsics` (16,); `free`:
-    those that the lens model has, (16,).
+    `low`, `size` (2,) px: the region where points are; `intrinsics` (16,), and which of them the lens model has, (16,);
+    `least_share`: of the variance, below which functions are left out.
     """
     half = size / size.max()
     lengths = LENGTH / half
@@ -75,8 +80,8 @@ def field_basis(size: FloatArray, intrinsics: FloatArray, free: BoolArray, most:
     pairs = np.stack(np.unravel_index(order, product.shape), axis=1)
     along_u, along_v = functions
     both = np.stack([nodes, nodes])
-    plain = FieldBasis(size, both, along_u, along_v, lengths, pairs, np.eye(2 * len(pairs)))
-    across = (np.stack(np.meshgrid(*[np.arange(_GRID)] * 2), axis=-1).reshape(-1, 2) + 0.5) / _GRID * size
+    plain = FieldBasis(low, size, both, along_u, along_v, lengths, pairs, np.eye(2 * len(pairs)))
+    across = (np.stack(np.meshgrid(*[np.arange(_GRID)] * 2), axis=-1).reshape(-1, 2) + 0.5) / _GRID * size + low
     own = _lens_and_turns(across, intrinsics, free)
     seen = np.isfinite(own).all(axis=(1, 2))
     if not seen.any():  # no lens of this kind has an image there: nothing to take out
@@ -115,7 +120,7 @@ def left_unknown(nodes: FloatArray, size: FloatArray, seen: FloatArray, noise: f
     to go on beyond the last point as it was before it. A tenth of the image beyond the last points errors were 1.6
     times their standard uncertainties (rms of five recordings), 2.3 at a fifth.
 
-    `size` (2,) px; `noise`: of a point, in units of the amplitude.
+    `size` (2,) px: of the field's region; `noise`: of a point, in units of the amplitude.
     """
     length = LENGTH * size.max() / 2
     cell = _CELL * length

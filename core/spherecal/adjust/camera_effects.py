@@ -58,13 +58,15 @@ class Bending:
         return (self.values[point][:, None, :, None] * by_point[:, :, None]).reshape(len(point), 2, -1)
 
 
-def bending_of(points: FloatArray, n_placements: int) -> Bending:
-    """Changes of the shape of a body with points (p,3), NaN where unknown: polynomials of rms 1 over these."""
-    known = np.isfinite(points).all(axis=1)
-    off = np.where(known[:, None], points - points[known].mean(axis=0), 0.0)
-    size = float(np.sqrt((off[known] ** 2).sum(axis=1).mean()))
+def bending_of(points: FloatArray, is_shared: BoolArray, n_placements: int) -> Bending:
+    """Changes of the shape of a body by polynomials of rms 1 over its points (p,3).
+
+    `is_shared` (p,): points that several placements show; marks of a bar are none of the body.
+    """
+    off = np.where(is_shared[:, None], points - points[is_shared].mean(axis=0), 0.0)
+    size = float(np.sqrt((off[is_shared] ** 2).sum(axis=1).mean()))
     values = ((off / size)[:, None] ** _POWERS).prod(axis=2)
-    return Bending(values / np.sqrt((values[known] ** 2).mean(axis=0)).clip(min=1e-9), size, n_placements)
+    return Bending(values / np.sqrt((values[is_shared] ** 2).mean(axis=0)).clip(min=1e-9), size, n_placements)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,17 @@ from scipy import sparse
 
 from spherecal.adjust.ball_model import Deformable, Free, Rigid
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.camera_effects import BENDING, FIELD, MOTION, TURN, Corrections, Design, Field, bending_of
+from spherecal.adjust.camera_effects import (
+    BENDING,
+    FIELD,
+    MOTION,
+    TURN,
+    Bending,
+    Corrections,
+    Design,
+    Field,
+    bending_of,
+)
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
 from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
@@ -387,7 +397,7 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
     with one_blas_thread(), suppress(np.linalg.LinAlgError):
         design = design_of(network, adjusted).of_fields if found is None else found.design
         if isinstance(network.ball, Rigid) and adjusted.problem.n_placements <= MOST_BENDING:
-            design = replace(design, bending=bending_of(adjusted.state.points, adjusted.problem.n_placements))
+            design = replace(design, bending=_bending(adjusted))
         if not design.count:
             return given
         start = None if found is None else np.append(found.applied, np.zeros(design.count - design.n_of_cameras))
@@ -406,6 +416,13 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         if len(used):
             return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own[np.ix_(used, used)])
     return given
+
+
+def _bending(adjusted: Adjustment) -> Bending | None:
+    problem, points = adjusted.problem, adjusted.state.points
+    seen = np.unique(problem.point * problem.n_placements + problem.placement) // problem.n_placements
+    is_shared = np.bincount(seen, minlength=problem.n_points) > 1
+    return bending_of(points, is_shared, problem.n_placements) if is_shared.any() else None
 
 
 def _with_bending(

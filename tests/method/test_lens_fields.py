@@ -98,8 +98,7 @@ def test_beyond_the_last_points_a_field_is_as_uncertain_as_it_errs() -> None:
         errors = values @ found.coefficients - lens.field_at(lens.normalised(beyond))
         for into, variance in ((by_basis, square), (by_both, np.maximum(square, further))):
             into.append((errors**2 / variance[:, None] / found.sigma0_squared).mean())
-    print(np.sqrt(np.mean(by_basis)), np.sqrt(np.mean(by_both)))
-    assert np.sqrt(np.mean(by_basis)) > 2.0  # 3.2, and 0.4 with both: the amplitude is that of the smoother process
+    assert np.sqrt(np.mean(by_basis)) > 2.0  # 2.6, and 0.8 with both: the amplitude is that of the smoother process
     assert 0.3 < np.sqrt(np.mean(by_both)) < 1.2
 
 

@@ -402,20 +402,42 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
             return given
         start = None if found is None else np.append(found.applied, np.zeros(design.count - design.n_of_cameras))
         system = effects_of(network, adjusted, design, given.factors, start)
-        variances = np.zeros(len(design.kind))
+        taken = np.zeros(len(design.kind))
         if found is not None:
-            variances[: len(found.variances)] = found.variances
-        may_bend = design.bending is not None
-        if not (variances[design.kind == FIELD] > 0).any():
-            variances, gain = _not_excluded(design, system.quadratic, variances, adjusted)
-            may_bend &= gain <= LEAST_EVIDENCE
-        own = effect_cofactors(system.quadratic, variances)
-        if may_bend:
-            variances, own = _with_bending(design, system.quadratic, variances, own, adjusted)
-        used = np.flatnonzero(variances[design.part] > 0)
+            taken[: len(found.variances)] = found.variances
+        considered = _considered(design, system.quadratic, taken, adjusted)
+        own = _with_considered(system.quadratic, taken, considered)
+        used = np.flatnonzero((taken + considered)[design.part] > 0)
         if len(used):
             return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own[np.ix_(used, used)])
     return given
+
+
+def _considered(design: Design, effects: Effects, variances: FloatArray, adjusted: Adjustment) -> FloatArray:
+    """The variances (parts,) of effects that were not taken and may exist, beside those taken (parts,).
+
+    Such are fields that the data do not exclude, and changes of the shape of a ball that is taken as rigid.
+    """
+    more, gain = np.zeros_like(variances), 0.0
+    if not (variances[design.kind == FIELD] > 0).any():
+        more, gain = _not_excluded(design, effects, variances, adjusted)
+    if design.bending is None or gain > LEAST_EVIDENCE:  # either may be the cause
+        return more
+    squared = (design.kind == BENDING) * design.bending.size**2 / max(adjusted.variance, LEAST_VARIANCE)
+    tried = [(solved(effects, variances + more + squared * size**2).deviance, size) for size in (0.0, *BENT)]
+    least, size = min(tried)
+    return more + squared * size**2 * (tried[0][0] - least > MORE_THAN_NOISE)
+
+
+def _with_considered(effects: Effects, variances: FloatArray, considered: FloatArray) -> FloatArray:
+    """Cofactors (m,m) of effects of variances (parts,) and of others that all else takes up, as nobody estimates them.
+
+    Consider covariance (S. Schmidt, 1966).
+    """
+    own, taken_up = effect_cofactors(effects, variances), considered[effects.part] > 0
+    by = own @ effects.matrix[:, taken_up]
+    by[taken_up] = -np.eye(int(taken_up.sum()))
+    return own + by * considered[effects.part[taken_up]] @ by.T
 
 
 def _bending(adjusted: Adjustment) -> Bending | None:
@@ -425,30 +447,10 @@ def _bending(adjusted: Adjustment) -> Bending | None:
     return bending_of(points, is_shared, problem.n_placements) if is_shared.any() else None
 
 
-def _with_bending(
-    design: Design, effects: Effects, variances: FloatArray, own: FloatArray, adjusted: Adjustment
-) -> tuple[FloatArray, FloatArray]:
-    """Variances (parts,) and cofactors (m,m) of the effects with those of a ball that bends but is taken as rigid.
-
-    Its changes of shape are not estimated: what is estimated takes them up (consider covariance; S. Schmidt, 1966).
-    """
-    assert design.bending is not None
-    squared = (design.kind == BENDING) * design.bending.size**2 / max(adjusted.variance, LEAST_VARIANCE)
-    tried = [(solved(effects, variances + squared * size**2).deviance, size) for size in (0.0, *BENT)]
-    least, size = min(tried)
-    if tried[0][0] - least <= MORE_THAN_NOISE:
-        return variances, own
-    bent = design.kind[design.part] == BENDING
-    taken = own[:, ~bent] @ effects.matrix[np.ix_(~bent, bent)]
-    taken[bent] = -np.eye(int(bent.sum()))
-    variances = variances + squared * size**2
-    return variances, own + variances[-1] * taken @ taken.T
-
-
 def _not_excluded(
     design: Design, effects: Effects, variances: FloatArray, adjusted: Adjustment
 ) -> tuple[FloatArray, float]:
-    """The variances (parts,) with fields of the largest amplitude that the data hardly speak against; what these gain.
+    """The variances (parts,) of fields of the largest amplitude that the data hardly speak against; what these gain.
 
     Long lenses whose balls covered 23 % of the images (seed 1093) had fields of 0.03 px, which lowered -2 log of the
     likelihood by 23: a camera was 3.9 times its U off. What gains more than fields that are taken, and was not taken,
@@ -463,7 +465,7 @@ def _not_excluded(
             break
         px, before, least = next_px, now, min(least, now)
     gain = solved(effects, variances).deviance - least
-    return variances + squared * px**2 * (MORE_THAN_NOISE < gain <= LEAST_EVIDENCE), gain
+    return squared * px**2 * (MORE_THAN_NOISE < gain <= LEAST_EVIDENCE), gain
 
 
 def _estimated(

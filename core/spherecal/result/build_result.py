@@ -95,7 +95,10 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     motions = image_motions(session, observations.placements, corrections)
     found = run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence)
-    findings = ruled([*found, *effects_findings(cameras, motions, uv)])
+    of_effects = effects_findings(cameras, motions, uv)
+    if any(f.code == "camera-drifts" and f.kind == "most" for f in of_effects):  # the ball was at rest for no camera
+        found = tuple(f for f in found if f.code != "camera-unsteady")
+    findings = ruled([*found, *of_effects])
     release_freed()
     names = [camera.id for camera in cameras]
     share = not_of_fields(corrections, solution.covariance, len(placed))[placed & lasting]

@@ -131,7 +131,8 @@ def effects_of(
         of_columns[columns] += part.of_columns
         shifts += [part.shifts] * with_shifts
     follow = system.inverse @ by_columns
-    matrix = own - _symmetric_product(by_columns, follow)
+    matrix = own
+    matrix -= _symmetric_product(by_columns, follow)  # in place: each of these takes 80 MB of a million observations
     gradient -= follow.T @ of_columns
     before = np.zeros(m) if start is None else start
     squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))

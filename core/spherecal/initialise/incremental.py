@@ -32,8 +32,8 @@ from spherecal.initialise.local import LocalNetwork
 from spherecal.initialise.triple import Triple
 
 DIRECT_HOPS = 3
-# Observations a camera brings into the short adjustments: 150 place it as well as all of a thousand. Large networks grow
-# by so many of each camera.
+# Observations a camera brings into the short adjustments: 150 place it as well as all of a thousand. Large networks
+# grow by the latter.
 ENOUGH_OBSERVATIONS, LARGE_OBSERVATIONS = 150, 1000
 RING_ITERATIONS = 15
 # The share of a camera's agreeing points below which its resection is not believed.

@@ -32,7 +32,7 @@ def is_dense(problem: Problem) -> bool:
     """Whether this way pays: a large rig, and a rigid ball or free points that many cameras with own lenses see."""
     if problem.layout.expanded < LEAST_COLUMNS or not isinstance(problem.ball, Free):
         return problem.layout.expanded >= LEAST_COLUMNS and isinstance(problem.ball, Rigid | Stored)
-    seen = np.count_nonzero(np.diff(problem.point_start))
+    seen = int(np.count_nonzero(np.diff(problem.point_start)))
     own = problem.layout.lens_owner == np.arange(problem.n_cameras)
     return len(problem.uv) >= LEAST_VIEWS * seen and bool(own.all())
 

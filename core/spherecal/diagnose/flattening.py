@@ -76,8 +76,8 @@ def _derivatives(e: Evidence, count: int) -> tuple[np.ndarray, FloatArray]:
     out = x - middle[placement[rows]]
     moved = np.empty((len(rows), 2, len(_STRAINS)))
     for some in blocks(len(rows)):
-        moved[some] = _by_strains(state, c[some], x[some], out[some])
-    return rows, moved * a.problem.weight[rows][:, :, None]
+        moved[some] = _by_strains(state, c[some], x[some], out[some]) * a.problem.weight[rows[some], :, None]
+    return rows, moved
 
 
 def _by_strains(state: State, camera: IntArray, x: FloatArray, out: FloatArray) -> FloatArray:

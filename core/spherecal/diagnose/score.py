@@ -182,7 +182,7 @@ class ScoreTest:
         total = np.zeros((p, q, parts[0][1].shape[1]))
         for point, by_point, _ in parts:
             total[point] += by_point.reshape(len(point), q, -1)
-        return np.arange(p), total.reshape(p * q, -1), sum(part[2] for part in parts)
+        return np.arange(p), total.reshape(p * q, -1), np.sum([part[2] for part in parts], axis=0)
 
 
 def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:

@@ -253,7 +253,7 @@ def _rigid_solution(
     """The solution from `first`, which is of the same network with `priors`; None for another."""
 
     def solution(described: Network) -> BallFit:
-        is_first = described.priors is priors and first.minimum.converged
+        is_first = described.priors is priors and first.is_settled
         own = first if is_first else refine(described, first.state, first.used, placed, run.context)
         return finished_solution(described, own, placed, run, rigid)
 

@@ -72,7 +72,9 @@ def test_blocks_cover_everything_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("robust", [False, True], ids=["plain", "robust"])
 def test_a_step_is_the_same_bits(net: Small, dense: bool, robust: bool, small_blocks, monkeypatch) -> None:
     monkeypatch.setattr(dense_elimination, "LEAST_COLUMNS", 0 if dense else 10**9)
+    monkeypatch.setattr(dense_elimination, "LEAST_VIEWS", 0)
     monkeypatch.setattr(dense_elimination, "_CHUNK", 11)
+    monkeypatch.setattr(dense_elimination, "_CHUNK_FREE", 11)
     problem, state = net.problem.select(net.problem.point != 4), perturbed(net.problem, net.truth, 0.3)
     weight = np.random.default_rng(1).uniform(0.2, 1.0, len(problem.uv)) if robust else None
     whole = compiled.linear_model(problem, state, weight)
@@ -96,6 +98,26 @@ def test_a_step_is_the_same_bits(net: Small, dense: bool, robust: bool, small_bl
     again, same_cost = compiled.back_substitute(problem, parts, expected, step)
     np.testing.assert_array_equal(again, points)
     assert same_cost == cost
+
+
+def test_free_points_by_their_cameras_are_those_by_runs(monkeypatch) -> None:
+    net = small_network(n_points=300, n_cameras=8)
+    problem, state = net.problem, perturbed(net.problem, net.truth, 0.3)
+    linearised = compiled.linear_model(problem, state, None)
+    expected = compiled.reduce(problem, linearised, 1e-3)
+    monkeypatch.setattr(dense_elimination, "LEAST_COLUMNS", 0)
+    monkeypatch.setattr(dense_elimination, "LEAST_VIEWS", 0)
+    assert dense_elimination.is_dense(problem)
+    found = compiled.reduce(problem, linearised, 1e-3)
+    unit = 1 / np.sqrt(expected.diagonal.clip(min=1e-30))
+    difference = np.triu(found.matrix - expected.matrix) * unit * unit[:, None]
+    np.testing.assert_allclose(difference, 0, atol=1e-13)
+    np.testing.assert_allclose(
+        (found.gradient - expected.gradient) * unit, 0, atol=1e-12 * abs(expected.gradient * unit).max()
+    )
+    np.testing.assert_allclose(found.diagonal, expected.diagonal, rtol=1e-12)
+    np.testing.assert_allclose(found.point_inverse, expected.point_inverse, rtol=1e-10)
+    np.testing.assert_allclose(found.point_gradient, expected.point_gradient, rtol=1e-12)
 
 
 def test_runs_that_are_cut_are_the_same_bits(small_blocks) -> None:

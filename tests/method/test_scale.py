@@ -85,13 +85,14 @@ def cofactors(n: int, sd: FloatArray | float = 1.0, part: FloatArray | None = No
     noise = np.eye(3) * np.square(np.broadcast_to(sd, n))[:, None, None]
 
     class Alone(Covariance):
+        points = noise  # type: ignore[assignment]
         point_noise = noise  # type: ignore[assignment]
         point_of_feature = np.arange(n)  # type: ignore[assignment]
 
         def functional(self, gradient: FloatArray) -> float:
             return float(np.einsum("pi,pij,pj->", gradient, noise, gradient))
 
-    return Alone(np.zeros((1, 6, 6)), noise, None, 1.0, part)  # type: ignore[arg-type]
+    return Alone(np.zeros((1, 6, 6)), None, 1.0, part)  # type: ignore[arg-type]
 
 
 SPACING = Spacing(0, 1, ARC, True)

@@ -62,8 +62,9 @@ MOST_TURNS = 2400
 # Eigenfunctions that hold less of a field's variance are left out; where its amplitude is more than so many standard
 # deviations of an image coordinate, what they hold is more than noise (rig A, 0.3 px: chi2 1.04 without them).
 LEAST_SHARE, FINE_SHARE, LARGE = 1e-4, 1e-5, 10.0
-# Points that are eliminated at a time: of hall24 1.4 s instead of 6.7, of rig A 0.3 instead of 0.5 all at once.
-_LEAST_POINTS, _MOST_POINTS = 64, 1024
+# Points that are eliminated at a time: of hall24 1.4 s instead of 6.7, of rig A 0.3 instead of 0.5 all at once. Where
+# more columns than `_MANY` are added to each time, more points: of a million observations 15 s instead of 21.
+_LEAST_POINTS, _MOST_POINTS, _MANY = (64, 256), 1024, 2000
 # Amplitudes that a field may have though it is not taken, px: as far above the best as a standard uncertainty, where
 # -2 log of the likelihood is one more. Only where fields gain more than noise does (5 on rig A with 100 targets; one in
 # 1,000 of such amplitudes gains 9.5): clean results stay as they are. Real lenses deviate by up to 0.3 px.
@@ -118,7 +119,7 @@ class EffectSystem:
 
     @property
     def shifts(self) -> sparse.csr_array:
-        """The shifts of the points, put together only where they are asked for: a third of the work."""
+        """The shifts of the points, where `effects_of` was asked for them."""
         return _stacked(self._shifts, self._shape)
 
 
@@ -128,10 +129,12 @@ def effects_of(
     design: Design,
     system: Inverted | CovarianceFactors,
     start: FloatArray | None,
+    with_shifts: bool = False,
 ) -> EffectSystem:
     """The quadratic form of the effects at an adjusted network, all other unknowns eliminated.
 
-    `start` (m,): the coefficients that the network is corrected by; None for none.
+    `start` (m,): the coefficients that the network is corrected by; None for none. `with_shifts`: the points' shifts
+    too, 700 MB of a million observations.
     """
     problem = adjusted.problem
     m, e = design.count, problem.layout.expanded
@@ -143,9 +146,10 @@ def effects_of(
         by_columns[np.ix_(columns, effects)] += part.by_columns
         gradient[effects] += part.gradient
         of_columns[columns] += part.of_columns
-        shifts.append(part.shifts)
+        shifts += [part.shifts] * with_shifts
     follow = system.inverse @ by_columns
-    matrix = own - _symmetric_product(by_columns, follow)
+    matrix = own
+    matrix -= _symmetric_product(by_columns, follow)  # in place: each of these takes 80 MB of a million observations
     gradient -= follow.T @ of_columns
     before = np.zeros(m) if start is None else start
     squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))
@@ -197,12 +201,12 @@ def _parts(
     of_camera_first = network.camera * (int(network.placement.max()) + 1) + network.placement
     image = np.unique(of_camera_first, return_inverse=True)[1][adjusted.rows]
     turned = design.images(problem.camera, network.placement[adjusted.rows])
-    for points in _of_the_same_images(problem, image):
+    for points in _of_the_same_images(problem, image, _LEAST_POINTS[design.count > _MANY]):
         yield _part(problem, design, system, measured, (image, turned), points)
 
 
-def _of_the_same_images(problem: Problem, image: IntArray) -> Iterator[IntArray]:
-    """Points by the images that show them, some `_LEAST_POINTS` to `_MOST_POINTS` at a time."""
+def _of_the_same_images(problem: Problem, image: IntArray, least: int) -> Iterator[IntArray]:
+    """Points by the images that show them, some `least` to `_MOST_POINTS` at a time."""
     start = problem.point_start
     seen = np.flatnonzero(np.diff(start) > 0)
     tag = np.random.default_rng(0).integers(1, 2**62, int(image.max()) + 1, dtype=np.uint64)
@@ -210,7 +214,7 @@ def _of_the_same_images(problem: Problem, image: IntArray) -> Iterator[IntArray]
     order = np.lexsort((pattern, image[start[seen + 1] - 1], image[start[seen]]))
     first = 0
     for last in [*np.flatnonzero(np.diff(pattern[order]) != 0) + 1, len(order)]:
-        while last - first >= _LEAST_POINTS or (last == len(order) and first < last):
+        while last - first >= least or (last == len(order) and first < last):
             upto = min(first + _MOST_POINTS, int(last))
             yield seen[order[first:upto]]
             first = upto
@@ -401,7 +405,7 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         if not design.count:
             return given
         start = None if found is None else np.append(found.applied, np.zeros(design.count - design.n_of_cameras))
-        system = effects_of(network, adjusted, design, given.factors, start)
+        system = effects_of(network, adjusted, design, given.factors, start, True)
         taken = np.zeros(len(design.kind))
         if found is not None:
             taken[: len(found.variances)] = found.variances

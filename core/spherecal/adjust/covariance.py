@@ -5,6 +5,7 @@ Where length rows give the scale, the datum removes it as well; `stretch` says h
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -29,7 +30,6 @@ class Covariance:
     """Cofactors (covariances for a standard deviation of unit weight of 1) of an adjusted network.
 
     - `cameras` (c,w,w): pose and intrinsics of each camera in the problem's columns.
-    - `points` (f,3,3) of the features' places, NaN where one takes no part.
     - `stretch` is the cofactor of the whole network's relative size, None where no length row fixes it.
     - `condition` is the condition number of the reduced matrix.
 
@@ -37,11 +37,16 @@ class Covariance:
     """
 
     cameras: FloatArray
-    points: FloatArray
     stretch: float | None
     condition: float
     _parts: CovarianceFactors
     _given_effects: "Covariance | None" = None
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Cofactors (f,3,3) of the features' places, NaN where one takes no part; not asked of forms not taken."""
+        with one_blas_thread():
+            return self._parts.place_cofactors()
 
     @property
     def given_effects(self) -> "Covariance":
@@ -145,10 +150,10 @@ def covariance(problem: Problem, state: State, places: Places | None = None) -> 
 
 
 def _covariance_of(parts: CovarianceFactors, condition: float, given: Covariance | None = None) -> Covariance:
-    cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
+    cameras = Covariance(np.zeros(0), None, condition, parts).all_cameras()
     width, own = parts.linear.width, np.arange(parts.problem.n_cameras)
     diagonal = cameras.reshape(len(own), width, len(own), width)[own, :, own, :]
-    return Covariance(diagonal, parts.place_cofactors(), _stretch(parts), condition, parts, given)
+    return Covariance(diagonal, _stretch(parts), condition, parts, given)
 
 
 def with_effects(given: Covariance, by_columns: FloatArray, shifts: sparse.csr_array, own: FloatArray) -> Covariance:
@@ -169,7 +174,7 @@ def camera_cofactors(problem: Problem, state: State, places: Places | None) -> F
     """Cofactors of all cameras' parameters alone (c*w, c*w), for planning; None where the network is singular."""
     with one_blas_thread():
         found = _factors(problem, state, places)
-        return None if found is None else Covariance(np.zeros(0), np.zeros(0), None, found[1], found[0]).all_cameras()
+        return None if found is None else Covariance(np.zeros(0), None, found[1], found[0]).all_cameras()
 
 
 def inverted(problem: Problem, state: State, places: Places | None) -> Inverted | None:

@@ -1,49 +1,105 @@
-"""The reduced system of large rigs in the rigid form: points that half of all cameras see, one rank update for many.
+"""The reduced system of large rigs whose points many cameras see: one rank update for many points.
 
-If a ball is moved through a hall, or stays in a dome, each dot is seen by most cameras at most placements, and each by
-different ones. Runs of points with the same cameras and placements, as in `schur_kernel`, are then single points. Here
-the whitened couplings L^-1 W' of hundreds of points are put side by side over all columns and subtracted by one
-symmetric product (hall50: 0.17 s instead of 0.88).
+If a rigid ball is moved through a hall, or stays in a dome, each dot is seen by most cameras at most placements, and
+each by different ones. Runs of points with the same cameras and placements, as in `schur_kernel`, are then single
+points. Here the whitened couplings L^-1 W' of hundreds of points are put side by side over all columns and subtracted
+by one symmetric product (hall50: 0.17 s instead of 0.88). Free points of a dome are taken with those that nearly the
+same cameras see, over the columns of these cameras (a million observations: in two thirds of the time).
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
-from spherecal.adjust.ball_model import Rigid, Stored
+from spherecal.adjust.ball_model import Free, Rigid, Stored
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.linear import Linear, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import IntArray
 from spherecal.base.kernels import njit
 
-# Fewer columns than these (hall24: 510) are as fast by runs.
-LEAST_COLUMNS = 1000
-# Points whose couplings are in memory at a time: 1,200 rows of 2,000 columns are 19 MB.
-_CHUNK = 400
+# Fewer columns than these (hall24: 510) are as fast by runs; so are free points that fewer cameras see (hall100: 3).
+LEAST_COLUMNS, LEAST_VIEWS = 1000, 10
+# Points whose couplings are in memory at a time: 1,200 rows of 2,000 columns are 19 MB. Of free points: more have more
+# columns that are 0, fewer make less of a product.
+_CHUNK, _CHUNK_FREE = 400, 96
+# Directions in which the sets of cameras that see free points differ most, by which they are grouped.
+_AXES = 3
 
 
 def is_dense(problem: Problem) -> bool:
-    """Whether this way pays: a large rig and a rigid ball."""
-    return isinstance(problem.ball, Rigid | Stored) and problem.layout.expanded >= LEAST_COLUMNS
+    """Whether this way pays: a large rig, and a rigid ball or free points that many cameras with own lenses see."""
+    if problem.layout.expanded < LEAST_COLUMNS or not isinstance(problem.ball, Free):
+        return problem.layout.expanded >= LEAST_COLUMNS and isinstance(problem.ball, Rigid | Stored)
+    seen = int(np.count_nonzero(np.diff(problem.point_start)))
+    own = problem.layout.lens_owner == np.arange(problem.n_cameras)
+    return len(problem.uv) >= LEAST_VIEWS * seen and bool(own.all())
 
 
 def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
     """Add the observations of some points (m,), which are eliminated, to the reduced system's upper triangle."""
-    layout = problem.layout
-    for first in range(0, len(points), _CHUNK):
-        some = points[first : first + _CHUNK]
-        rows = np.zeros((3 * len(some), layout.expanded))
-        done = 0
+    layout, everything = problem.layout, np.arange(problem.layout.expanded)
+    is_free = isinstance(problem.ball, Free)
+    for some in _alike(problem, points) if is_free else (points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK)):
+        first, columns = layout.block_offset, everything  # where the blocks' columns are among those of the couplings
+        if is_free:
+            first, columns = _met(problem, some)
+        rows, pull, done = np.zeros((3 * len(some), len(columns))), np.zeros(len(columns)), 0
         for part in point_blocks(problem, linear, some):
-            _couple(part, problem.n_cameras, layout.block_offset, damping, reduced, rows[3 * done :])
+            _couple(part, problem.n_cameras, layout.block_offset, first, damping, reduced, rows[3 * done :], pull)
             done += len(part.points)
+        reduced.gradient[columns] -= pull
         # in Fortran's eyes our upper triangle is the lower one
-        dsyrk(-1.0, rows.T, beta=1.0, c=reduced.matrix.T, lower=1, overwrite_c=1)
+        if is_free:
+            _subtract(reduced.matrix, dsyrk(1.0, rows.T, lower=1).T, columns, linear.width)
+        else:
+            dsyrk(-1.0, rows.T, beta=1.0, c=reduced.matrix.T, lower=1, overwrite_c=1)
+
+
+def _alike(problem: Problem, points: IntArray) -> Iterator[IntArray]:
+    """The points (m,), some `_CHUNK_FREE` at a time, halved where the sets of cameras that see them differ most."""
+    sees = np.zeros((problem.n_points, problem.n_cameras))
+    sees[problem.point, problem.camera] = 1.0
+    place = sees @ np.linalg.eigh(sees.T @ sees)[1][:, -_AXES:]
+    waiting = [points]
+    while waiting:
+        some = waiting.pop()
+        if len(some) <= _CHUNK_FREE:
+            yield some
+            continue
+        along = place[some, np.argmax(place[some].var(axis=0))]
+        some = some[np.argsort(along, kind="stable")]
+        waiting += [some[len(some) // 2 :], some[: len(some) // 2]]
+
+
+def _met(problem: Problem, points: IntArray) -> tuple[IntArray, IntArray]:
+    """The first of the columns of each camera (c,) among those of the cameras that see some free points, and these."""
+    start, width = problem.point_start, int(problem.layout.block_width[0])
+    seen = np.zeros(problem.n_cameras, dtype=bool)
+    for p in points.tolist():
+        seen[problem.camera[start[p] : start[p + 1]]] = True
+    columns = (problem.layout.block_offset[: len(seen)][seen][:, None] + np.arange(width)).ravel()
+    return np.where(seen, width * (np.cumsum(seen) - 1), -1), columns
 
 
 @njit(**KERNEL)
-def _couple(part, n_cameras, offset, damping, reduced, rows):
-    """Own normal equations of cameras and placements, and the points' whitened couplings (3m,e)."""
+def _subtract(matrix, product, columns, width):
+    """Subtract a product's upper triangle (k,k), 0 below, from a matrix's columns (k,): blocks of a width, in order."""
+    for i in range(len(columns)):
+        row, own = matrix[columns[i]], product[i]
+        for j in range(i - i % width, len(columns), width):
+            first = columns[j]
+            for a in range(width):
+                row[first + a] -= own[j + a]
+
+
+@njit(**KERNEL)
+def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
+    """Own normal equations of cameras and placements, the points' whitened couplings (3m,k) and their pull (k,).
+
+    `offset`, `place` (b,): first column of each block in the reduced system and in the couplings.
+    """
     matrix, gradient, diagonal = reduced.matrix, reduced.gradient, reduced.diagonal
     residual, by_camera, by_point, by_placement = part.linear
     v = np.empty((3, 3))
@@ -55,23 +111,29 @@ def _couple(part, n_cameras, offset, damping, reduced, rows):
         g = reduced.point_gradient[p]
         for k in range(part.begin[i], part.end[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]
-            c, t = offset[part.camera[k]], offset[n_cameras + part.placement[k]]
-            row0, row1, pose0, pose1 = by_camera[k, 0], by_camera[k, 1], by_placement[k, 0], by_placement[k, 1]
-            _add_rows(matrix, gradient, diagonal, c, row0, row1, r0, r1)
-            _add_rows(matrix, gradient, diagonal, t, pose0, pose1, r0, r1)
-            for a in range(len(row0)):
-                for b in range(len(pose0)):
-                    matrix[c + a, t + b] += row0[a] * pose0[b] + row1[a] * pose1[b]
-            for j in range(3):
-                p0, p1 = jp[0, j], jp[1, j]
-                g[j] += p0 * r0 + p1 * r1
+            c, row0, row1 = part.camera[k], by_camera[k, 0], by_camera[k, 1]
+            _add_rows(matrix, gradient, diagonal, offset[c], row0, row1, r0, r1)
+            _add_coupling(w, place[c], jp, row0, row1)
+            if len(part.placement) > 0:
+                t, pose0, pose1 = n_cameras + part.placement[k], by_placement[k, 0], by_placement[k, 1]
+                _add_rows(matrix, gradient, diagonal, offset[t], pose0, pose1, r0, r1)
                 for a in range(len(row0)):
-                    w[j, c + a] += p0 * row0[a] + p1 * row1[a]
-                for a in range(len(pose0)):
-                    w[j, t + a] += p0 * pose0[a] + p1 * pose1[a]
+                    for b in range(len(pose0)):
+                        matrix[offset[c] + a, offset[t] + b] += row0[a] * pose0[b] + row1[a] * pose1[b]
+                _add_coupling(w, place[t], jp, pose0, pose1)
+            for j in range(3):
+                g[j] += jp[0, j] * r0 + jp[1, j] * r1
                 for b in range(3):
-                    v[j, b] += p0 * jp[0, b] + p1 * jp[1, b]
-        _whiten(v, damping, w, g, inverse, gradient)
+                    v[j, b] += jp[0, j] * jp[0, b] + jp[1, j] * jp[1, b]
+        _whiten(v, damping, w, g, inverse, pull)
+
+
+@njit(**INNER)
+def _add_coupling(w, first, by_point, row0, row1):
+    for j in range(3):
+        p0, p1 = by_point[0, j], by_point[1, j]
+        for a in range(len(row0)):
+            w[j, first + a] += p0 * row0[a] + p1 * row1[a]
 
 
 @njit(**INNER)
@@ -85,8 +147,8 @@ def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
 
 
 @njit(**INNER)
-def _whiten(v, damping, w, g, inverse, gradient):
-    """w = L^-1 w with V (damped) = L L', its inverse, and gradient -= W V^-1 g."""
+def _whiten(v, damping, w, g, inverse, pull):
+    """w = L^-1 w with V (damped) = L L', its inverse, and pull += W V^-1 g."""
     f = 1.0 + damping
     l00 = np.sqrt(v[0, 0] * f)
     l10, l20 = v[1, 0] / l00, v[2, 0] / l00
@@ -103,7 +165,7 @@ def _whiten(v, damping, w, g, inverse, gradient):
         w0, w1, w2 = w[0, s], w[1, s], w[2, s]
         z0, z1, z2 = i00 * w0, i10 * w0 + i11 * w1, i20 * w0 + i21 * w1 + i22 * w2
         w[0, s], w[1, s], w[2, s] = z0, z1, z2
-        gradient[s] -= z0 * g0 + z1 * g1 + z2 * g2
+        pull[s] += z0 * g0 + z1 * g1 + z2 * g2
     inverse[0, 0] = i00 * i00 + i10 * i10 + i20 * i20
     inverse[1, 1] = i11 * i11 + i21 * i21
     inverse[2, 2] = i22 * i22

@@ -86,12 +86,16 @@ class LinearByBlocks:
     linearise: Linearise
 
     @cached_property
+    def _residual(self) -> FloatArray:
+        return np.full_like(self.problem.uv, np.nan)
+
+    @cached_property
     def residual(self) -> FloatArray:
-        """Weighted residuals (n,2)."""
-        out = np.empty_like(self.problem.uv)
-        for rows in blocks(len(out)):
-            out[rows] = self.at(rows).residual
-        return out
+        """Weighted residuals (n,2), of rows that were asked for as they were then."""
+        for rows in blocks(len(self._residual)):
+            if np.isnan(self._residual[rows]).any():
+                self.at(rows)
+        return self._residual
 
     @property
     def width(self) -> int:
@@ -101,7 +105,9 @@ class LinearByBlocks:
     def at(self, rows: slice | IntArray) -> Linearisation:
         """The linearisation of some observations."""
         robust = None if self.robust_weight is None else self.robust_weight[rows]
-        return self.linearise(self.problem.select(rows), self.state, robust)
+        found = self.linearise(self.problem.select(rows), self.state, robust)
+        self._residual[rows] = found.residual
+        return found
 
 
 # A linearisation of which some rows are asked for at a time.

@@ -15,7 +15,7 @@ from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.corrections import corrected
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
-from spherecal.adjust.rows import NO_PRIORS
+from spherecal.adjust.rows import NO_PRIORS, Priors
 from spherecal.adjust.state import State
 from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, finished_solution, solve_from, solve_with_priors
@@ -136,9 +136,7 @@ def choose_ball_model(
         choice = replace(choice, form="free")
     if choice.form == "free":
         return free, choice
-    start, used = first.state, first.used
-    del first  # its observations take 64 MB of a million
-    fit = _rigid_solution(_without_priors(rigid), start, used, free.placed, run)
+    fit = _rigid_solution(_without_priors(rigid), first, free.placed, run, rigid.network.priors)
     return _with_more_cameras(*_with_more_placements(fit, choice, ball, run), ball, run)
 
 
@@ -249,11 +247,17 @@ def _with_more_cameras(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run
     return _rigid_from(rigid, start, ball.candidates, run), choice
 
 
-def _rigid_solution(rigid: RigidNetwork, start: State, used: BoolArray, placed: BoolArray, run: Run) -> BallFit:
-    def solution(described: Network) -> BallFit:
-        return finished_solution(described, refine(described, start, used, placed, run.context), placed, run, rigid)
+def _rigid_solution(
+    rigid: RigidNetwork, first: Adjustment, placed: BoolArray, run: Run, priors: Priors | None = None
+) -> BallFit:
+    """The solution from `first`, which is of the same network with `priors`; None for another."""
 
-    return solve_with_priors(rigid.network, used, placed, solution, run)
+    def solution(described: Network) -> BallFit:
+        is_first = described.priors is priors and first.is_settled
+        own = first if is_first else refine(described, first.state, first.used, placed, run.context)
+        return finished_solution(described, own, placed, run, rigid)
+
+    return solve_with_priors(rigid.network, first.used, placed, solution, run)
 
 
 def _soft_solution(
@@ -269,7 +273,7 @@ def _soft_solution(
         start = adjusted_with(rigid, first, used, placed, shape_sd)
     if choice.limit is not None and not choice.asked and shape_sd * noise > MOST_SHAPE_SD * _radius(start):
         return None
-    fit = _rigid_solution(_without_priors(rigid).softened(shape_sd), start.state, start.used, placed, run)
+    fit = _rigid_solution(_without_priors(rigid).softened(shape_sd), start, placed, run)
     sd_mm = shape_sd * noise * unit_mm
     source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})

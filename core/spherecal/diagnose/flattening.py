@@ -9,7 +9,8 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.special import chdtri
 
-from spherecal.base.arrays import FloatArray
+from spherecal.adjust.state import State
+from spherecal.base.arrays import FloatArray, IntArray, blocks
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
 from spherecal.geometry.camera import project
@@ -73,10 +74,17 @@ def _derivatives(e: Evidence, count: int) -> tuple[np.ndarray, FloatArray]:
     number = np.maximum(np.bincount(placement[rows], minlength=count), 1)
     middle = np.stack([np.bincount(placement[rows], x[:, i], count) / number for i in range(3)], axis=1)
     out = x - middle[placement[rows]]
+    moved = np.empty((len(rows), 2, len(_STRAINS)))
+    for some in blocks(len(rows)):
+        moved[some] = _by_strains(state, c[some], x[some], out[some]) * a.problem.weight[rows[some], :, None]
+    return rows, moved
 
-    def seen(strain: FloatArray) -> FloatArray:
-        there = x + _STEP * out @ strain
-        return project(np.einsum("nij,nj->ni", state.rotation[c], there) + state.translation[c], state.intrinsics[c])
 
-    moved = np.stack([seen(strain) - seen(np.zeros((3, 3))) for strain in _STRAINS], axis=2) / _STEP
-    return rows, moved * a.problem.weight[rows][:, :, None]
+def _by_strains(state: State, camera: IntArray, x: FloatArray, out: FloatArray) -> FloatArray:
+    """Derivatives (n,2,5) of points' image points by the strains; `out` (n,3): from the ball's middle."""
+    rotation, translation, lens = state.rotation[camera], state.translation[camera], state.intrinsics[camera]
+    plain, *strained = (
+        project(np.einsum("nij,nj->ni", rotation, x + _STEP * out @ strain) + translation, lens)
+        for strain in (np.zeros((3, 3)), *_STRAINS)
+    )
+    return np.stack([there - plain for there in strained], axis=2) / _STEP

@@ -156,18 +156,33 @@ class ScoreTest:
         flat = values if sparse.issparse(values) else values.reshape(-1, values.shape[2])
         both = (2 * rows[:, None] + np.arange(2)).ravel()
         own = _full(flat.T @ flat)
+        parts = [self._pulled(rows[some], flat[2 * some.start : 2 * some.stop]) for some in blocks(max(len(rows), 1))]
+        point, by_point, force = self._sum(parts) if len(parts) > 1 else parts[0]
+        weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), -1, by_point.shape[1])
+        a = own - by_point.T @ weighted.reshape(by_point.shape)
+        if self.shift is not None:
+            a -= force.T @ self.inverse @ force
+        return flat.T @ self.residual[both], a, own
+
+    def _pulled(self, rows: IntArray, flat: FloatArray | Sparse) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Of columns (2k,m) of some rows (k,): points (c,), what pulls these (q*c,m), and the other unknowns (e,m)."""
         linear, q = self.linear.at(rows), self.cofactors_of_points.shape[1]
         by_own, of_row = self.by_own(linear, rows)
         point, local = np.unique(of_row, return_inverse=True)
-        pulled = spread(by_own, q * local, (len(both), q * len(point)))
-        by_point = _full(pulled.T @ flat)
-        weighted = self.cofactors_of_points[point] @ by_point.reshape(len(point), q, -1)
-        a = own - by_point.T @ weighted.reshape(by_point.shape)
-        if self.shift is not None:
-            following = (q * point[:, None] + np.arange(q)).ravel()
-            force = _full(self._direct(linear, rows).T @ flat) + _fast(self.shift[following]).T @ by_point
-            a -= force.T @ self.inverse @ force
-        return flat.T @ self.residual[both], a, own
+        by_point = _full(spread(by_own, q * local, (2 * len(rows), q * len(point))).T @ flat)
+        if self.shift is None:
+            return point, by_point, np.zeros((0, 0))
+        following = (q * point[:, None] + np.arange(q)).ravel()
+        force = _full(self._direct(linear, rows).T @ flat) + _fast(self.shift[following]).T @ by_point
+        return point, by_point, force
+
+    def _sum(self, parts: list[tuple[IntArray, FloatArray, FloatArray]]) -> tuple[IntArray, FloatArray, FloatArray]:
+        """All parts together: of a million rows at once they took 400 MB."""
+        p, q, _ = self.cofactors_of_points.shape
+        total = np.zeros((p, q, parts[0][1].shape[1]))
+        for point, by_point, _ in parts:
+            total[point] += by_point.reshape(len(point), q, -1)
+        return np.arange(p), total.reshape(p * q, -1), np.sum([part[2] for part in parts], axis=0)
 
 
 def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:

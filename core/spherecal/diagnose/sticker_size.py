@@ -49,12 +49,14 @@ def sticker_findings(e: Evidence) -> list[Finding]:
     keep = (dots[sticker] >= LEAST_DOTS) & (size > 0)
     out, size, place = out[keep], size[keep], o.placement[rows][keep]
     along = -((residual - shift)[keep] * out).sum(axis=1) / size  # observed farther out than predicted
-    columns = np.column_stack([size[:, None] * (place[:, None] == np.arange(count)), np.ones(len(size))])
-    seen = np.flatnonzero(np.abs(columns).sum(axis=0) > 0)
-    columns = columns[:, seen]
-    normal = np.linalg.inv(columns.T @ columns)
-    found = normal @ columns.T @ along
-    variance = float(((along - columns @ found) ** 2).sum() / max(len(along) - len(seen), 1))
+    if not len(size):
+        return []
+    own = np.unique(place, return_inverse=True)[1].reshape(-1)
+    matrix = np.diag(np.append(np.bincount(own, size**2), len(size)))  # sizes by placement, and outward
+    matrix[-1, :-1] = matrix[:-1, -1] = np.bincount(own, size)
+    normal = np.linalg.inv(matrix)
+    found = normal @ np.append(np.bincount(own, size * along), along.sum())
+    variance = float(((along - size * found[own] - found[-1]) ** 2).sum() / max(len(along) - len(found), 1))
     sizes, outward = found[:-1], float(found[-1])
     contrast = np.eye(len(sizes)) - 1 / len(sizes)
     drift = contrast @ sizes

@@ -11,7 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import START_INTRINSICS, RobustStep, best_observations, robust_adjustment, triangulated
+from spherecal.adjust.bundle import (
+    LARGE_START,
+    START_INTRINSICS,
+    RobustStep,
+    best_observations,
+    robust_adjustment,
+    spread_observations,
+    triangulated,
+)
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -24,8 +32,9 @@ from spherecal.initialise.local import LocalNetwork
 from spherecal.initialise.triple import Triple
 
 DIRECT_HOPS = 3
-# Observations a camera brings into the short adjustments: 150 place it as well as all of a thousand.
-ENOUGH_OBSERVATIONS = 150
+# Observations a camera brings into the short adjustments: 150 place it as well as all of a thousand. Large networks
+# grow by the latter.
+ENOUGH_OBSERVATIONS, LARGE_OBSERVATIONS = 150, 1000
 RING_ITERATIONS = 15
 # The share of a camera's agreeing points below which its resection is not believed.
 MIN_AGREEING_SHARE = 0.5
@@ -46,6 +55,8 @@ def grow(
     local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, context: Context
 ) -> InitialPoses:
     """Poses of all cameras that triples or points reach, in the reference camera's frame."""
+    if np.count_nonzero(candidates) > LARGE_START:
+        candidates = spread_observations(network, candidates, LARGE_OBSERVATIONS)
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     if local.pair is not None:
         first, second = local.pair.cameras

@@ -24,7 +24,15 @@ from spherecal.targets.blurred_ellipse import (
     light_at_edge,
     needs_strips,
 )
-from spherecal.targets.dot_equations import RIGHT, ROW, light_variances, set_covariance, solve_step
+from spherecal.targets.dot_equations import (
+    RIGHT,
+    ROW,
+    WEIGHT,
+    add_products,
+    light_variances,
+    set_covariance,
+    solve_step,
+)
 from spherecal.targets.sheet_edge import leak, near_sides
 from spherecal.targets.sticker_view import local_affine
 
@@ -242,7 +250,7 @@ def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
     noise_constant, noise_gain, noise_least = noise[0], noise[1], noise[2]
     misfit = (_MODEL_ERROR * amplitude) ** 2
     total, pixels = 0.0, 0
-    row = np.zeros(ROW)
+    rows = np.empty((int(2 * half_u + 2) * int(2 * half_v + 2), ROW))
     for v in range(max(math.ceil(cv - half_v), 0), min(int(cv + half_v), image.shape[0] - 1) + 1):
         for u in range(max(math.ceil(cu - half_u), 0), min(int(cu + half_u), image.shape[1] - 1) + 1):
             du, dv = u - cu, v - cv
@@ -277,14 +285,11 @@ def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
                 continue
             scale = amplitude * shade
             residual = float(image[v, u]) - light
+            row = rows[pixels]
             row[0], row[1] = -scale * m_u - own * slope_u, -scale * m_v - own * slope_v
             row[2], row[3] = m * shade, shade
             row[4], row[5], row[6] = scale * m_blur, scale * m_growth, residual
-            weight = 1 / (variance + residual * residual * _CAUCHY)
-            for i in range(6):
-                weighted = weight * row[i]
-                for j in range(ROW):
-                    equations[k, i, j] += weighted * row[j]
+            row[WEIGHT] = weight = 1 / (variance + residual * residual * _CAUCHY)
             total += weight * residual * residual
             pixels += 1
             if abs(m_p) + abs(m_q) < _FLAT:
@@ -292,4 +297,5 @@ def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
                 bins[index, 0] += light
                 bins[index, 1] += min(residual * residual, 16 * variance)
                 bins[index, 2] += 1
+    add_products(rows[:pixels], equations[k])
     return total, pixels

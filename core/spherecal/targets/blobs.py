@@ -169,22 +169,35 @@ def _blobs_of_one_size(
     bright_near = bright_near - _LEAST_HEIGHT * contrast
     most_area = int(_LARGEST_AXIS_PX**2) * (1 if halvings else 4)
     smallest_axis = _SMALLEST_COARSE_AXIS_PX if halvings else 0.0
-    compounds: BoolArray | None = None
+    compounds = np.zeros_like(rest)
     for level, alike in zip(_LEVELS, _LEAST_ALIKE, strict=True):
         if alike and rest.mean() > _TEXTURED:
             rest &= sticker_regions(found.rows(), found.looks(), rest.shape, alike)
-        threshold = dark + np.float32(level) * contrast
-        active = rest & (brightest > threshold) & (bright_near > threshold) & (dark_near <= threshold)
-        runs_at_most = 36 * int(active.sum()) + 64
-        sums, runs = label_components(image, threshold, active, _LEAST_AREA_PX, most_area, runs_at_most)
+        threshold, active = np.empty_like(contrast), np.empty_like(rest)
+        count = _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, threshold, active)
+        sums, runs = label_components(image, threshold, active, _LEAST_AREA_PX, most_area, 36 * count + 64)
         rows, state = _select(image, taken, dots, halvings, runs, sums, most_area, contrast, smallest_axis)
         found.add(rows)
-        joined, large = np.zeros_like(rest), np.zeros_like(rest)
-        _mark(runs, state, joined, large, taken, dots, halvings)
-        compounds = joined | large if compounds is None else compounds
-        rest = joined | (lively & (dark_near > threshold))
-    assert compounds is not None
+        _mark(runs, state, rest, compounds if level == _LEVELS[0] else np.empty_like(rest), taken, dots, halvings)
     return compounds
+
+
+@njit(nogil=True, cache=True)
+def _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, threshold, active):
+    """Set a level's threshold, and which tiles of `rest` it may cut, and leave in `rest` the lively ones above it.
+
+    Returns the number of active tiles. One pass over arrays of tiles in place of fifteen: a sixth of the time.
+    """
+    count, part = 0, np.float32(level)
+    for row in range(rest.shape[0]):
+        for column in range(rest.shape[1]):
+            at = dark[row, column] + part * contrast[row, column]
+            below, cut = dark_near[row, column] <= at, rest[row, column]
+            cut &= (brightest[row, column] > at) & (bright_near[row, column] > at) & below
+            threshold[row, column], active[row, column] = at, cut
+            rest[row, column] = lively[row, column] & (not below)
+            count += cut
+    return count
 
 
 def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
@@ -198,8 +211,8 @@ def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
 
 
 @njit(nogil=True, cache=True)
-def _mark(runs, state, rest, large, taken, dots, halvings):
-    """Set tiles with compounds in `rest`, with large dots in `large`, with any dots in `taken`, and dots' pixels."""
+def _mark(runs, state, rest, larger, taken, dots, halvings):
+    """Set tiles with compounds in `rest`, with these or large dots in `larger`, with dots in `taken`, and their pixels."""
     for run in range(len(runs)):
         if runs[run, 3] < 0:
             continue
@@ -210,8 +223,8 @@ def _mark(runs, state, rest, large, taken, dots, halvings):
                     rest[row >> 3, column] = True
                 else:
                     taken[row >> 3, column] = True
-                    if of_run == _LARGE:
-                        large[row >> 3, column] = True
+                if of_run != _DOT:
+                    larger[row >> 3, column] = True
             if of_run != _COMPOUND:
                 for x in range(runs[run, 1], runs[run, 2]):
                     dots[row << halvings, x << halvings] = of_run

@@ -230,9 +230,7 @@ def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, coun
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
-    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins
-):
+def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]

@@ -212,7 +212,7 @@ def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
 
 @njit(nogil=True, cache=True)
 def _mark(runs, state, rest, larger, taken, dots, halvings):
-    """Set tiles with compounds in `rest`, these and those with large dots in `larger`, with dots in `taken`; dots' pixels."""
+    """Mark dots' pixels, and tiles: of compounds in `rest`, of these and large dots in `larger`, of dots in `taken`."""
     for run in range(len(runs)):
         if runs[run, 3] < 0:
             continue

@@ -85,7 +85,7 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
         return _described(np.zeros((0, 7)), looks_of(image, np.zeros((0, 7))))
     if dark:
         image = np.bitwise_not(image)
-    dots = np.zeros(image.shape, dtype=np.uint8)
+    dots = np.zeros((2, *_tiles(image)), np.uint64)
     everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
     found = _Found(image, np.empty((0, 7)))
     compounds = _blobs_of_one_size(found, dark, everywhere, taken, dots, 0)
@@ -146,13 +146,14 @@ def _blobs_of_one_size(
     negative: bool,
     tiles: BoolArray,
     taken: BoolArray,
-    dots: NDArray[np.uint8],
+    dots: NDArray[np.uint64],
     halvings: int,
 ) -> BoolArray:
     """Add to `found` the blobs in the given tiles of its image; returns those that an image of half the size is for.
 
-    `dots` marks pixels of dots (and of large ones) known already, in the image before its `halvings`. `taken` marks
-    their tiles in this image. Both get those of the new blobs.
+    `dots` marks pixels of dots, and of large ones, known already in the image before its `halvings`, as the bits of
+    their tiles: a byte for each pixel would be new memory of the image's size. `taken` marks their tiles in this image.
+    Both get those of the new blobs.
     """
     image = found.image
     darkest, brightest = tile_extremes(image)
@@ -226,8 +227,9 @@ def _mark(runs, state, rest, larger, taken, dots, halvings):
                 if of_run != _DOT:
                     larger[row >> 3, column] = True
             if of_run != _COMPOUND:
+                of_kind = dots[1 if of_run == _LARGE else 0, (row << halvings) >> 3]
                 for x in range(runs[run, 1], runs[run, 2]):
-                    dots[row << halvings, x << halvings] = of_run
+                    of_kind[(x << halvings) >> 3] |= _bit(row << halvings, x << halvings)
 
 
 @njit(nogil=True, cache=True)
@@ -262,11 +264,18 @@ def _known(runs, taken, dots, halvings, labels):
         row, start, end = runs[run, 0], runs[run, 1], runs[run, 2]
         if not known[runs[run, 3]] and (taken[row >> 3, start >> 3] or taken[row >> 3, (end - 1) >> 3]):
             for x in range(start, end):
-                dot = dots[row << halvings, x << halvings]
-                if dot == _DOT or (dot == _LARGE and halvings == 0):
+                tile_row, column = (row << halvings) >> 3, (x << halvings) >> 3
+                marked = dots[0, tile_row, column] | (dots[1, tile_row, column] if halvings == 0 else np.uint64(0))
+                if marked & _bit(row << halvings, x << halvings):
                     known[runs[run, 3]] = True
                     break
     return known
+
+
+@njit(nogil=True, cache=True)
+def _bit(row, x):
+    """The bit of a pixel in its tile."""
+    return np.uint64(1) << np.uint64((row & 7) << 3 | x & 7)
 
 
 @njit(nogil=True, cache=True)

@@ -18,20 +18,6 @@ _GROWTH_LIMITS = (0.6, 1.6)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def add_products(rows, equations):
-    """Add the weighted products of pixels' rows (n, ROW) to the equations of a dot (6, ROW); sums stay in registers."""
-    for i in range(6):
-        a, b, c, d, e, f, right = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for row in rows:
-            part = row[WEIGHT] * row[i]
-            a, b, c, d = a + part * row[0], b + part * row[1], c + part * row[2], d + part * row[3]
-            e, f, right = e + part * row[4], f + part * row[5], right + part * row[RIGHT]
-        sums = equations[i]
-        sums[0], sums[1], sums[2], sums[3] = sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d
-        sums[4], sums[5], sums[RIGHT] = sums[4] + e, sums[5] + f, sums[RIGHT] + right
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def solve_step(equations, present, prior, pull, dots, shared):
     """One step of all unknowns, applied to `dots` and `shared`; returns the largest change of a centre or the blur, px.
 

@@ -24,15 +24,7 @@ from spherecal.targets.blurred_ellipse import (
     light_at_edge,
     needs_strips,
 )
-from spherecal.targets.dot_equations import (
-    RIGHT,
-    ROW,
-    WEIGHT,
-    add_products,
-    light_variances,
-    set_covariance,
-    solve_step,
-)
+from spherecal.targets.dot_equations import RIGHT, ROW, WEIGHT, light_variances, set_covariance, solve_step
 from spherecal.targets.sheet_edge import leak, near_sides
 from spherecal.targets.sticker_view import local_affine
 
@@ -91,21 +83,9 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
         for k in range(8):
             if present[k]:
                 misfit, count = _add_dot(
-                    image,
-                    layout,
-                    shapes,
-                    k,
-                    present,
-                    top,
-                    clip,
-                    noise,
-                    dots,
-                    shared,
-                    strips,
-                    counts,
-                    equations,
+                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations,
                     own_bins,
-                )
+                )  # fmt: skip
                 if count < _LEAST_PIXELS:
                     return False
                 misfits[k] = misfit / (_PERFECT * count)
@@ -295,5 +275,19 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
                 bins[index, 0] += light
                 bins[index, 1] += min(residual * residual, 16 * variance)
                 bins[index, 2] += 1
-    add_products(rows[:pixels], equations[k])
+    _add_products(rows[:pixels], equations[k])
     return total, pixels
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_products(rows, equations):
+    """Add the weighted products of pixels' rows (n, ROW) to the equations of a dot (6, ROW); sums stay in registers."""
+    for i in range(6):
+        a, b, c, d, e, f, right = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for row in rows:
+            part = row[WEIGHT] * row[i]
+            a, b, c, d = a + part * row[0], b + part * row[1], c + part * row[2], d + part * row[3]
+            e, f, right = e + part * row[4], f + part * row[5], right + part * row[RIGHT]
+        sums = equations[i]
+        sums[0], sums[1], sums[2], sums[3] = sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d
+        sums[4], sums[5], sums[RIGHT] = sums[4] + e, sums[5] + f, sums[RIGHT] + right

@@ -74,22 +74,9 @@ def refine(
     for chosen, prior in ((first, _START_PRIOR), (np.arange(n), _PRIOR)):
         bins = np.zeros((BINS, 3))
         _fit_all(
-            image,
-            layouts,
-            radius,
-            views,
-            present,
-            top,
-            clip,
-            noise,
-            np.array(prior),
-            chosen,
-            dots,
-            shared,
-            covariance,
-            ok,
-            bins,
-        )
+            image, layouts, radius, views, present, top, clip, noise, np.array(prior), chosen, dots, shared, covariance,
+            ok, bins,
+        )  # fmt: skip
         noise = _fit_noise(bins, noise)
         if chosen is first and ok[first].any():
             known = first[ok[first]]
@@ -132,21 +119,9 @@ def _fit_all(
     for n in chosen:
         if ok[n]:
             ok[n] = fit_sticker(
-                image,
-                layouts[n],
-                radius,
-                views[n],
-                present[n],
-                top,
-                clip,
-                noise,
-                prior,
-                _STEPS,
-                dots[n],
-                shared[n],
-                covariance[n],
-                bins,
-            )
+                image, layouts[n], radius, views[n], present[n], top, clip, noise, prior, _STEPS, dots[n], shared[n],
+                covariance[n], bins,
+            )  # fmt: skip
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -5,6 +5,7 @@ The first pass is over the stickers seen most squarely, with the noise guessed. 
 starts from these.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,9 @@ _STEPS = 10
 _CLIPPED_PIXELS = 16  # that many pixels at the image's largest value are saturation, not chance
 _ROUNDING = 1 / 12  # variance of whole grey values
 _BORDER_PX = 1.5  # a dot nearer to the image's border lacks the background on one side
+
+# Where the background around a dot is looked at: cosines and sines of twelve directions.
+_RING = np.array([(math.cos(np.pi / 6 * i), math.sin(np.pi / 6 * i)) for i in range(12)])
 
 _FLOOR_PX = 0.001  # standard deviation that the fit's covariance does not know: noise-free images leave it
 
@@ -130,7 +134,7 @@ def _start(image, layouts, radius, views, present, dots):
 
     Dots that the border of the image cuts are taken out of `present`.
     """
-    ring = np.empty(12)
+    ring = np.empty(len(_RING))
     height, width = image.shape
     for n in range(len(layouts)):
         for k in range(8):
@@ -143,8 +147,7 @@ def _start(image, layouts, radius, views, present, dots):
                 present[n, k] = False
                 continue
             for i in range(len(ring)):
-                angle = 2 * np.pi * i / len(ring)
-                x, y = radius * np.cos(angle), radius * np.sin(angle)
+                x, y = radius * _RING[i, 0], radius * _RING[i, 1]
                 eu, ev = uu * x + uv * y, vu * x + vv * y
                 longer = 1 + 2.0 / max(np.hypot(eu, ev), 1e-6)
                 column = min(max(round(u + longer * eu), 0), width - 1)

@@ -5,7 +5,6 @@ The first pass is over the stickers seen most squarely, with the noise guessed. 
 starts from these.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +28,7 @@ _ROUNDING = 1 / 12  # variance of whole grey values
 _BORDER_PX = 1.5  # a dot nearer to the image's border lacks the background on one side
 
 # Where the background around a dot is looked at: cosines and sines of twelve directions.
-_RING = np.array([(math.cos(np.pi / 6 * i), math.sin(np.pi / 6 * i)) for i in range(12)])
+_RING = np.stack([np.cos(np.pi / 6 * np.arange(12)), np.sin(np.pi / 6 * np.arange(12))], axis=1)
 
 _FLOOR_PX = 0.001  # standard deviation that the fit's covariance does not know: noise-free images leave it
 

@@ -2,8 +2,9 @@
 
 The others see the same ball, camera, light and sensor, with AprilTags 36h11 printed on the same stickers instead of
 dots; SimpleBlobDetector sees the dots. All take turns. Then images of 3.2 MP with some 54 and with 4 targets before
-textured and cluttered backgrounds, beside cv2.aruco on the same with tags. Then the 40 images of 3.2 MP of a rendered
-session of rig A, on one core and on two. benchmarks/README.md says what the figures mean.
+textured and cluttered backgrounds, beside cv2.aruco on the same with tags. The first image written as a PNG file. Then
+the 40 images of 3.2 MP of a rendered session of rig A, on one core and on two. benchmarks/README.md says what the
+figures mean.
 """
 
 import argparse
@@ -45,6 +46,7 @@ from spherecal.targets import detection
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.detection import Detector
 from spherecal.targets.images import read_image
+from spherecal.targets.png_file import png_bytes
 from spherecal.targets.refinement import refine
 from spherecal_sim.dot_truth import DotTruth
 from spherecal_sim.optics import expose
@@ -256,6 +258,33 @@ def print_textured(table: dict[str, dict[str, Any]]) -> None:
         print(f"  {name:22} {times}  {r['found']:>9} {r['wrong']:5}", flush=True)
 
 
+# --- PNG files -------------------------------------------------------------------------------------------------------
+
+
+def time_png(image: Any, rounds: int) -> dict[str, dict[str, float]]:
+    """CPU ms to write an image of 8, of 12 and of 16 bits, and the file's MB: ours, and OpenCV's zlib."""
+    noise = np.random.default_rng(NOISE_SEED).integers(0, 256, image.shape).astype(np.uint16)
+    wide = image.astype(np.uint16)
+    shown = {"8 bits": image, "12 bits": wide * 16 + (noise >> 4), "16 bits": wide * 256 + noise}
+    fast = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
+    huffman = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+    ways = {
+        "ours": png_bytes,
+        "OpenCV, Huffman only": lambda one: cv2.imencode(".png", one, [*fast, *huffman])[1].tobytes(),
+        "OpenCV, level 1": lambda one: cv2.imencode(".png", one, fast)[1].tobytes(),
+    }
+    table = {}
+    for bits, one in shown.items():
+        for name, write in ways.items():
+            seconds, size = [], len(write(one))
+            for _ in range(rounds):
+                begin = time.process_time()
+                write(one)
+                seconds.append(time.process_time() - begin)
+            table[f"{bits}, {name}"] = {"cpu_ms": 1e3 * statistics.median(seconds), "megabytes": size / 1e6}
+    return table
+
+
 # --- a session's images ----------------------------------------------------------------------------------------------
 
 _CACHE_VERSION = 1  # raise it whenever the renderer would make other images
@@ -329,6 +358,11 @@ def bench(options: argparse.Namespace) -> int:
         (f"{name} <= {goal:g} x {ARUCO}", table[name]["ratio"] <= goal, f"{table[name]['ratio']:.2f}")
         for name, goal in GOALS.items()
     ]
+    written = time_png(pictures.dots_image, options.rounds)
+    print("\nthe image as a PNG file, CPU time and size")
+    for name, row in written.items():
+        print(f"  {name:30} {row['cpu_ms']:7.1f} ms {row['megabytes']:6.2f} MB")
+    values["png"] = written
     if not options.no_textures:
         textured = time_textured(max(3, options.rounds // 2))
         print_textured(textured)

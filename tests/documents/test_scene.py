@@ -30,7 +30,7 @@ from spherecal_documents.scene.model import (
     with_moved,
 )
 from spherecal_documents.scene.picture import named_places, paper_style
-from spherecal_documents.scene.renderer import can_render, render_once
+from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.scene.shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.presenters.scene_hover import items_of
@@ -375,7 +375,8 @@ def test_one_picture_for_the_report(data: SceneData, monkeypatch: pytest.MonkeyP
     pytest.importorskip("pyvista", reason="pyvista is not installed")
     monkeypatch.delenv("SPHERECAL_3D")
     eye = fitting_view(data.every_place(), "oblique", 300, 180).eye(320, 200)
-    picture = render_once(data, paper_style(), eye)
+    with PictureProcess() as process:
+        picture = process.picture(data, paper_style(), eye)
     if picture is None:
         pytest.skip("OpenGL does not work here")
     assert picture.shape == (200, 320, 3)

@@ -241,7 +241,7 @@ def test_the_report_shows_them(
 ) -> None:
     report = tmp_path / f"report.{ending}"
     if ending == "pdf":  # the scene is rendered for the other
-        monkeypatch.setattr("spherecal_app.cli.documents_command.scene_picture", lambda *_: None)
+        monkeypatch.setattr("spherecal_documents.scene.picture.scene_picture", lambda *_, **__: None)
     assert main(["report", str(result), "-o", str(report), "--session", str(recorded.folder), "-q"]) == 0
     if ending == "html":
         text = report.read_text(encoding="utf-8")

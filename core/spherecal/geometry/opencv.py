@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import map_coordinates
 
 from spherecal.base.arrays import FloatArray, float_array
 from spherecal.base.errors import InputError, Words, advice
@@ -94,6 +93,8 @@ def undistort_image(
 
     Bilinear, 0 where the recorded image has nothing; `field`: what the lens does beyond its model.
     """
+    from scipy.ndimage import map_coordinates  # not with every rig that is read
+
     height, width = image.shape[:2]
     channels = image.reshape(height, width, -1)
     out = np.empty_like(channels)

@@ -85,7 +85,7 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
         return _described(np.zeros((0, 7)), looks_of(image, np.zeros((0, 7))))
     if dark:
         image = np.bitwise_not(image)
-    dots = np.zeros(image.shape, dtype=np.uint8)
+    dots = np.zeros((2, *_tiles(image)), np.uint64)
     everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
     found = _Found(image, np.empty((0, 7)))
     compounds = _blobs_of_one_size(found, dark, everywhere, taken, dots, 0)
@@ -146,13 +146,14 @@ def _blobs_of_one_size(
     negative: bool,
     tiles: BoolArray,
     taken: BoolArray,
-    dots: NDArray[np.uint8],
+    dots: NDArray[np.uint64],
     halvings: int,
 ) -> BoolArray:
     """Add to `found` the blobs in the given tiles of its image; returns those that an image of half the size is for.
 
-    `dots` marks pixels of dots (and of large ones) known already, in the image before its `halvings`. `taken` marks
-    their tiles in this image. Both get those of the new blobs.
+    `dots` marks pixels of dots, and of large ones, known already in the image before its `halvings`, as the bits of
+    their tiles: a byte for each pixel would be new memory of the image's size. `taken` marks their tiles in this image.
+    Both get those of the new blobs.
     """
     image = found.image
     darkest, brightest = tile_extremes(image)
@@ -169,22 +170,35 @@ def _blobs_of_one_size(
     bright_near = bright_near - _LEAST_HEIGHT * contrast
     most_area = int(_LARGEST_AXIS_PX**2) * (1 if halvings else 4)
     smallest_axis = _SMALLEST_COARSE_AXIS_PX if halvings else 0.0
-    compounds: BoolArray | None = None
+    compounds = np.zeros_like(rest)
     for level, alike in zip(_LEVELS, _LEAST_ALIKE, strict=True):
         if alike and rest.mean() > _TEXTURED:
             rest &= sticker_regions(found.rows(), found.looks(), rest.shape, alike)
-        threshold = dark + np.float32(level) * contrast
-        active = rest & (brightest > threshold) & (bright_near > threshold) & (dark_near <= threshold)
-        runs_at_most = 36 * int(active.sum()) + 64
-        sums, runs = label_components(image, threshold, active, _LEAST_AREA_PX, most_area, runs_at_most)
+        threshold, active = np.empty_like(contrast), np.empty_like(rest)
+        count = _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, threshold, active)
+        sums, runs = label_components(image, threshold, active, _LEAST_AREA_PX, most_area, 36 * count + 64)
         rows, state = _select(image, taken, dots, halvings, runs, sums, most_area, contrast, smallest_axis)
         found.add(rows)
-        joined, large = np.zeros_like(rest), np.zeros_like(rest)
-        _mark(runs, state, joined, large, taken, dots, halvings)
-        compounds = joined | large if compounds is None else compounds
-        rest = joined | (lively & (dark_near > threshold))
-    assert compounds is not None
+        _mark(runs, state, rest, compounds if level == _LEVELS[0] else np.empty_like(rest), taken, dots, halvings)
     return compounds
+
+
+@njit(nogil=True, cache=True)
+def _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, threshold, active):
+    """Set a level's threshold, and which tiles of `rest` it may cut, and leave in `rest` the lively ones above it.
+
+    Returns the number of active tiles. One pass over arrays of tiles in place of fifteen: a sixth of the time.
+    """
+    count, part = 0, np.float32(level)
+    for row in range(rest.shape[0]):
+        for column in range(rest.shape[1]):
+            at = dark[row, column] + part * contrast[row, column]
+            below, cut = dark_near[row, column] <= at, rest[row, column]
+            cut &= (brightest[row, column] > at) & (bright_near[row, column] > at) & below
+            threshold[row, column], active[row, column] = at, cut
+            rest[row, column] = lively[row, column] & (not below)
+            count += cut
+    return count
 
 
 def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
@@ -198,8 +212,8 @@ def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
 
 
 @njit(nogil=True, cache=True)
-def _mark(runs, state, rest, large, taken, dots, halvings):
-    """Set tiles with compounds in `rest`, with large dots in `large`, with any dots in `taken`, and dots' pixels."""
+def _mark(runs, state, rest, larger, taken, dots, halvings):
+    """Mark dots' pixels, and tiles: of compounds in `rest`, of these and large dots in `larger`, of dots in `taken`."""
     for run in range(len(runs)):
         if runs[run, 3] < 0:
             continue
@@ -210,11 +224,12 @@ def _mark(runs, state, rest, large, taken, dots, halvings):
                     rest[row >> 3, column] = True
                 else:
                     taken[row >> 3, column] = True
-                    if of_run == _LARGE:
-                        large[row >> 3, column] = True
+                if of_run != _DOT:
+                    larger[row >> 3, column] = True
             if of_run != _COMPOUND:
+                of_kind = dots[1 if of_run == _LARGE else 0, (row << halvings) >> 3]
                 for x in range(runs[run, 1], runs[run, 2]):
-                    dots[row << halvings, x << halvings] = of_run
+                    of_kind[(x << halvings) >> 3] |= _bit(row << halvings, x << halvings)
 
 
 @njit(nogil=True, cache=True)
@@ -249,11 +264,18 @@ def _known(runs, taken, dots, halvings, labels):
         row, start, end = runs[run, 0], runs[run, 1], runs[run, 2]
         if not known[runs[run, 3]] and (taken[row >> 3, start >> 3] or taken[row >> 3, (end - 1) >> 3]):
             for x in range(start, end):
-                dot = dots[row << halvings, x << halvings]
-                if dot == _DOT or (dot == _LARGE and halvings == 0):
+                tile_row, column = (row << halvings) >> 3, (x << halvings) >> 3
+                marked = dots[0, tile_row, column] | (dots[1, tile_row, column] if halvings == 0 else np.uint64(0))
+                if marked & _bit(row << halvings, x << halvings):
                     known[runs[run, 3]] = True
                     break
     return known
+
+
+@njit(nogil=True, cache=True)
+def _bit(row, x):
+    """The bit of a pixel in its tile."""
+    return np.uint64(1) << np.uint64((row & 7) << 3 | x & 7)
 
 
 @njit(nogil=True, cache=True)

@@ -44,7 +44,7 @@ def normal(z):
     if z >= _REACH:
         return 1.0, 0.0
     place = (z + _REACH) * _PER_UNIT
-    index = int(place)
+    index = np.uint32(place)  # no sign: nothing asks whether to count from the end
     part = place - index
     return _NORMAL[index, 0] + part * _NORMAL[index, 2], _NORMAL[index, 1] + part * _NORMAL[index, 3]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from spherecal.base.kernels import njit
 
-ROW = 8  # six unknowns, the right side and a blank: eight numbers fill a register
-RIGHT = 6
+ROW = 8  # of a pixel: derivatives by six unknowns, the right side, and the weight
+RIGHT, WEIGHT = 6, 7
 
 _OWN = 4
 _BLUR_LIMITS_PX = (0.3, 6.0)

@@ -24,7 +24,7 @@ from spherecal.targets.blurred_ellipse import (
     light_at_edge,
     needs_strips,
 )
-from spherecal.targets.dot_equations import RIGHT, ROW, light_variances, set_covariance, solve_step
+from spherecal.targets.dot_equations import RIGHT, ROW, WEIGHT, light_variances, set_covariance, solve_step
 from spherecal.targets.sheet_edge import leak, near_sides
 from spherecal.targets.sticker_view import local_affine
 
@@ -83,21 +83,9 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
         for k in range(8):
             if present[k]:
                 misfit, count = _add_dot(
-                    image,
-                    layout,
-                    shapes,
-                    k,
-                    present,
-                    top,
-                    clip,
-                    noise,
-                    dots,
-                    shared,
-                    strips,
-                    counts,
-                    equations,
+                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations,
                     own_bins,
-                )
+                )  # fmt: skip
                 if count < _LEAST_PIXELS:
                     return False
                 misfits[k] = misfit / (_PERFECT * count)
@@ -222,9 +210,7 @@ def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, coun
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
-    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins
-):
+def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]
@@ -242,7 +228,7 @@ def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
     noise_constant, noise_gain, noise_least = noise[0], noise[1], noise[2]
     misfit = (_MODEL_ERROR * amplitude) ** 2
     total, pixels = 0.0, 0
-    row = np.zeros(ROW)
+    rows = np.empty((int(2 * half_u + 2) * int(2 * half_v + 2), ROW))
     for v in range(max(math.ceil(cv - half_v), 0), min(int(cv + half_v), image.shape[0] - 1) + 1):
         for u in range(max(math.ceil(cu - half_u), 0), min(int(cu + half_u), image.shape[1] - 1) + 1):
             du, dv = u - cu, v - cv
@@ -277,14 +263,11 @@ def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
                 continue
             scale = amplitude * shade
             residual = float(image[v, u]) - light
+            row = rows[pixels]
             row[0], row[1] = -scale * m_u - own * slope_u, -scale * m_v - own * slope_v
             row[2], row[3] = m * shade, shade
             row[4], row[5], row[6] = scale * m_blur, scale * m_growth, residual
-            weight = 1 / (variance + residual * residual * _CAUCHY)
-            for i in range(6):
-                weighted = weight * row[i]
-                for j in range(ROW):
-                    equations[k, i, j] += weighted * row[j]
+            row[WEIGHT] = weight = 1 / (variance + residual * residual * _CAUCHY)
             total += weight * residual * residual
             pixels += 1
             if abs(m_p) + abs(m_q) < _FLAT:
@@ -292,4 +275,19 @@ def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
                 bins[index, 0] += light
                 bins[index, 1] += min(residual * residual, 16 * variance)
                 bins[index, 2] += 1
+    _add_products(rows[:pixels], equations[k])
     return total, pixels
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_products(rows, equations):
+    """Add the weighted products of pixels' rows (n, ROW) to the equations of a dot (6, ROW); sums stay in registers."""
+    for i in range(6):
+        a, b, c, d, e, f, right = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for row in rows:
+            part = row[WEIGHT] * row[i]
+            a, b, c, d = a + part * row[0], b + part * row[1], c + part * row[2], d + part * row[3]
+            e, f, right = e + part * row[4], f + part * row[5], right + part * row[RIGHT]
+        sums = equations[i]
+        sums[0], sums[1], sums[2], sums[3] = sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d
+        sums[4], sums[5], sums[RIGHT] = sums[4] + e, sums[5] + f, sums[RIGHT] + right

@@ -27,6 +27,9 @@ _CLIPPED_PIXELS = 16  # that many pixels at the image's largest value are satura
 _ROUNDING = 1 / 12  # variance of whole grey values
 _BORDER_PX = 1.5  # a dot nearer to the image's border lacks the background on one side
 
+# Where the background around a dot is looked at: cosines and sines of twelve directions.
+_RING = np.stack([np.cos(np.pi / 6 * np.arange(12)), np.sin(np.pi / 6 * np.arange(12))], axis=1)
+
 _FLOOR_PX = 0.001  # standard deviation that the fit's covariance does not know: noise-free images leave it
 
 
@@ -74,22 +77,9 @@ def refine(
     for chosen, prior in ((first, _START_PRIOR), (np.arange(n), _PRIOR)):
         bins = np.zeros((BINS, 3))
         _fit_all(
-            image,
-            layouts,
-            radius,
-            views,
-            present,
-            top,
-            clip,
-            noise,
-            np.array(prior),
-            chosen,
-            dots,
-            shared,
-            covariance,
-            ok,
-            bins,
-        )
+            image, layouts, radius, views, present, top, clip, noise, np.array(prior), chosen, dots, shared, covariance,
+            ok, bins,
+        )  # fmt: skip
         noise = _fit_noise(bins, noise)
         if chosen is first and ok[first].any():
             known = first[ok[first]]
@@ -132,21 +122,9 @@ def _fit_all(
     for n in chosen:
         if ok[n]:
             ok[n] = fit_sticker(
-                image,
-                layouts[n],
-                radius,
-                views[n],
-                present[n],
-                top,
-                clip,
-                noise,
-                prior,
-                _STEPS,
-                dots[n],
-                shared[n],
-                covariance[n],
-                bins,
-            )
+                image, layouts[n], radius, views[n], present[n], top, clip, noise, prior, _STEPS, dots[n], shared[n],
+                covariance[n], bins,
+            )  # fmt: skip
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -155,7 +133,7 @@ def _start(image, layouts, radius, views, present, dots):
 
     Dots that the border of the image cuts are taken out of `present`.
     """
-    ring = np.empty(12)
+    ring = np.empty(len(_RING))
     height, width = image.shape
     for n in range(len(layouts)):
         for k in range(8):
@@ -168,8 +146,7 @@ def _start(image, layouts, radius, views, present, dots):
                 present[n, k] = False
                 continue
             for i in range(len(ring)):
-                angle = 2 * np.pi * i / len(ring)
-                x, y = radius * np.cos(angle), radius * np.sin(angle)
+                x, y = radius * _RING[i, 0], radius * _RING[i, 1]
                 eu, ev = uu * x + uv * y, vu * x + vv * y
                 longer = 1 + 2.0 / max(np.hypot(eu, ev), 1e-6)
                 column = min(max(round(u + longer * eu), 0), width - 1)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ndtri, stdtrit
 
 from spherecal.base.messages.values import Phrase
@@ -140,6 +139,8 @@ def certificate_freedom(coverage_factor: float) -> float:
     at_one = float(stdtrit(1.0, (1 + COVERAGE) / 2))
     if coverage_factor >= at_one:
         return 1.0
+    from scipy.optimize import brentq  # not with every result that is read
+
     return float(brentq(lambda freedom: stdtrit(freedom, (1 + COVERAGE) / 2) - coverage_factor, 1.0, 1e4))  # type: ignore[arg-type]
 
 

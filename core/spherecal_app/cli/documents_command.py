@@ -2,6 +2,8 @@
 
 import argparse
 import webbrowser
+from contextlib import ExitStack
+from functools import partial
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -11,8 +13,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.console import answer, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
-from spherecal_documents.report.write_report import write_report
-from spherecal_documents.scene.picture import scene_picture
+from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.support.licences import bill_of_materials, licence_text, parts
 from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, write_bundle
 
@@ -20,9 +21,16 @@ from spherecal_documents.support.support_bundle import BundleContents, BundleOpt
 def report(options: argparse.Namespace) -> int:
     """`spherecal report`."""
     o = options
-    with shown_progress() as context:
+    with ExitStack() as end, shown_progress() as context:
         context.report("drawing the report", 0.0)
-        write_report(o.result, o.output, o.session, o.page, o.issuer, o.language, render=scene_picture)
+        shown = can_render() and o.output.suffix.lower() not in (".json", ".xml")
+        process = end.enter_context(PictureProcess()) if shown else None
+        # not before the process: it loads VTK while we load matplotlib and scipy
+        from spherecal_documents.report.write_report import write_report
+        from spherecal_documents.scene.picture import scene_picture
+
+        render = partial(scene_picture, process=process)
+        write_report(o.result, o.output, o.session, o.page, o.issuer, o.language, render=render)
     answer(options, {"output": options.output})
     say(f"Report in {options.output}.")
     return DONE

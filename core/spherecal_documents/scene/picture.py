@@ -14,7 +14,7 @@ from spherecal_documents.report.rig_drawing import ScenePicture
 from spherecal_documents.report.style import ACCENT, BAD, CAUTION, GOOD, INK, RULE
 from spherecal_documents.scene.eye import fitting_view
 from spherecal_documents.scene.model import SceneData, scene_data, with_images
-from spherecal_documents.scene.renderer import can_render, render_once
+from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.scene.shapes import SceneStyle, rgb
 from spherecal_rigs.result_folder import Result
 
@@ -24,15 +24,21 @@ _PAPER = (255, 255, 255)
 _IMAGE_PX = 480
 
 
-def scene_picture(result: Result, session: Session | None) -> ScenePicture | None:
-    """The scene of a result on white, with the last images of its session; None without cameras or renderer."""
+def scene_picture(
+    result: Result, session: Session | None, process: PictureProcess | None = None
+) -> ScenePicture | None:
+    """The scene of a result on white, with the last images of its session; None without cameras or renderer.
+
+    `process`: one that was started before, to render it.
+    """
     data = scene_data(result) if can_render() else None
     if data is None:
         return None
     data = with_images(data, last_images(session) if session is not None else {})
     width, height = _SIZE_PX
     eye = fitting_view(data.every_place(), "oblique", _ROOM * width, _ROOM * height).eye(width, height)
-    pixels = render_once(data, paper_style(), eye)
+    with process or PictureProcess() as started:
+        pixels = started.picture(data, paper_style(), eye)
     if pixels is None:
         return None
     names, places = named_places(data)

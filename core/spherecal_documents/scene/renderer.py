@@ -170,29 +170,38 @@ def serve(pipe: Connection) -> None:
     stage.close()
 
 
-def render_once(data: SceneData, style: SceneStyle, eye: Eye) -> Any:
-    """One picture with smooth edges, (height, width, 3) uint8, from a process of its own; None where that fails."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
-    memory = shared_memory.SharedMemory(create=True, size=3 * eye.width * eye.height)
-    try:
-        process.start()
+class PictureProcess:
+    """A process that renders one picture with smooth edges. It loads VTK while its maker does something else."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
+        self._process.start()
         theirs.close()
-        if not ours.poll(_PATIENCE_S) or ours.recv()[0] != "ready":
+
+    def __enter__(self) -> "PictureProcess":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pipe.close()
+        self._process.terminate()
+        self._process.join()
+
+    def picture(self, data: SceneData, style: SceneStyle, eye: Eye) -> Any:
+        """The picture, (height, width, 3) uint8; None where that fails."""
+        memory = shared_memory.SharedMemory(create=True, size=3 * eye.width * eye.height)
+        try:
+            if not self._pipe.poll(_PATIENCE_S) or self._pipe.recv()[0] != "ready":
+                return None
+            self._pipe.send(("scene", (data, style)))
+            self._pipe.send(("eye", (memory.name, 0, eye, True)))
+            if not self._pipe.poll(_PATIENCE_S):
+                return None
+            self._pipe.recv()
+            return np.ndarray((eye.height, eye.width, 3), np.uint8, memory.buf).copy()
+        except (EOFError, OSError):
             return None
-        ours.send(("scene", (data, style)))
-        ours.send(("eye", (memory.name, 0, eye, True)))
-        if not ours.poll(_PATIENCE_S):
-            return None
-        ours.recv()
-        return np.ndarray((eye.height, eye.width, 3), np.uint8, memory.buf).copy()
-    except (EOFError, OSError):
-        return None
-    finally:
-        ours.close()
-        process.join(2.0)
-        if process.is_alive():
-            process.terminate()
-        memory.close()
-        memory.unlink()
+        finally:
+            memory.close()
+            memory.unlink()

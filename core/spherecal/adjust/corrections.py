@@ -33,7 +33,15 @@ from spherecal.adjust.lens_field import beyond_lens, field_basis
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
-from spherecal.adjust.variance_components import Effects, Estimate, effect_cofactors, estimated, least_cost, solved
+from spherecal.adjust.variance_components import (
+    Effects,
+    Estimate,
+    effect_cofactors,
+    estimated,
+    least_cost,
+    others_eliminated,
+    solved,
+)
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
@@ -427,10 +435,12 @@ def _considered(design: Design, effects: Effects, variances: FloatArray, adjuste
         more, gain = _not_excluded(design, effects, variances, adjusted)
     if design.bending is None or gain > LEAST_EVIDENCE:  # either may be the cause
         return more
-    squared = (design.kind == BENDING) * design.bending.size**2 / max(adjusted.variance, LEAST_VARIANCE)
-    tried = [(solved(effects, variances + more + squared * size**2).deviance, size) for size in (0.0, *BENT)]
+    is_bent = design.kind == BENDING
+    alone = others_eliminated(effects, variances + more, is_bent)
+    squared = design.bending.size**2 / max(adjusted.variance, LEAST_VARIANCE)
+    tried = [(solved(alone, np.array([squared * size**2])).deviance, size) for size in (0.0, *BENT)]
     least, size = min(tried)
-    return more + squared * size**2 * (tried[0][0] - least > MORE_THAN_NOISE)
+    return more + is_bent * squared * size**2 * (tried[0][0] - least > MORE_THAN_NOISE)
 
 
 def _with_considered(effects: Effects, variances: FloatArray, considered: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs  # pyright: ignore[reportAttributeAccessIssue]
 
-from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 
 ROUNDS = 30
 SETTLED = 0.5  # change of the deviance in a round; effects are taken from 30 on
@@ -97,6 +97,23 @@ def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
     scaled = effects.matrix * root[:, None] * root
     scaled[np.diag_indices(len(root))] += 1.0
     return np.asarray(np.linalg.inv(scaled) * root[:, None] * root, dtype=np.float64)
+
+
+def others_eliminated(effects: Effects, variances: FloatArray, kept: BoolArray) -> Effects:
+    """The effects of the kept parts (parts,) alone, as one part, all others eliminated with variances (parts,)."""
+    others, own = effect_cofactors(effects, variances), kept[effects.part]
+    across = others @ effects.matrix[:, own]
+    matrix = effects.matrix[np.ix_(own, own)] - effects.matrix[own] @ across
+    gradient = effects.gradient[own] - across.T @ effects.gradient
+    squares = effects.squares - float(effects.gradient @ others @ effects.gradient)
+    return replace(
+        effects,
+        matrix=matrix,
+        gradient=gradient,
+        squares=squares,
+        part=np.zeros(own.sum(), dtype=int),
+        kind=effects.kind[:1],
+    )
 
 
 def least_cost(effects: Effects, variances: FloatArray, fixed: FloatArray) -> float:

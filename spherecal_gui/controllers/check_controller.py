@@ -53,8 +53,7 @@ class CheckController(ControllerPart):
 
     def _checked(self, found: "Check") -> None:
         self.found, self.after = found, None
-        if self.project is not None:
-            self.main.update(changes.with_check(self.project, found.verdict))
+        self.main.revise(changes.with_check, found.verdict)
         self.main.result_changed.emit()
         text = translate("Check", "The check is finished: {verdict}.").format(verdict=verdict_word(found.verdict))
         self.main.tell("good" if found.verdict == "ok" else "bad", text)
@@ -73,8 +72,7 @@ class CheckController(ControllerPart):
 
     def _repaired(self, done: "tuple[changes.Verdict, Check]") -> None:
         verdict, self.after = done
-        if self.project is not None:
-            self.main.update(changes.with_repaired(self.project, verdict))
+        self.main.revise(changes.with_repaired, verdict)
         self.main.result_changed.emit()
         text = translate("Check", "The repair is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.main.tell("good" if verdict == "valid" else "bad", text)
@@ -86,8 +84,7 @@ class CheckController(ControllerPart):
             return False
 
         def done(number: str) -> None:
-            if self.project is not None:
-                self.main.update(changes.with_repair_in_use(self.project))
+            self.main.revise(changes.with_repair_in_use)
             text = translate("Check", "The repaired calibration is in use, as number {number}.")
             self.main.tell("good", text.format(number=number))
 

@@ -88,8 +88,7 @@ class ComputationController(ControllerPart):
     def _calibrated(self, found: tuple[changes.Verdict, Outcome]) -> None:
         self.follow()
         verdict, self.main.outcome = found
-        if self.project is not None:
-            self.main.update(changes.with_calibration(self.project, verdict))
+        self.main.revise(changes.with_calibration, verdict)
         self._bars.take_over_plan()
         self.main.result_changed.emit()
         kind = {"valid": "good", "use with care": "info"}.get(verdict, "bad")
@@ -136,7 +135,7 @@ class ComputationController(ControllerPart):
 
     def _with_repairs(self, change: Callable[[Project, str, str], Project], option: str, value: str) -> None:
         if self.project is not None and self.runner.running is None:
-            self.main.update(change(self.project, option, value))
+            self.main.revise(change, option, value)
             self.main.result_changed.emit()
 
     def accept_results(self) -> None:
@@ -163,8 +162,7 @@ class ComputationController(ControllerPart):
 
     def _verified(self, found: tuple[changes.Verdict, Outcome]) -> None:
         verdict, self.main.outcome = found
-        if self.project is not None:
-            self.main.update(changes.with_verification(self.project, verdict))
+        self.main.revise(changes.with_verification, verdict)
         self.main.result_changed.emit()
         text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
         said_by_page = (*changes.VERIFIED, "undecided", "no data")  # the page and the rail are amber

@@ -34,8 +34,7 @@ class SavingController(ControllerPart):
         project = self.project
 
         def done(what: Path | str) -> None:
-            if self.project is not None:
-                self.main.update(changes.with_saved(self.project))
+            self.main.revise(changes.with_saved)
             self.main.tell("good", message.format(what=what))
 
         if project is None:

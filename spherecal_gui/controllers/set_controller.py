@@ -119,10 +119,8 @@ class SetController(ControllerPart):
 
     def drop_placement(self, set_id: str) -> None:
         """Do without a planned placement that was not taken."""
-        if self.project is not None:
-            self.main.update(changes.without_placement(self.project, set_id))
+        self.main.revise(changes.without_placement, set_id)
 
     def keep(self, set_id: str) -> None:
         """Keep a set as it was taken, with what is wrong with it."""
-        if self.project is not None:
-            self.main.update(changes.with_kept(self.project, set_id))
+        self.main.revise(changes.with_kept, set_id)

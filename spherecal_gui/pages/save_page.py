@@ -23,7 +23,7 @@ from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.frame_dialog import FrameDialog
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.frame_presenter import FrameChoice, frame_words
-from spherecal_gui.presenters.start_presenter import next_check_text, number_in_use
+from spherecal_gui.presenters.start_presenter import in_use
 from spherecal_gui.presenters.step_states import SaveFacts, save_says
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
@@ -298,12 +298,10 @@ class SavePage(Page):
     def _show_end(self) -> None:
         """What was saved where, and when the next check is due: a run that is finished says so."""
         lines = []
-        number = number_in_use(self.profile_path) if self.is_kept else None
-        if number is not None:
-            lines.append(
-                self.tr("In use: calibration {number}, in {folder}.").format(number=number, folder=self.profile_path)
-            )
-            lines.append(next_check_text(self.profile_path))
+        found = in_use(self.profile_path) if self.is_kept else None
+        if found is not None:
+            text = self.tr("In use: calibration {number}, in {folder}.")
+            lines += [text.format(number=found.number, folder=self.profile_path), found.next_check]
         if self.report_path.is_file():
             lines.append(self.tr("Report: {path}").format(path=self.report_path))
         if self._opened is False:

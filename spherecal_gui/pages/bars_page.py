@@ -2,7 +2,7 @@
 
 import time
 
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QVBoxLayout
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.coverage import same_place
@@ -22,8 +22,8 @@ class ScalePage(LivePage):
 
     some_are_enough = True
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"capture": self._take}
         self.headline = self.message = label("", "huge")
         self.poses = spaced(QHBoxLayout(), 18)

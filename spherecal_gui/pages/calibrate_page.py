@@ -32,8 +32,8 @@ _LAST = "writing the result"  # the stage that every computation with a result c
 class CalibratePage(Page):
     """The computation."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"calibrate": controller.computation.calibrate, "results": partial(controller.go, "results")}
         self.course: CourseOfWork = controller.computation.course or CourseOfWork()
         self._was_running = False

@@ -149,8 +149,8 @@ class CameraRow(QWidget):
 class LensBar(QWidget):
     """The lenses of all cameras in one line: a focal length, or that nobody knows it; the pixel pitch."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
         self._controller = controller
         self.focal = named(QComboBox(), "lens-focal", self.tr("Focal length of all lenses"))
         self.focal.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
@@ -200,8 +200,8 @@ class LensBar(QWidget):
 class ConnectPage(Page):
     """Two cards: cameras on the left, the bench on the right."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"confirm": controller.recording.confirm_bench, "describe": self.bench_wanted.emit}
         self.dialog: CameraDialog | None = None
         self._shown: list[CameraLine] = []

@@ -27,8 +27,8 @@ class LookPage(LivePage):
 
     wants_histograms = True
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"accept": controller.cameras.accept_look}
         self.headline = self.summary = label("", "huge")
         self.warm_up = label("", "", level="caution", hidden=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
@@ -64,8 +64,8 @@ class DeviationChart(Chart):
 class MeasurePage(Page):
     """Points to choose on the left, values and their course on the right."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"record": self._record, "stop recording": self._end_recording}
         self._run: LiveMeasurement | None = None
         self._shown: MeasuredSet | None = None

@@ -39,8 +39,8 @@ class PlacementPage(LivePage):
 
     wants_dots = True
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"capture": self._take, "next": self._next}
         self._trigger = AutoTrigger()
         self._turned = False

@@ -49,8 +49,8 @@ from spherecal_gui.workflow import Status, Step
 class SavePage(Page):
     """What is done with the result."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         to_calibrate = partial(controller.go, "calibrate")
         self.deeds = {"save": self._save_profile, "report": self._write_report, "results": to_calibrate}
         self.headline = self.word = label("", "huge")

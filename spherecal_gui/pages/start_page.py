@@ -46,8 +46,8 @@ class StartPage(QWidget):
     bench_wanted = Signal()
     said = Signal(str, str, str)
 
-    def __init__(self, projects: Path, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, projects: Path) -> None:
+        super().__init__()
         self.projects = projects
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None

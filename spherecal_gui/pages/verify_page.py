@@ -34,8 +34,8 @@ _LOOK_S = 0.4  # between two looks at the bar; one takes 20 ms beside the window
 class VerifyPage(ScalePage):
     """Poses of the check bars, guided and accepted as they are laid; then what was measured."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {**self.deeds, "measure": self._measure, "retake": self._retake_all}
         self.deeds["results"] = partial(controller.go, "calibrate")
         self._chosen: str | None = None

@@ -259,8 +259,8 @@ class Downwards(QScrollArea):
 class Card(QFrame):
     """A panel with an optional heading; `body` takes the contents."""
 
-    def __init__(self, title: str = "", horizontal: bool = False, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, title: str = "", horizontal: bool = False) -> None:
+        super().__init__()
         self.setObjectName("card")
         outer = QVBoxLayout(self)
         outer.setContentsMargins(theme.PAD, theme.GAP, theme.PAD, theme.GAP)
@@ -278,8 +278,8 @@ class Chip(QWidget):
 
     clicked = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.text = ""
         self.level: Level = "none"
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)

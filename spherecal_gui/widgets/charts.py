@@ -8,7 +8,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QResizeEvent
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtWidgets import QSizePolicy
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_gui import coverage as cov
@@ -49,8 +49,8 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 class Chart(pg.PlotWidget):
     """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it again."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._drawn: object = None
         self.setMenuEnabled(False)
         self.hideButtons()
@@ -205,8 +205,8 @@ class ConvergenceChart(Chart):
     are given new points stall the window a fifth as long as a plot made again.
     """
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._earlier, self._latest = pg.PlotCurveItem(connect="finite"), pg.PlotCurveItem()
         self.addItem(self._earlier)
         self.addItem(self._latest)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRadialGradient
-from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal_documents.scene.eye import Eye
@@ -36,8 +35,8 @@ _BEHIND = 0.03  # of the radius: a dot as far behind its ball's outline is hidde
 class PaintedScene(SceneView):
     """A view that needs nothing but Qt."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._small: dict[str, ByteArray] = {}
         self._lines: list[Lines] = []
 

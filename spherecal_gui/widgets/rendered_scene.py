@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
-from PySide6.QtWidgets import QWidget
 
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import SceneData
@@ -23,8 +22,8 @@ _numbers = itertools.count(1)
 class RenderedScene(PaintedScene):
     """Asks for pictures and shows them. `first_picture_s`: from being shown to the first one, None before."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._id = next(_numbers)
         self._version = self._number = self._got = self._fine = 0
         self._process: SceneProcess | None = None

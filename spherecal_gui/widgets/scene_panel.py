@@ -50,8 +50,8 @@ class ScenePanel(QWidget):
     camera_chosen = Signal(str)
     said = Signal(str, str, str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         column = bare(QVBoxLayout(self), theme.SMALL)
         self.view = make_scene_view()
         self.view.camera_chosen.connect(self.camera_chosen)

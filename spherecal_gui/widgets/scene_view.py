@@ -45,8 +45,8 @@ class SceneView(QWidget):
 
     camera_chosen = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setMinimumSize(260, 200)
         self.setObjectName("scene")
         self.setMouseTracking(True)
@@ -339,8 +339,8 @@ def _rgb(name: str) -> tuple[int, int, int]:
     return colour.red(), colour.green(), colour.blue()
 
 
-def make_scene_view(parent: QWidget | None = None) -> SceneView:
+def make_scene_view() -> SceneView:
     """The view of pyvista, painted where that does not work; SPHERECAL_3D=painted asks for the painted one."""
     from spherecal_gui.widgets.rendered_scene import RenderedScene  # which imports this module
 
-    return RenderedScene(parent)
+    return RenderedScene()

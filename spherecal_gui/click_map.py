@@ -1,7 +1,6 @@
 """Where the buttons are on the screen, for a driver that clicks them with a real mouse: SPHERECAL_MAP=FILE."""
 
 import json
-import os
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QTimer
@@ -9,7 +8,6 @@ from PySide6.QtWidgets import QApplication, QCheckBox, QPushButton, QWidget
 
 from spherecal.base.filesystem import write_whole
 
-VARIABLE = "SPHERECAL_MAP"
 _EVERY_MS = 100
 
 
@@ -41,9 +39,3 @@ class ClickMap(QObject):
                     text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
                     found[key] = [middle.x(), middle.y(), heard, text, one.hasFocus()]
         write_whole(self._path, json.dumps(found).encode())
-
-
-def wanted() -> Path | None:
-    """The file that the environment asks for."""
-    named = os.environ.get(VARIABLE)
-    return Path(named) if named else None

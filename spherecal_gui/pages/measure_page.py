@@ -33,7 +33,7 @@ from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, add, label, named, say
 from spherecal_gui.widgets.charts import Chart
-from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import MeasuredSet
@@ -75,7 +75,7 @@ class MeasurePage(Page):
         self._trust: tuple[str, Level] = ("", "none")
         self.headline = self.trust = label("", "big")
         self.pace, self.recording = label("", "soft"), label("", "soft")
-        self.space = make_scene_view()
+        self.space = RenderedScene()
         self._rig: object = None  # the result whose rig the scene shows
         left = add(QVBoxLayout(), (self.space, 3), (self._points(), 2))
         row = add(QHBoxLayout(), (left, 4), (self._values(), 5))

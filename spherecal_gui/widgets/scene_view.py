@@ -1,7 +1,4 @@
-"""What all views of the rig have in common: turning, what is under the mouse, names, legend and cube (scene_overlay).
-
-`make_scene_view` gives the rendered view where pyvista works, else the painted one; both show the same elements.
-"""
+"""What all views of the rig have in common: turning, what is under the mouse, names, legend, cube (scene_overlay)."""
 
 import numpy as np
 from PySide6.QtCore import QBuffer, QPointF, QSize, Qt, Signal
@@ -337,10 +334,3 @@ def png_of(image: QPixmap) -> bytes:
 def _rgb(name: str) -> tuple[int, int, int]:
     colour = QColor(name)
     return colour.red(), colour.green(), colour.blue()
-
-
-def make_scene_view() -> SceneView:
-    """The view of pyvista, painted where that does not work; SPHERECAL_3D=painted asks for the painted one."""
-    from spherecal_gui.widgets.rendered_scene import RenderedScene  # which imports this module
-
-    return RenderedScene()

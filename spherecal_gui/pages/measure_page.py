@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBox
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
-from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.measure_presenter import (
@@ -45,9 +44,7 @@ class DeviationChart(Chart):
 
     def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
         """Show deviations with their expanded uncertainties. `times`: of the sets, (n,) s; `off`, `expanded` (n,)."""
-        c = theme.now()
-        self.clear()
-        self.dress()
+        c = self.begin()
         if not len(times):
             return
         reach = float(max(np.abs(off).max(), expanded.max())) * 1.15 or 1.0

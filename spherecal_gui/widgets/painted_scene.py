@@ -126,12 +126,12 @@ class PaintedScene(SceneView):
                 if camera.id not in self._small:
                     self._small[camera.id] = shrunk(data.images[camera.id], _IMAGE_PX)
                 _draw_image(painter, eye.flat(camera.corners), self._small[camera.id])
-            tint = QColor(c.bad if camera.id in moved else c.accent if camera.id == self.marked else c.idle)
+            tint = theme.rgb(c.bad if camera.id in moved else c.accent if camera.id == self.marked else c.idle)
             corners, _, size, _ = body_of(camera)
             flat, depth = eye.flat(corners), corners @ eye.towards
             painter.setPen(QPen(QColor(c.scene), 1))
             for face in sorted(_FACES, key=lambda face: float(depth[list(face)].mean()))[3:]:
-                shade = blended((tint.red(), tint.green(), tint.blue()), (0, 0, 0), 0.12 * (face[0] % 3))
+                shade = blended(tint, (0, 0, 0), 0.12 * (face[0] % 3))
                 painter.setBrush(QColor(*shade))
                 painter.drawPolygon(QPolygonF([QPointF(x, y) for x, y in flat[list(face)].tolist()]))
             front = eye.flat((corners[1::2].mean(axis=0))[None])[0].tolist()

@@ -102,9 +102,9 @@ class SceneView(QWidget):
     def style_of_now(self) -> SceneStyle:
         """The palette's colours, as the scene takes them."""
         c = theme.now()
-        plain, marks = (_rgb(c.scene), _rgb(c.border), _rgb(c.text), _rgb(c.accent)), (c.good, c.caution, c.bad)
-        good, caution, bad = map(_rgb, marks)
-        return SceneStyle(c.dark, *plain, good, caution, bad, self.layers, self.marked)
+        scene, border, text, accent = map(theme.rgb, (c.scene, c.border, c.text, c.accent))
+        good, caution, bad = map(theme.rgb, (c.good, c.caution, c.bad))
+        return SceneStyle(c.dark, scene, border, text, accent, good, caution, bad, self.layers, self.marked)
 
     def dress(self) -> None:
         """Take the palette's colours."""
@@ -329,8 +329,3 @@ def png_of(image: QPixmap) -> bytes:
     memory.open(QBuffer.OpenModeFlag.WriteOnly)
     image.save(memory, "PNG")
     return bytes(memory.data().data())
-
-
-def _rgb(name: str) -> tuple[int, int, int]:
-    colour = QColor(name)
-    return colour.red(), colour.green(), colour.blue()

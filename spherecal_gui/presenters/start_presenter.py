@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.errors import SpherecalError
+from spherecal.base.filesystem import is_plain_file_below
 from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
 from spherecal_gui.last_verification import last_verification
@@ -215,11 +216,13 @@ class InUse:
 
 
 def _opened(profile: Path) -> "Profile | None":
-    """The profile in a folder; None where there is none that can be read."""
-    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
+    """The profile in a folder; None where there is none that can be read: then nothing heavy is imported."""
+    if not is_plain_file_below(profile, "profile.json"):
+        return None
+    from spherecal_rigs.store import open_profile  # imports scipy
 
     try:
-        return open_profile(profile) if is_profile(profile) else None
+        return open_profile(profile)
     except SpherecalError:
         return None
 

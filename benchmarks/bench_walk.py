@@ -30,7 +30,14 @@ def main() -> None:
     parser.add_argument("--save", action="store_true", help="write the figures into baseline.json")
     options = parser.parse_args()
     path = os.pathsep.join([str(ROOT / "core"), str(ROOT)])
-    program = ["/usr/bin/env", f"PYTHONPATH={path}", "SPHERECAL_KERNELS=", sys.executable, "-m", "spherecal_gui"]
+    program = [
+        "/usr/bin/env",
+        f"PYTHONPATH={path}",
+        "SPHERECAL_KERNELS=",
+        sys.executable,
+        "-m",
+        "benchmarks.timed_window",
+    ]
     runs: list[dict[str, Any]] = []
     for _ in range(options.runs):
         with tempfile.TemporaryDirectory() as folder:

@@ -72,7 +72,7 @@ class FreshUser(Walk):
             "XDG_RUNTIME_DIR": str(home),
         }
         changed = [f"{key}={value}" for key, value in (words | variables).items()]
-        command = [*inside, "/usr/bin/env", *changed, sys.executable, "-m", "spherecal_gui"]
+        command = [*inside, "/usr/bin/env", *changed, sys.executable, "-m", "benchmarks.timed_window"]
         super().__init__(command, home, display, None)
         self.rows: list[tuple[str, str, str, str]] = []
         self.first_s: float | None = None

@@ -97,8 +97,8 @@ def main(arguments: list[str] | None = None) -> int:
     program = Program(options.projects, options.language)
     hooks.save_bundle = program.save_bundle
     program.window.bench = str(options.bench.resolve()) if options.bench is not None else ""
-    if (map_file := click_map.wanted()) is not None:
-        click_map.ClickMap(map_file, program)
+    if named := os.environ.get("SPHERECAL_MAP"):
+        click_map.ClickMap(Path(named), program)
     program.ending = Ending(program.close_window, application.quit, program)
     if options.open is not None:
         program.window.open_project(str(options.open))

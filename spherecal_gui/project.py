@@ -47,9 +47,9 @@ class Artefacts:
     `check_bars` verify; a bar is never both. `board`: a board calibrates, not a ball.
     """
 
-    target_set: str
-    ball: str
-    scale: str
+    target_set: str = ""
+    ball: str = ""
+    scale: str = ""
     scale_bar: str | None = None
     check_bars: tuple[str, ...] = ()
     check: str = ""

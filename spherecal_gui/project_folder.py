@@ -63,25 +63,13 @@ def _method(text: str) -> str:
     return text if text == "tao2021" else ""
 
 
-def _artefacts(
-    target_set: str = "",
-    ball: str = "",
-    scale: str = "",
-    scale_bar: str | None = None,
-    check_bars: tuple[str, ...] = (),
-    check: str = "",
-    board: bool = False,
-) -> Artefacts:
-    return Artefacts(target_set, ball, scale, scale_bar, check_bars, check, board)
-
-
 def _mask(camera: str, rectangle: Rectangle) -> tuple[str, Rectangle]:
     return camera, rectangle
 
 
 _ARTEFACTS = record(
     "What somebody has confirmed: words for people, and the bars.",
-    _artefacts,
+    Artefacts,
     optional("target_set", prose("The targets.")),
     optional("ball", prose("The ball.")),
     optional("scale", prose("What gives the scale.")),
@@ -136,7 +124,7 @@ def _with_fingerprints(document: Document) -> Document:
     if document.get("artefacts") is not None:
         given: Document = dict(document["artefacts"])
         given["check_bars"] = tuple(given.get("check_bars") or ())
-        artefacts = _artefacts(**given)
+        artefacts = Artefacts(**given)
         words = {one.name: getattr(artefacts, one.name) for one in fields(artefacts) if one.name != "board"}
         known[f"Artefacts({_arguments(words)})"] = fingerprint(artefacts)
     for key in ("calibrated", "accepted", "checked", "verified", "repaired", "saved"):  # what follows from others last

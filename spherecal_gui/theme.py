@@ -96,10 +96,15 @@ def font(size: float, bold: bool = False) -> QFont:
     return QFont(made)
 
 
+def rgb(name: str) -> tuple[int, int, int]:
+    """A colour's parts, each to 255."""
+    made = QColor(name)
+    return made.red(), made.green(), made.blue()
+
+
 def mixed(first: str, second: str, share: float) -> str:
     """The colour between two, as `#rrggbb`."""
-    a, b = QColor(first), QColor(second)
-    parts = zip((a.red(), a.green(), a.blue()), (b.red(), b.green(), b.blue()), strict=True)
+    parts = zip(rgb(first), rgb(second), strict=True)
     return "#" + "".join(f"{round(x + share * (y - x)):02x}" for x, y in parts)
 
 

@@ -1,16 +1,18 @@
 """Real lenses: what no estimated model follows, point spreads that shift a dot's centre, focus that leaves the ball."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import INTRINSIC_NAMES, N_INTRINSICS, estimated_mask, project, project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
 
 _DEGREE = 11  # of the polynomials that carry a field: r^10 times x is of degree 11
 _GRID = (28, 22)
+_VIEW_LIMIT_DEG = 60.0
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,33 @@ class TrueLens:
         uv = self.ideal(x_camera)
         place = self.normalised(uv)
         return uv + self.field_at(place) + self._shift(place, x_camera[:, 2])
+
+    def sees(
+        self,
+        pose: tuple[FloatArray, FloatArray],
+        points: FloatArray,
+        normals: FloatArray | None,
+        through: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> tuple[IntArray, FloatArray]:
+        """Which of the points (m, 3) mm are seen from a pose (world to camera), and where, (k,), (k, 2) px.
+
+        `normals` None: from all around; `through`: where points in the camera's frame seem to be, as through glass.
+        """
+        rotation, translation = pose
+        x = points @ rotation.T + translation
+        x = x if through is None else through(x)
+        size = np.array(self.size)
+        angle = np.arctan2(np.hypot(x[:, 0], x[:, 1]), x[:, 2])
+        most = np.arctan(1.3 * np.hypot(*size) / 2 / self.intrinsics[0]) if self.fisheye is None else np.deg2rad(60)
+        good = (x[:, 2] > 0) & (angle < most)
+        if normals is not None:
+            ray = -rotation.T @ translation - points
+            facing = np.cos(np.deg2rad(_VIEW_LIMIT_DEG)) * np.linalg.norm(ray, axis=1)
+            good &= (ray * normals).sum(axis=1) > facing
+        rows = np.flatnonzero(good)
+        uv = self.image(x[rows])
+        inside = ((uv > -0.5) & (uv < size - 0.5)).all(axis=1)
+        return rows[inside], uv[inside]
 
     def ideal(self, x_camera: FloatArray) -> FloatArray:
         """Image points (n, 2) px by the lens model alone."""

@@ -119,7 +119,6 @@ class RealisticTruth:
         return _see(self.rig, self.lenses, points, normals)
 
 
-_VIEW_LIMIT_DEG = 60.0
 _TRIES = 40
 
 
@@ -257,22 +256,11 @@ def _see(
     """Camera, point and exact image of the points that each camera sees, sorted by camera."""
     camera, point, images = [], [], []
     for c, (true, lens) in enumerate(zip(rig.cameras, lenses, strict=True)):
-        rotation, translation = (true.rotation, true.translation_mm) if poses is None else (poses[0][c], poses[1][c])
-        x = points @ rotation.T + translation
-        size = np.array(lens.size)
-        angle = np.arctan2(np.hypot(x[:, 0], x[:, 1]), x[:, 2])
-        most = np.arctan(1.3 * np.hypot(*size) / 2 / lens.intrinsics[0]) if lens.fisheye is None else np.deg2rad(60)
-        good = (x[:, 2] > 0) & (angle < most)
-        if normals is not None:
-            ray = -rotation.T @ translation - points
-            facing = np.cos(np.deg2rad(_VIEW_LIMIT_DEG)) * np.linalg.norm(ray, axis=1)
-            good &= (ray * normals).sum(axis=1) > facing
-        rows = np.flatnonzero(good)
-        uv = lens.image(x[rows])
-        inside = ((uv > -0.5) & (uv < size - 0.5)).all(axis=1)
-        camera.append(np.full(inside.sum(), c))
-        point.append(rows[inside])
-        images.append(uv[inside])
+        pose = (true.rotation, true.translation_mm) if poses is None else (poses[0][c], poses[1][c])
+        rows, uv = lens.sees(pose, points, normals)
+        camera.append(np.full(len(rows), c))
+        point.append(rows)
+        images.append(uv)
     return np.concatenate(camera), np.concatenate(point), np.concatenate(images)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -23,7 +24,6 @@ from spherecal_sim.truth import SimulationOptions
 
 RIGS = ("rigA", "rigB", "hall12", "random")
 NOISE_PX = 0.04
-_VIEW_LIMIT_DEG = 60.0
 _TARGETS = 200
 
 Pose = tuple[FloatArray, FloatArray]  # rotation (3, 3) and translation (3,)
@@ -79,20 +79,8 @@ class World:
 
     def image(self, c: int, t: int, points: FloatArray, normals: FloatArray | None) -> tuple[np.ndarray, FloatArray]:
         """Which of the points (m, 3) camera c sees at placement t, and where, (k,), (k, 2)."""
-        (rotation, translation), lens = self.pose(c, t), self.lens(c, t)
-        x = points @ rotation.T + translation
-        x = x if self.glass_of is None else self.glass_of(c, t, x)
-        size = np.array(lens.size)
-        reach = 1.3 * np.hypot(*size) / 2 / lens.intrinsics[0] if lens.fisheye is None else np.tan(np.deg2rad(60))
-        good = (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2])
-        if normals is not None:
-            ray = -rotation.T @ translation - points
-            facing = np.cos(np.deg2rad(_VIEW_LIMIT_DEG)) * np.linalg.norm(ray, axis=1)
-            good &= (ray * normals).sum(axis=1) > facing
-        rows = np.flatnonzero(good)
-        uv = lens.image(x[rows])
-        inside = ((uv > -0.5) & (uv < size - 0.5)).all(axis=1)
-        return rows[inside], uv[inside]
+        through = None if self.glass_of is None else partial(self.glass_of, c, t)
+        return self.lens(c, t).sees(self.pose(c, t), points, normals, through)
 
     def normals(self, ball: Ball, turn: FloatArray) -> FloatArray | None:
         """Which way the dots face; None for marks that are seen from all around."""

@@ -207,8 +207,8 @@ def _rims_show(scene, centre, rims):
         for k in range(rims.shape[1]):
             dx, dy, dz = rims[i, k, 0] - centre[0], rims[i, k, 1] - centre[1], rims[i, k, 2] - centre[2]
             q = np.sqrt(dx * dx + dy * dy + dz * dz)
-            hit = trace(scene, centre[0], centre[1], centre[2], dx / q, dy / q, dz / q)
-            gap = abs(hit[3] - rims[i, k, 0]) + abs(hit[4] - rims[i, k, 1]) + abs(hit[5] - rims[i, k, 2])
+            px, py, pz = trace(scene, (centre[0], centre[1], centre[2], dx / q, dy / q, dz / q))[3]
+            gap = abs(px - rims[i, k, 0]) + abs(py - rims[i, k, 1]) + abs(pz - rims[i, k, 2])
             # at a grazing angle the ray may slip past the last 0.01 mm of the surface and land far behind
             if gap > _ON_SURFACE_MM:
                 show[i] = False

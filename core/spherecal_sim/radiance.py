@@ -77,26 +77,28 @@ def _fisheye_place(intrinsics, u, v, x, y):
     return gx * factor, gy * factor
 
 
-@njit(nogil=True, cache=True)
-def look_along(scene, rotation, centre, x, y):
-    """The surface seen along normalised coordinates, with its light: code, place (x, y) on it, diffuse, gloss."""
+@njit(nogil=True, cache=False, forceinline=True)
+def ray_of(rotation, centre, x, y):
+    """The ray along normalised coordinates."""
     dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0]
     dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1]
     dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2]
     q = 1.0 / np.sqrt(x * x + y * y + 1.0)
-    code, sx, sy, px, py, pz, nx, ny, nz = trace(scene, centre[0], centre[1], centre[2], dx * q, dy * q, dz * q)
-    diffuse, shine = light(scene, centre[0], centre[1], centre[2], px, py, pz, nx, ny, nz)
+    return centre[0], centre[1], centre[2], dx * q, dy * q, dz * q
+
+
+@njit(nogil=True, cache=True)
+def look_along(scene, rotation, centre, x, y):
+    """The surface seen along normalised coordinates, with its light: code, place (x, y) on it, diffuse, gloss."""
+    code, sx, sy, place, normal = trace(scene, ray_of(rotation, centre, x, y))
+    diffuse, shine = light(scene, centre, place, normal)
     return code, sx, sy, diffuse, shine
 
 
 @njit(nogil=True, cache=True)
 def place_along(scene, code, rotation, centre, x, y):
     """The place (x, y) mm on a sticker that shows along normalised coordinates."""
-    dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0]
-    dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1]
-    dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2]
-    q = 1.0 / np.sqrt(x * x + y * y + 1.0)
-    return place_on(scene, code, centre[0], centre[1], centre[2], dx * q, dy * q, dz * q)
+    return place_on(scene, code, ray_of(rotation, centre, x, y))
 
 
 @njit(nogil=True, cache=True)

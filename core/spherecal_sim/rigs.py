@@ -8,7 +8,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.data.session import STANDARD_PLACEMENTS
+from spherecal.data.session import STANDARD_PLACEMENTS, CameraSpec
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation
 
@@ -65,6 +65,12 @@ class TrueCamera:
     def centre_mm(self) -> FloatArray:
         """The projection centre in the rig's frame, (3,) mm."""
         return -self.rotation.T @ self.translation_mm
+
+    def known(self, prior: FloatArray, prior_given: bool) -> CameraSpec:
+        """The camera as a user knows it."""
+        kind, lens = self.kind, "fisheye" if self.kind.fisheye else "brown"
+        about = {"model": kind.model, "pixel_pitch_um": kind.pixel_pitch_um, "focal_length_mm": kind.focal_length_mm}
+        return CameraSpec(self.id, kind.image_size, prior, prior_given, self.id, lens_model=lens, **about)
 
 
 def rig_design(preset: str) -> RigDesign:

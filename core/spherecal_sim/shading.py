@@ -7,12 +7,13 @@ from spherecal_sim.tracing import ARM, ARM_SKIN, BALL, BALL_SKIN, BAR, BAR_SKIN,
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
-    """Diffuse irradiance and gloss at a point, of all ring lights, falling off with distance.
+def light(scene, eye, place, normal):
+    """Diffuse irradiance and gloss at a place as seen from `eye`, of all ring lights, falling off with distance.
 
     The gloss is Blinn's, exponent 64: a highlight some 10 degrees wide, like that of a satin film.
     """
-    vx, vy, vz = ox - px, oy - py, oz - pz
+    (px, py, pz), (nx, ny, nz) = place, normal
+    vx, vy, vz = eye[0] - px, eye[1] - py, eye[2] - pz
     q = 1.0 / np.sqrt(vx * vx + vy * vy + vz * vz)
     vx, vy, vz = vx * q, vy * q, vz * q
     diffuse, shine = scene.ambient, 0.0

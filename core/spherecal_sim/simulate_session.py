@@ -63,7 +63,7 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
     observations, outlier = _recorded(observations, truth, of_noise, of_faults)
     truth = replace(truth, outlier=outlier)
     session = Session(
-        folder=Path(), cameras=_camera_specs(design, cameras, options, of_priors),
+        folder=Path(), cameras=_camera_specs(cameras, options, of_priors),
         placements=tuple(Placement(name) for name in truth.placements),
         bars=certify(bars, "B" if options.scale == "bar" else None, of_bars),
         bar_poses=recorded_poses(truth.bar_poses, of_bars), scale=_scale(options, targets.layouts[1]), board=None,
@@ -84,28 +84,15 @@ def _names(letter: str, count: int) -> tuple[str, ...]:
 
 
 def _camera_specs(
-    design: rigs.RigDesign, cameras: tuple[rigs.TrueCamera, ...], options: SimulationOptions, rng: np.random.Generator
+    cameras: tuple[rigs.TrueCamera, ...], options: SimulationOptions, rng: np.random.Generator
 ) -> tuple[CameraSpec, ...]:
     """The cameras as a user knows them, priors with the errors that the options ask for."""
-    kind = design.kind
     specs = []
     for camera in cameras:
-        prior = rigs.nominal_intrinsics(kind)
+        prior = rigs.nominal_intrinsics(camera.kind)
         prior[:2] *= 1 + options.prior_focal_error * rng.uniform(-1, 1)
         prior[2:4] += options.prior_centre_error_px * rng.uniform(-1, 1, 2)
-        specs.append(
-            CameraSpec(
-                id=camera.id,
-                image_size=kind.image_size,
-                prior=prior,
-                prior_given=True,
-                intrinsics_group=camera.id,
-                model=kind.model,
-                pixel_pitch_um=kind.pixel_pitch_um,
-                focal_length_mm=kind.focal_length_mm,
-                lens_model="fisheye" if kind.fisheye else "brown",
-            )
-        )
+        specs.append(camera.known(prior, prior_given=True))
     return tuple(specs)
 
 

@@ -99,14 +99,8 @@ def simulate_waved_bar(
     observations = _observations(seen, names, cameras, np.arange(1, len(x) + 1), sigma_px, of_noise)
     marks = {f"M{i + 1}": Mark(i + 1, "centre") for i in range(len(x))}
     lengths = tuple(
-        BarLength(
-            f"M{i + 1}",
-            f"M{i + 2}",
-            float(x[i + 1] - x[i] + of_bar.normal(0.0, certificate_mm / 2)),
-            certificate_mm,
-            2.0,
-        )
-        for i in range(len(x) - 1)
+        BarLength(f"M{i + 1}", f"M{i + 2}", step + of_bar.normal(0.0, certificate_mm / 2), certificate_mm, 2.0)
+        for i, step in enumerate(np.diff(x).tolist())
     )
     bar = Bar("W", "scale", marks, lengths, 1.15e-5, 20.0)
     session = Session(
@@ -130,20 +124,7 @@ def _tilted(towards: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 def _specs(cameras: tuple[TrueCamera, ...]) -> tuple[CameraSpec, ...]:
     """The cameras as data sheets describe them."""
-    return tuple(
-        CameraSpec(
-            c.id,
-            c.kind.image_size,
-            nominal_intrinsics(c.kind),
-            False,
-            c.id,
-            None,
-            c.kind.model,
-            c.kind.pixel_pitch_um,
-            c.kind.focal_length_mm,
-        )
-        for c in cameras
-    )
+    return tuple(c.known(nominal_intrinsics(c.kind), prior_given=False) for c in cameras)
 
 
 def _observations(

@@ -2,7 +2,7 @@
 
 World frame, millimetres. A surface has a code: 0 to 5 the room's walls, ARM, BALL, BAR + p the bare face of bar p. MARK
 + m is a bar's sticker, STICKER + s a sticker of the ball. Kernels take the `TracedScene` as one tuple of arrays. A ray
-has an origin (ox, oy, oz) and a unit direction (dx, dy, dz).
+is its origin and its unit direction, (ox, oy, oz, dx, dy, dz).
 """
 
 from typing import NamedTuple
@@ -81,12 +81,13 @@ _LAST_STEP_MM = 5e-3
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def hit_ball(scene, ox, oy, oz, dx, dy, dz):
+def hit_ball(scene, ray):
     """Distance along a ray to the ball's surface, or -1; and the bumps' gradient there.
 
     Newton's method from the sphere that encloses the ball: seen from outside the distance from the surface falls along
     a convex curve, so the steps never overshoot.
     """
+    ox, oy, oz, dx, dy, dz = ray
     b = ox * dx + oy * dy + oz * dz
     disc = b * b - (ox * ox + oy * oy + oz * oz - scene.ball_reach**2)
     axes, coefficients = scene.lobe_axes, scene.lobe_coefficients
@@ -172,22 +173,24 @@ def sticker_at(scene, nx, ny, nz):
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def place_on(scene, code, ox, oy, oz, dx, dy, dz):
+def place_on(scene, code, ray):
     """The place in mm on a sticker that a ray known to hit it hits."""
     if code < STICKER:
         m = code - MARK
-        _, x, y, _ = hit_bar(scene, scene.mark_bar[m], ox, oy, oz, dx, dy, dz)
+        _, x, y, _ = hit_bar(scene, scene.mark_bar[m], ray)
         return x - scene.mark_x[m], y
-    ox, oy, oz, dx, dy, dz = in_ball_frame(scene, ox, oy, oz, dx, dy, dz)
-    t, _, _, _ = hit_ball(scene, ox, oy, oz, dx, dy, dz)
+    own = in_ball_frame(scene, ray)
+    t, _, _, _ = hit_ball(scene, own)
+    ox, oy, oz, dx, dy, dz = own
     px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
     q = np.sqrt(px * px + py * py + pz * pz)
     return flatten(scene, code - STICKER, px / q, py / q, pz / q)
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
-    """A ray of the world in the ball frame: origin and direction."""
+def in_ball_frame(scene, ray):
+    """A ray of the world in the ball frame."""
+    ox, oy, oz, dx, dy, dz = ray
     r, c = scene.ball_rotation, scene.ball_place
     qx, qy, qz = ox - c[0], oy - c[1], oz - c[2]
     return (
@@ -201,11 +204,12 @@ def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def hit_arm(arm, ox, oy, oz, dx, dy, dz):
+def hit_arm(arm, ray):
     """Distance along a ray to a capsule, or -1.
 
     `arm`: ends and radius of the capsule, (7,) mm.
     """
+    ox, oy, oz, dx, dy, dz = ray
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
     px, py, pz = ox - arm[0], oy - arm[1], oz - arm[2]
     aa = ax * ax + ay * ay + az * az
@@ -234,8 +238,9 @@ def hit_arm(arm, ox, oy, oz, dx, dy, dz):
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
+def hit_bar(scene, p, ray):
     """Distance along a ray to the face of a bar or -1, the place (x, y) on it, and whether it is the marked side."""
+    ox, oy, oz, dx, dy, dz = ray
     r, o = scene.bar_rotations[p], scene.bar_places[p]
     dn = dx * r[0, 2] + dy * r[1, 2] + dz * r[2, 2]
     if abs(dn) < 1e-9:
@@ -252,32 +257,33 @@ def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def hit_room(scene, ox, oy, oz, dx, dy, dz):
+def hit_room(scene, ray):
     """Distance along a ray to the room's walls from inside, and the wall: 0 x low, 1 x high, 2 y low .. 5 z high."""
     best, wall = 1e30, 0
-    o, d = (ox, oy, oz), (dx, dy, dz)
     for axis in range(3):
-        if abs(d[axis]) > 1e-12:
-            side = 1 if d[axis] > 0.0 else 0
-            t = (scene.room[side, axis] - o[axis]) / d[axis]
+        along = ray[3 + axis]
+        if abs(along) > 1e-12:
+            side = 1 if along > 0.0 else 0
+            t = (scene.room[side, axis] - ray[axis]) / along
             if 0.0 < t < best:
                 best, wall = t, 2 * axis + side
     return best, wall
 
 
 @njit(nogil=True, cache=False, forceinline=True)
-def trace(scene, ox, oy, oz, dx, dy, dz):
+def trace(scene, ray):
     """The first surface on a ray: code, place on it (x, y), point and normal in the world."""
-    t, wall = hit_room(scene, ox, oy, oz, dx, dy, dz)
+    ox, oy, oz, dx, dy, dz = ray
+    t, wall = hit_room(scene, ray)
     code = wall
     nx = ny = nz = x = y = 0.0
     for k in range(len(scene.arms)):
-        s = hit_arm(scene.arms[k], ox, oy, oz, dx, dy, dz)
+        s = hit_arm(scene.arms[k], ray)
         if 0.0 < s < t:
             t, code = s, ARM
             nx, ny, nz = arm_normal(scene.arms[k], ox + s * dx, oy + s * dy, oz + s * dz)
     for p in range(len(scene.bar_places)):
-        s, bx, by, marked = hit_bar(scene, p, ox, oy, oz, dx, dy, dz)
+        s, bx, by, marked = hit_bar(scene, p, ray)
         if 0.0 < s < t:
             t, code, x, y = s, BAR + p, bx, by
             side = -1.0 if marked else 1.0
@@ -293,8 +299,9 @@ def trace(scene, ox, oy, oz, dx, dy, dz):
                         code, x = MARK + m, bx - scene.mark_x[m]
     if scene.ball_radius > 0.0:
         r = scene.ball_rotation
-        bx, by, bz, ex, ey, ez = in_ball_frame(scene, ox, oy, oz, dx, dy, dz)
-        s, gx, gy, gz = hit_ball(scene, bx, by, bz, ex, ey, ez)
+        own = in_ball_frame(scene, ray)
+        bx, by, bz, ex, ey, ez = own
+        s, gx, gy, gz = hit_ball(scene, own)
         if 0.0 < s < t:
             t, code = s, BALL
             bx, by, bz = bx + s * ex, by + s * ey, bz + s * ez
@@ -313,7 +320,7 @@ def trace(scene, ox, oy, oz, dx, dy, dz):
     px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
     if code < ARM:
         nx, ny, nz, x, y = wall_place(code, px, py, pz)
-    return code, x, y, px, py, pz, nx, ny, nz
+    return code, x, y, (px, py, pz), (nx, ny, nz)
 
 
 @njit(nogil=True, cache=False, forceinline=True)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from spherecal import __version__
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError, SpherecalError
 from spherecal.base.filesystem import read_below, remove_below, shown_name, write_together
@@ -43,7 +42,7 @@ _VERDICTS = {"consistent": Strong("consistent", GOOD), "inconsistent": Strong("i
 
 def batch_page(rows: Sequence[dict[str, Any]], settings: Mapping[str, Any]) -> Document:
     """The document with one line for each session; the same rows give the same bytes."""
-    document = Document("SphereCal batch", "Batch of calibrations", f"Batch by SphereCal {__version__}")
+    document = Document("Batch of calibrations", kind="Batch", title="SphereCal batch")
     counts = {word: sum(row["outcome"] == word for row in rows) for word in _WORDS}
     said = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
     document.paragraph(f"{len(rows)} sessions: {said}.")

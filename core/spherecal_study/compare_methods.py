@@ -6,9 +6,24 @@ from typing import Any
 import numpy as np
 
 from spherecal.data.session import STANDARD_PLACEMENTS
-from spherecal_study import study_page
 from spherecal_study.executor import Trial
-from spherecal_study.study_agreement import Estimate, below, estimate, like, ordered
+from spherecal_study.study_agreement import (
+    Estimate,
+    Judged,
+    Results,
+    alone_rms,
+    bar_sd,
+    below,
+    estimate,
+    like,
+    local_and_global_s,
+    mean_px,
+    ordered,
+    pairs,
+    pooled_sd,
+    with_seeds,
+)
+from spherecal_study.study_page import Document, Options, PaperComparison
 
 TITLE = "This method, a board and a bar (Figs. 16 to 19, Table III)"
 RUNS = 3
@@ -44,12 +59,12 @@ _ROWS = {
 _SUB_BARS = ("A1A2", "A3A4", "B1B2", "B1B3", "B1B4")
 
 
-def trials(options: study_page.Options) -> list[Trial]:
+def trials(options: Options) -> list[Trial]:
     """Every method with the paper's number of placements and frames, or with as many as can be rendered."""
     return [_trial(name, options, s) for name in _rows(options) for s in options.seeds]
 
 
-def _rows(options: study_page.Options) -> dict[str, _Row]:
+def _rows(options: Options) -> dict[str, _Row]:
     """The methods compared; stickers with wrong prints are not rendered."""
     return {
         name: row
@@ -58,7 +73,7 @@ def _rows(options: study_page.Options) -> dict[str, _Row]:
     }
 
 
-def _trial(name: str, options: study_page.Options, seed: int) -> Trial:
+def _trial(name: str, options: Options, seed: int) -> Trial:
     row = _ROWS[name]
     settings = {**options.plain(_RIG), "seed": seed, **row.settings}
     if row.kind == "ball":
@@ -68,244 +83,158 @@ def _trial(name: str, options: study_page.Options, seed: int) -> Trial:
     return Trial(row.kind, {**settings, {"board": "placements", "bar": "frames"}[row.kind]: amount[row.kind]})
 
 
-_Found = dict[str, study_page.Results]
+_Found = dict[str, Results]
 _COLUMNS = (
     "method", "n", "images", "sd of bars, mm", "size of mean error, mm",
     "calibration alone, um", "px", "CPU s",
 )  # fmt: skip
 
 
-def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
+def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: all methods by residuals, bars and time, and the table paper / ours."""
-    document = study_page.begin(
+    document = options.begin(
         TITLE,
-        options,
-        [
-            f"{options.rig_words(_RIG)} is calibrated by the ball at four places (the paper's own method to the "
-            "letter, and our free and rigid forms), by a board of 8 x 11 dots 33 mm apart in "
-            "twenty tilts, and by a bar of two marks 300 mm apart in 3,000 frames. Chained: groups of four cameras "
-            "(board) or pairs (bar) are adjusted alone and joined over common cameras, as the paper's rivals are; the "
-            "bar has exact intrinsics given, which is more than any user has. All are judged by the same two reference "
-            "bars in 20 poses each, and by the errors of perfect images: the calibration alone.",
-            "Prints: stickers are perfect, or off by the paper's Assumption 3 (+-0.1 mm, evenly spread: standard "
-            f"deviation {ASSUMPTION_3_SD_MM:g} mm a coordinate); the board is perfect, or off by {_PRINT_MM:g} mm.",
-        ],
+        f"{options.rig_words(_RIG)} is calibrated by the ball at four places (the paper's own method to the "
+        "letter, and our free and rigid forms), by a board of 8 x 11 dots 33 mm apart in "
+        "twenty tilts, and by a bar of two marks 300 mm apart in 3,000 frames. Chained: groups of four cameras "
+        "(board) or pairs (bar) are adjusted alone and joined over common cameras, as the paper's rivals are; the "
+        "bar has exact intrinsics given, which is more than any user has. All are judged by the same two reference "
+        "bars in 20 poses each, and by the errors of perfect images: the calibration alone.",
+        "Prints: stickers are perfect, or off by the paper's Assumption 3 (+-0.1 mm, evenly spread: standard "
+        f"deviation {ASSUMPTION_3_SD_MM:g} mm a coordinate); the board is perfect, or off by {_PRINT_MM:g} mm.",
     )
     names = _rows(options)
     wanted = {name: {_trial(name, options, s).key for s in options.seeds} for name in names}
-    both = study_page.with_seeds(listed, results)
+    both = with_seeds(listed, results)
     found = {name: [r for t, r in both if t.key in wanted[name]] for name in names}
     found = {name: some for name, some in found.items() if some}
     _all_methods(document, found, options)
     _residuals(document, found)
     _by_length(document, found)
     _time(document, found)
-    return _against_paper(document, found)
+    return document.against_paper(_compared(found))
 
 
-def bars_sd(some: study_page.Results) -> Estimate:
+def bars_sd(some: Results) -> Estimate:
     """The standard deviation of bars within a run, each length about its own mean, mm: mean over the runs."""
-    return estimate([study_page.pooled_sd(list(r["bars"].values())) for r in some])
+    return estimate([pooled_sd(list(r["bars"].values())) for r in some])
 
 
-def bars_mean(some: study_page.Results) -> Estimate:
+def bars_mean(some: Results) -> Estimate:
     """The size of the mean error of a length, mm, mean over lengths and runs."""
     return estimate([float(np.mean([abs(np.mean(e)) for e in r["bars"].values() if e])) for r in some if r["bars"]])
 
 
-def alone_um(some: study_page.Results) -> Estimate:
-    """The rms error of bars with perfect images in a run, um, mean over the runs."""
-    return estimate([1e3 * study_page.pooled_rms([r["exact_errors_mm"]]) for r in some])
-
-
-def _all_methods(document: study_page.Document, found: _Found, options: study_page.Options) -> None:
+def _all_methods(document: Document, found: _Found, options: Options) -> None:
     rows = []
     for name, some in found.items():
         row = _ROWS[name]
         amounts = _RENDERED if options.images else {"board": _BOARD, "bar": _FRAMES}
         images = amounts.get(row.kind, STANDARD_PLACEMENTS) * options.cameras(_RIG)
-        cpu = sum(study_page.local_and_global_s(some))
-        px = estimate([r["mean_px"] for r in some]).mean
-        rows.append(
-            [
-                row.text,
-                len(some),
-                images,
-                bars_sd(some).words(4),
-                bars_mean(some).words(4),
-                alone_um(some).words(1),
-                px,
-                cpu,
-            ]
-        )
+        cpu, px = sum(local_and_global_s(some)), mean_px(some).mean
+        words = bars_sd(some).words(4), bars_mean(some).words(4), alone_rms(some).times(1e3).words(1)
+        rows.append([row.text, len(some), images, *words, px, cpu])
     document.begin_section("All methods")
-    study_page.table(document, _COLUMNS, rows)
+    document.table(_COLUMNS, rows)
     document.caption(
         "Means over runs with their standard errors. Bars recorded like everything else carry the noise of their own "
         "images, 0.01 mm; what the calibration itself does is in the column after it."
     )
-    labels = [_ROWS[name].text for name in found]
-    errors = {"rms error": [alone_um(some).error for some in found.values()]}
-    study_page.columns_by_group(
-        document,
-        [label.replace(", ", ",\n") for label in labels],
-        {"rms error": [alone_um(some).mean for some in found.values()]},
-        "calibration alone, um",
-        log=True,
-        errors=errors,
-    )
+    labels = [_ROWS[name].text.replace(", ", ",\n") for name in found]
+    alone = [alone_rms(some).times(1e3) for some in found.values()]
+    document.columns(labels, {"rms error": alone}, "calibration alone, um", log=True)
 
 
-def _residuals(document: study_page.Document, found: _Found) -> None:
+def _residuals(document: Document, found: _Found) -> None:
     """Fig. 16: mean absolute residuals and standard deviations in x and y."""
     document.begin_section("Residuals (Fig. 16)")
     chosen = [name for name in ("tao", "free", "rigid", "board-chained", "bar-chained") if name in found]
-    groups = ["mean |x|", "mean |y|", "sd x", "sd y"]
-    series, errors = {}, {}
+    series = {}
     for name in chosen:
-        each = [[r["mean_abs_px"][0], r["mean_abs_px"][1], r["sd_px"][0], r["sd_px"][1]] for r in found[name]]
-        figures = [estimate([row[i] for row in each]) for i in range(4)]
-        series[_ROWS[name].text] = [f.mean for f in figures]
-        errors[_ROWS[name].text] = [f.error for f in figures]
-    study_page.columns_by_group(
-        document,
-        groups,
-        series,
-        "px",
-        errors=errors,
-        paper={"paper, mean |x|": 0.0453, "paper, mean |y|": 0.0483, "paper, sd": 0.0632},
-    )
+        each = [[*r["mean_abs_px"], *r["sd_px"]] for r in found[name]]
+        series[_ROWS[name].text] = [estimate([row[i] for row in each]) for i in range(4)]
+    paper = {"paper, mean |x|": 0.0453, "paper, mean |y|": 0.0483, "paper, sd": 0.0632}
+    document.columns(["mean |x|", "mean |y|", "sd x", "sd y"], series, "px", paper=paper)
     document.caption("Residuals tell how well the model fits what was seen, not how well the rig measures.")
 
 
-def _by_length(document: study_page.Document, found: _Found) -> None:
+def _by_length(document: Document, found: _Found) -> None:
     """Fig. 17 and Table III: each sub-bar's standard deviation and mean error."""
     document.begin_section("Sub-bars (Figs. 17 and 18, Table III)")
     chosen = [
         n for n in ("tao", "tao-print", "rigid", "rigid-print", "board-chained-print", "bar-chained") if n in found
     ]
-    for what, label in ((_sd_of, "standard deviation, mm"), (_mean_of, "mean error, mm")):
-        series = {_ROWS[n].text: [what(found[n], bar).mean for bar in _SUB_BARS] for n in chosen}
-        errors = {_ROWS[n].text: [what(found[n], bar).error for bar in _SUB_BARS] for n in chosen}
-        paper = {"paper: ball": 0.125, "paper: 1-D": 0.175, "paper: 2-D": 0.2} if what is _sd_of else None
-        study_page.columns_by_group(document, _SUB_BARS, series, label, paper=paper, errors=errors)
+    paper = {"paper: ball": 0.125, "paper: 1-D": 0.175, "paper: 2-D": 0.2}
+    for what, label, lines in ((bar_sd, "standard deviation, mm", paper), (_mean_of, "mean error, mm", None)):
+        series = {_ROWS[n].text: [what(found[n], bar) for bar in _SUB_BARS] for n in chosen}
+        document.columns(_SUB_BARS, series, label, paper=lines)
     rows = [
-        [f"{bar}, {_ROWS[n].text}", _mean_of(some, bar).words(4), _sd_of(some, bar).words(4), _stated(some, bar)]
+        [f"{bar}, {_ROWS[n].text}", _mean_of(some, bar).words(4), bar_sd(some, bar).words(4), _stated(some, bar)]
         for bar in _SUB_BARS
         for n, some in found.items()
     ]
-    study_page.table(document, ("length, method", "mean error mm", "sd mm", "U (k = 2) stated mm"), rows)
+    document.table(("length, method", "mean error mm", "sd mm", "U (k = 2) stated mm"), rows)
     document.caption("What Fig. 18 shows is not on record here; sub-bars by their mean error stand in its place.")
 
 
-def _sd_of(some: study_page.Results, bar: str) -> Estimate:
-    return estimate([study_page.pooled_sd([r["bars"].get(bar, [])]) for r in some])
-
-
-def _mean_of(some: study_page.Results, bar: str) -> Estimate:
+def _mean_of(some: Results, bar: str) -> Estimate:
     return estimate([float(np.mean(r["bars"][bar])) for r in some if r["bars"].get(bar)])
 
 
-def _stated(some: study_page.Results, bar: str) -> float:
+def _stated(some: Results, bar: str) -> float:
     return estimate([2 * r["bars_u_mm"].get(bar, float("nan")) for r in some]).mean
 
 
-def _time(document: study_page.Document, found: _Found) -> None:
+def _time(document: Document, found: _Found) -> None:
     """Computing alone: there are no measured operators, and handling is left out."""
     document.begin_section("Time of computing")
     rows = []
     for name, some in found.items():
-        local, rest = study_page.local_and_global_s(some)
+        local, rest = local_and_global_s(some)
         rows.append([_ROWS[name].text, local, rest, local + rest])
-    study_page.table(document, ("method", "local s", "global s", "sum s"), rows)
+    document.table(("method", "local s", "global s", "sum s"), rows)
     document.caption(
         "Processor seconds on one core from observations to the result, the median of the runs. The paper's 168.71, "
         "237.89 and 319.20 s (Fig. 19) are mostly handling by hand, which was not measured here and is not compared."
     )
 
 
-def _against_paper(document: study_page.Document, found: _Found) -> study_page.StudyPage:
+def _compared(found: _Found) -> list[PaperComparison]:
     sd = {name: bars_sd(some) for name, some in found.items()}
-    nothing = estimate([])
-
-    def of(name: str) -> Estimate:
-        return sd.get(name, nothing)
 
     def words(*names: str) -> str:
         return "; ".join(f"{_SHORT[n]} {sd[n].words(4)}" for n in names if n in sd) + " mm"
 
-    rows = [
-        study_page.PaperComparison(
-            f"bars, sd: {_ROWS[name].text}",
-            "below 0.125 mm",
-            f"{of(name).words(4)} mm",
-            below(of(name), 0.125),
-            _WHY.get(name, ""),
-            "limit",
-            of(name).n,
-        )
-        for name in ("tao", "tao-print", "free", "free-print", "rigid", "rigid-print")
-        if name in found
-    ]
+    rows = []
+    for name in ("tao", "tao-print", "free", "free-print", "rigid", "rigid-print"):
+        if name in found:
+            ours, why = f"{sd[name].words(4)} mm", _WHY.get(name, "")
+            judged = below(sd[name], 0.125)
+            rows.append(PaperComparison(f"bars, sd: {_ROWS[name].text}", "below 0.125 mm", ours, judged, why))
     for name, value in (("board-chained-print", 0.2), ("board-chained", 0.2), ("bar-chained", 0.175)):
         if name in found:
-            rows.append(
-                study_page.PaperComparison(
-                    f"bars, sd: {_ROWS[name].text}",
-                    f"{value:g} mm",
-                    f"{of(name).words(4)} mm",
-                    like(of(name), value),
-                    _WHY.get(name, ""),
-                    "value",
-                    of(name).n,
-                )
-            )
+            ours, why = f"{sd[name].words(4)} mm", _WHY.get(name, "")
+            judged = like(sd[name], value)
+            rows.append(PaperComparison(f"bars, sd: {_ROWS[name].text}", f"{value:g} mm", ours, judged, why))
     if {"tao", "board-chained-print", "bar-chained"} <= found.keys():
         steps = [
             _difference(found["bar-chained"], found["tao"]),
             _difference(found["board-chained-print"], found["bar-chained"]),
         ]
-        rows.append(
-            study_page.PaperComparison(
-                "order of the methods",
-                "ball, bar, board",
-                words("tao", "bar-chained", "board-chained-print"),
-                ordered(steps),
-                _WHY["order"],
-                "order",
-                min(step.n for step in steps),
-            )
-        )
+        ours = words("tao", "bar-chained", "board-chained-print")
+        rows.append(PaperComparison("order of the methods", "ball, bar, board", ours, ordered(steps), _WHY["order"]))
     if {"tao-print", "board-chained-print"} <= found.keys():
         step = _difference(found["board-chained-print"], found["tao-print"])
-        rows.append(
-            study_page.PaperComparison(
-                "ball before board, both printed",
-                "yes",
-                words("tao-print", "board-chained-print"),
-                ordered([step]),
-                "",
-                "order",
-                step.n,
-            )
-        )
+        ours = words("tao-print", "board-chained-print")
+        rows.append(PaperComparison("ball before board, both printed", "yes", ours, ordered([step])))
     for name in ("rigid", "rigid-print"):
         if name in found:
-            each = {bar: _sd_of(found[name], bar) for bar in _SUB_BARS}
+            each = {bar: bar_sd(found[name], bar) for bar in _SUB_BARS}
             worst = max(each, key=lambda bar: each[bar].mean)
-            rows.append(
-                study_page.PaperComparison(
-                    f"each of five sub-bars, sd: {_ROWS[name].text}",
-                    "below 0.125 mm",
-                    f"{each[worst].words(4)} mm at most ({worst})",
-                    below(each[worst], 0.125),
-                    "",
-                    "limit",
-                    each[worst].n,
-                )
-            )
-    rows = [replace(row, pipeline=row.pipeline or _pipeline(row.what)) for row in rows]
-    return study_page.paper_table(document, [*rows, *_rivals(found)])
+            what = f"each of five sub-bars, sd: {_ROWS[name].text}"
+            ours = f"{each[worst].words(4)} mm at most ({worst})"
+            rows.append(PaperComparison(what, "below 0.125 mm", ours, below(each[worst], 0.125)))
+    return [*(replace(row, pipeline=_pipeline(row.what)) for row in rows), *_rivals(found)]
 
 
 def _pipeline(what: str) -> str:
@@ -316,7 +245,7 @@ def _pipeline(what: str) -> str:
     return row.settings.get("method") or f"{row.kind} --no-joint"
 
 
-def _rivals(found: _Found) -> list[study_page.PaperComparison]:
+def _rivals(found: _Found) -> list[PaperComparison]:
     """The paper's method against its rivals: mean errors and uncertainties (Table III), residuals, computing time."""
     names = ("tao", "bar-chained", "board-chained-print")
     if not found.keys() >= set(names):
@@ -326,23 +255,19 @@ def _rivals(found: _Found) -> list[study_page.PaperComparison]:
         ("mean error of bars", _size_of_mean, "mm", "the ball's is the arc that (18) takes for a line.", "smaller"),
         ("uncertainty of a mean of 20 poses (type A)", _type_a, "mm", "", "smaller"),
     ):
-        steps = [
-            estimate([value(b) - value(a) for a, b in study_page.pairs(found["tao"], found[n])]) for n in names[1:]
-        ]
-        lines.append(_compared(f"{what}, ball against bar and board", said, found, value, unit, steps, why))
+        steps = [estimate([value(b) - value(a) for a, b in pairs(found["tao"], found[n])]) for n in names[1:]]
+        lines.append(_against_rivals(f"{what}, ball against bar and board", said, found, value, unit, steps, why))
     residual = "mean absolute residual (Fig. 16)"
     why = "each on its own images; residuals do not show how well the rig measures."
-    lines.append(_compared(residual, "-", found, _mean_residual, "px", [], why))
-    seconds = "; ".join(f"{_SHORT[name]} {sum(study_page.local_and_global_s(found[name])):.2f} s" for name in names)
+    lines.append(_against_rivals(residual, "-", found, _mean_residual, "px", [], why))
+    seconds = "; ".join(f"{_SHORT[name]} {sum(local_and_global_s(found[name])):.2f} s" for name in names)
     lines.append(
-        study_page.PaperComparison(
+        PaperComparison(
             "time (Fig. 19)",
             "ball 168.71 s, 1-D 319.20 s, 2-D 237.89 s, handling included",
             seconds,
-            None,
+            Judged(min(len(found[name]) for name in names)),
             "ours is computing alone (median, one core); handling, most of the paper's time, was not measured.",
-            "",
-            min(len(found[name]) for name in names),
             "all three",
         )
     )
@@ -353,15 +278,15 @@ def _mean_residual(result: dict[str, Any]) -> float:
     return float(np.mean(result["mean_abs_px"]))
 
 
-def _compared(
+def _against_rivals(
     what: str, said: str, found: _Found, value: Any, unit: str, steps: list[Estimate], why: str
-) -> study_page.PaperComparison:
+) -> PaperComparison:
     names = ("tao", "bar-chained", "board-chained-print")
     each = {name: estimate([value(r) for r in found[name]]) for name in names}
     ours = "; ".join(f"{_SHORT[name]} {figure.words(4)}" for name, figure in each.items()) + f" {unit}"
-    verdict, test = (ordered(steps), "order") if steps else (None, "")
     n = min(figure.n for figure in each.values())
-    return study_page.PaperComparison(what, said, ours, verdict, why, test, n, "all three")
+    judged = replace(ordered(steps), runs=n) if steps else Judged(n)
+    return PaperComparison(what, said, ours, judged, why, "all three")
 
 
 def _size_of_mean(result: dict[str, Any]) -> float:
@@ -372,15 +297,10 @@ def _type_a(result: dict[str, Any]) -> float:
     return float(np.mean([np.std(e, ddof=1) / np.sqrt(len(e)) for e in result["bars"].values() if len(e) > 1]))
 
 
-def _difference(one: study_page.Results, other: study_page.Results) -> Estimate:
+def _difference(one: Results, other: Results) -> Estimate:
     """How much larger the sd of bars is run by run: the same seeds, the same bars."""
-    both = study_page.pairs(one, other)
-    return estimate(
-        [
-            study_page.pooled_sd(list(a["bars"].values())) - study_page.pooled_sd(list(b["bars"].values()))
-            for a, b in both
-        ]
-    )
+    both = pairs(one, other)
+    return estimate([pooled_sd(list(a["bars"].values())) - pooled_sd(list(b["bars"].values())) for a, b in both])
 
 
 _WHY = {

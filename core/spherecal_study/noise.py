@@ -1,13 +1,14 @@
 """Table II: spherical projection against displaced points, [Tao21] (22), on the paper's ten cameras."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from spherecal_study import study_page
 from spherecal_study.displacement import PERCENT
 from spherecal_study.executor import Trial
-from spherecal_study.study_agreement import Estimate, always, estimate, never, share_interval
+from spherecal_study.study_agreement import Judged, Results, always, estimate, never, share_interval
+from spherecal_study.study_page import Document, Options, PaperComparison
 
 TITLE = "Spherical projection and displaced points (Table II)"
 RUNS = 3
@@ -25,7 +26,7 @@ _CASES = (
 )
 
 
-def trials(options: study_page.Options) -> list[Trial]:
+def trials(options: Options) -> list[Trial]:
     """All percentages with and without projection, by each damping, with nominal and with known intrinsics."""
     return [
         Trial(
@@ -47,7 +48,7 @@ def trials(options: study_page.Options) -> list[Trial]:
     ]
 
 
-def _cases(options: study_page.Options) -> list[tuple[str, str, bool, str, str]]:
+def _cases(options: Options) -> list[tuple[str, str, bool, str, str]]:
     """What is run: of another rig than the paper's, that rig alone."""
     alone = options.images or options.preset
     return [case for case in _CASES if (case[2] or not options.known) and not (alone and case[0] == _WIDE)]
@@ -57,23 +58,20 @@ _Cases = list[dict[str, Any]]
 _USUAL_STEPS = 50
 
 
-def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
+def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: which starts converge, final errors by camera, and the table paper / ours."""
-    document = study_page.begin(
+    document = options.begin(
         TITLE,
-        options,
-        [
-            f"{options.rig_words(_RIG)}: start points are displaced by a % of the ball's radius times a normal number "
-            "within (-1, 1) in every coordinate; with SPO they are then moved onto their placements' spheres. The "
-            "start is the paper's own (`--method tao2021`: poses and points chained along OPT's paths). The adjustment "
-            "is plain, all unknowns at once, 200 steps at most: damped by the identity with lengths in millimetres "
-            "(Levenberg), or by the diagonal (Marquardt). Rig B has wide baselines and weak groups. Converged: the "
-            "optimum's rms within 5 %."
-        ],
+        f"{options.rig_words(_RIG)}: start points are displaced by a % of the ball's radius times a normal number "
+        "within (-1, 1) in every coordinate; with SPO they are then moved onto their placements' spheres. The "
+        "start is the paper's own (`--method tao2021`: poses and points chained along OPT's paths). The adjustment "
+        "is plain, all unknowns at once, 200 steps at most: damped by the identity with lengths in millimetres "
+        "(Levenberg), or by the diagonal (Marquardt). Rig B has wide baselines and weak groups. Converged: the "
+        "optimum's rms within 5 %.",
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
-    def some(rig: str, damping: str, known: bool) -> study_page.Results:
+    def some(rig: str, damping: str, known: bool) -> Results:
         preset = rig if rig == _WIDE else options.rig(_RIG)
         of = [(s, r) for s, r in both if s["preset"] == preset and s["damping"] == damping]
         return [r for s, r in of if s.get("known", False) == known]
@@ -87,20 +85,17 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
         for way, name in _WAYS:
             percents = _ENDS if damping == "identity" else (*PERCENT, *_FAR) if known == options.known else PERCENT
             rows += [_row(f"{name}, {text}", p, cases(rig, damping, known, way, p)) for p in percents]
-    study_page.table(
-        document,
-        ("start and adjustment", "a", "converged", "95 %", "in 50 steps", "start px", "steps", "final px"),
-        rows,
-    )
+    heads = ("start and adjustment", "a", "converged", "95 %", "in 50 steps", "start px", "steps", "final px")
+    document.table(heads, rows)
     series = {
         f"{name}, {short}": [_share(cases(rig, damping, known, way, p)) for p in _ENDS]
         for rig, damping, known, _, short in _cases(options)
         for way, name in _WAYS
     }
-    study_page.columns_by_group(document, [f"{p} %" for p in _ENDS], series, "converged, %")
+    document.columns([f"{p} %" for p in _ENDS], series, "converged, %")
     for known in (False, True):
         _by_camera(document, some(_RIG, "identity", known), known)
-    return _against_paper(document, cases, options)
+    return document.against_paper(_compared(cases, options), "tao2021")
 
 
 def _row(name: str, percent: int, chosen: _Cases) -> list[str]:
@@ -124,7 +119,7 @@ def _share(chosen: _Cases) -> float:
     return 100 * sum(c["converged"] for c in chosen) / len(chosen) if chosen else float("nan")
 
 
-def _by_camera(document: study_page.Document, some: study_page.Results, known: bool) -> None:
+def _by_camera(document: Document, some: Results, known: bool) -> None:
     """Final px of each camera at the largest displacement, with SPO and without."""
     if not some:
         return
@@ -138,10 +133,10 @@ def _by_camera(document: study_page.Document, some: study_page.Results, known: b
             own = [c for r in some for c in r["cases"] if c["way"] == way and c["percent"] == PERCENT[-1]]
             cells.append(estimate([c["camera_mean_px"][number] for c in own]).words(4))
         rows.append(cells)
-    study_page.table(document, ("camera", "SPO, final px", "none-SPO, final px"), rows)
+    document.table(("camera", "SPO, final px", "none-SPO, final px"), rows)
 
 
-def _against_paper(document: study_page.Document, cases: Any, options: study_page.Options) -> study_page.StudyPage:
+def _compared(cases: Callable[..., _Cases], options: Options) -> list[PaperComparison]:
     def runs(rig: str, damping: str, known: bool, way: str, *percents: int) -> tuple[int, int]:
         """In how many runs all of the percentages converge, and of how many; cases of one run are not independent."""
         chosen, each = cases(rig, damping, known, way, *percents), len(percents or PERCENT)
@@ -162,16 +157,13 @@ def _against_paper(document: study_page.Document, cases: Any, options: study_pag
     for way, name in _WAYS:
         for percent in _ENDS:
             found = cases(_RIG, "identity", options.known, way, percent)
+            soon, late = sum(map(_is_soon, found)), sum(c["converged"] for c in found)
             within.append(
-                study_page.PaperComparison(
+                PaperComparison(
                     f"{name}, {percent} %, identity: converged within {_USUAL_STEPS} steps",
                     "does not converge" if (way, percent) == ("none", _ENDS[-1]) else "converges",
-                    f"{sum(_is_soon(c) for c in found)} of {len(found)} runs; within 200 steps "
-                    f"{sum(c['converged'] for c in found)}",
-                    None,
-                    "",
-                    "",
-                    len(found),
+                    f"{soon} of {len(found)} runs; within 200 steps {late}",
+                    Judged(len(found)),
                 )
             )
     wide = []
@@ -184,49 +176,32 @@ def _against_paper(document: study_page.Document, cases: Any, options: study_pag
         if with_spo[1]:
             what = f"{rig}, {'known' if known else 'nominal'} intrinsics, {percent} %, diagonal, runs that converge"
             ours = f"{with_spo[0]} of {with_spo[1]} with SPO, {without[0]} of {without[1]} without"
-            wide.append(study_page.PaperComparison(what, "-", ours, None, "", "", with_spo[1]))
-    return study_page.paper_table(
-        document,
-        [
-            study_page.PaperComparison(
-                "with SPO, 10 and 25 %", "always converges", f"in {spo} of {n} runs", always(spo, n), "", "share", n
-            ),
-            study_page.PaperComparison(
-                "without SPO, 25 %",
-                "does not converge",
-                f"converges in {none} of {n_none} runs",
-                never(none, n_none),
-                "without SPO converge: "
-                + ", ".join(f"{what} {count} of {of}" for what, (count, of) in tried.items() if of)
-                + f" runs; {by_steps} of {len(lost)} cases are lost by the limit of 200 steps. SPO removes only the "
-                "radial third of a displacement.",
-                "share",
-                n_none,
-            ),
-            study_page.PaperComparison(
-                "damped by the diagonal, without SPO, 20 and 25 %",
-                "does not converge",
-                f"converges in {tried['the diagonal'][0]} of {tried['the diagonal'][1]} runs",
-                never(*tried["the diagonal"]),
-                "",
-                "share",
-                tried["the diagonal"][1],
-            ),
-            study_page.PaperComparison(
-                "steps, SPO against none-SPO",
-                "-",
-                f"{_words(steps['spo'])} with, {_words(steps['none'])} without",
-                None,
-                "",
-                "",
-                n,
-            ),
-            *within,
-            *wide,
-        ],
-        "tao2021",
-    )
-
-
-def _words(found: Estimate) -> str:
-    return found.words(1)
+            wide.append(PaperComparison(what, "-", ours, Judged(with_spo[1])))
+    by_diagonal, n_diagonal = tried["the diagonal"]
+    return [
+        PaperComparison("with SPO, 10 and 25 %", "always converges", f"in {spo} of {n} runs", always(spo, n)),
+        PaperComparison(
+            "without SPO, 25 %",
+            "does not converge",
+            f"converges in {none} of {n_none} runs",
+            never(none, n_none),
+            "without SPO converge: "
+            + ", ".join(f"{what} {count} of {of}" for what, (count, of) in tried.items() if of)
+            + f" runs; {by_steps} of {len(lost)} cases are lost by the limit of 200 steps. SPO removes only the "
+            "radial third of a displacement.",
+        ),
+        PaperComparison(
+            "damped by the diagonal, without SPO, 20 and 25 %",
+            "does not converge",
+            f"converges in {by_diagonal} of {n_diagonal} runs",
+            never(by_diagonal, n_diagonal),
+        ),
+        PaperComparison(
+            "steps, SPO against none-SPO",
+            "-",
+            f"{steps['spo'].words(1)} with, {steps['none'].words(1)} without",
+            Judged(n),
+        ),
+        *within,
+        *wide,
+    ]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from spherecal import __version__
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.data.session import Session
@@ -18,8 +17,8 @@ from spherecal_study.executor import Result, Trial, Workers, run_trials
 from spherecal_study.path_study import SEARCHES, draw_graph
 from spherecal_study.recorded_trials import apart_mm, seen_along_the_thinnest
 from spherecal_study.studies import write_page
-from spherecal_study.study_agreement import all_errors
-from spherecal_study.study_page import Document, Results, StudyPage, columns_by_group, curves, mean, pooled_rms, table
+from spherecal_study.study_agreement import Results, all_errors, mean, pooled_rms
+from spherecal_study.study_page import Document
 
 NAMES = ("layouts", "path", "cameras")
 _WHY_NOT = {
@@ -64,8 +63,7 @@ def run_session_study(name: str, options: SessionOptions, folder: Path, workers:
     with report_style():
         page = _PAGES[name](listed, results, whole, session, options)
         settings = {**asdict(options), "session": options.session.resolve().name}
-        title = page.document.heading
-        return write_page(f"{name}-session", title, page, settings, [whole_trial, *listed], [whole, *results], folder)
+        return write_page(f"{name}-session", page, settings, [whole_trial, *listed], [whole, *results], folder)
 
 
 def _check(name: str, session: Session, path: Path) -> None:
@@ -129,44 +127,33 @@ def _page_of_parts(what: str, total: Callable[[Session], int]):
 
     def page(
         listed: list[Trial], results: Results, whole: Result, session: Session, options: SessionOptions
-    ) -> StudyPage:
-        document = _begin(
-            f"Fewer {what} of {options.session.resolve().name}",
-            [
-                f"Parts of the recording are calibrated as if no more had been recorded: {_HOW[what]} Judged by the "
-                "check bars, where there are any, and by how far the cameras then stand from where the whole recording "
-                "has them. A part shares its data with the whole, so this understates its error where little is "
-                "left out."
-            ],
+    ) -> Document:
+        text = (
+            f"Parts of the recording are calibrated as if no more had been recorded: {_HOW[what]} Judged by the "
+            "check bars, where there are any, and by how far the cameras then stand from where the whole recording "
+            "has them. A part shares its data with the whole, so this understates its error where little is "
+            "left out."
         )
+        document = Document(f"Fewer {what} of {options.session.resolve().name}", [text])
         rows, px, bars, apart = [], {}, {}, {}
         for method, form in _FORMS.items():
-            own = [(total(session) - len(t.settings["without"]), r) for t, r in _of(listed, results, method)]
+            both = _of(listed, results, method)
+            own = [(total(session) - len(t.settings["without"]), r) for t, r in both]
+            _, largest = min(both, key=lambda pair: len(pair[0].settings["without"]))
             counts = sorted({n for n, _ in own})
-            some = [[r for m, r in own if m == n and r["valid"]] for n in counts]
-            px[form] = (counts, [mean([r["mean_px"] for r in part]) for part in some])
-            bars[form] = (counts, [pooled_rms([all_errors(r) for r in part]) for part in some])
-            largest = min(_of(listed, results, method), key=lambda pair: len(pair[0].settings["without"]))
-            apart[form] = (
-                counts[:-1],
-                [mean([apart_mm(r["centres"], largest[1]["centres"]) for r in part]) for part in some[:-1]],
-            )
-            rows += [
-                [
-                    f"{form}, {n}",
-                    f"{len(part)} of {sum(m == n for m, _ in own)}",
-                    px[form][1][i],
-                    bars[form][1][i],
-                    apart[form][1][i] if n < counts[-1] else None,
-                ]
-                for i, (n, part) in enumerate(zip(counts, some, strict=True))
-            ]
-        curves(document, px, what, "mean reprojection error, px")
-        if any(np.isfinite(values).any() for _, values in bars.values()):
-            curves(document, bars, what, "rms error of check bars, mm")
-        curves(document, apart, what, "cameras off the whole recording's, mm")
-        table(document, (f"form, {what}", "valid", "reprojection px", "bars rms mm", "cameras off mm"), rows)
-        return StudyPage(document, ())
+            some = {n: [r for m, r in own if m == n and r["valid"]] for n in counts}
+            px[form] = {n: mean([r["mean_px"] for r in part]) for n, part in some.items()}
+            bars[form] = {n: pooled_rms([all_errors(r) for r in part]) for n, part in some.items()}
+            apart[form] = {n: mean([apart_mm(r["centres"], largest["centres"]) for r in some[n]]) for n in counts[:-1]}
+            for n, part in some.items():
+                valid = f"{len(part)} of {sum(m == n for m, _ in own)}"
+                rows.append([f"{form}, {n}", valid, px[form][n], bars[form][n], apart[form].get(n)])
+        document.curves(px, what, "mean reprojection error, px")
+        if any(np.isfinite(error) for found in bars.values() for error in found.values()):
+            document.curves(bars, what, "rms error of check bars, mm")
+        document.curves(apart, what, "cameras off the whole recording's, mm")
+        document.table((f"form, {what}", "valid", "reprojection px", "bars rms mm", "cameras off mm"), rows)
+        return document
 
     return page
 
@@ -183,26 +170,18 @@ def _of(listed: list[Trial], results: Results, method: str) -> list[tuple[Trial,
 
 def _page_of_paths(
     listed: list[Trial], results: Results, whole: Result, session: Session, options: SessionOptions
-) -> StudyPage:
-    document = _begin(
-        f"Paths through the cameras of {options.session.resolve().name}",
-        [
-            "OPT takes the path with the least b^m g by A*; none-OPT grows from the reference by the first triple that "
-            "reaches a camera. Paths make the start; what the adjustment ends with is another matter, so both are "
-            "shown."
-        ],
+) -> Document:
+    text = (
+        "OPT takes the path with the least b^m g by A*; none-OPT grows from the reference by the first triple that "
+        "reaches a camera. Paths make the start; what the adjustment ends with is another matter, so both are shown."
     )
+    document = Document(f"Paths through the cameras of {options.session.resolve().name}", [text])
     found = {(t.kind, t.settings["search"]): r for t, r in zip(listed, results, strict=True)}
     starts = {s: found["recorded-paths", s] for s in SEARCHES}
     lengths = {text: [mean(list(starts[s]["lengths"].values()))] for s, text in SEARCHES.items()}
-    columns_by_group(document, ["mean path length (edge weights)"], lengths, "", height=50.0)
-    columns_by_group(
-        document,
-        ["start: median residual"],
-        {text: [starts[s]["start_px"]] for s, text in SEARCHES.items()},
-        "px",
-        height=50.0,
-    )
+    document.columns(["mean path length (edge weights)"], lengths, "", height=50.0)
+    start_px = {text: [starts[s]["start_px"]] for s, text in SEARCHES.items()}
+    document.columns(["start: median residual"], start_px, "px", height=50.0)
     document.paragraph("The graph: edges of OPT's paths dark, of none-OPT's red.")
     places = seen_along_the_thinnest(whole["centres"], starts["opt"]["ids"])
     draw_graph(
@@ -215,14 +194,7 @@ def _page_of_paths(
         [text, starts[s]["start_px"], found["recorded", s]["mean_px"], pooled_rms([all_errors(found["recorded", s])])]
         for s, text in SEARCHES.items()
     ]
-    table(document, ("search", "start px", "end px", "bars rms mm"), rows)
-    return StudyPage(document, ())
-
-
-def _begin(title: str, text: list[str]) -> Document:
-    document = Document(f"SphereCal study: {title}", title, f"Study by SphereCal {__version__}")
-    for paragraph in text:
-        document.paragraph(paragraph)
+    document.table(("search", "start px", "end px", "bars rms mm"), rows)
     return document
 
 

@@ -7,9 +7,23 @@ import numpy as np
 
 from spherecal_documents.report.style import BAD, INK, RULE, SERIES, SMALL_PT, PageBox, Sheet
 from spherecal_sim.rigs import rig_design
-from spherecal_study import study_page
 from spherecal_study.executor import Trial
-from spherecal_study.study_agreement import RATIO, Estimate, above, all_errors, estimate, like
+from spherecal_study.study_agreement import (
+    RATIO,
+    Estimate,
+    Judged,
+    Results,
+    above,
+    all_errors,
+    bars_rms,
+    estimate,
+    like,
+    mean_px,
+    pairs,
+    pooled_rms,
+    with_seeds,
+)
+from spherecal_study.study_page import Document, Options, PaperComparison
 
 TITLE = "Paths through the camera graph (Figs. 9 and 10)"
 RUNS = 5
@@ -19,7 +33,7 @@ SEARCHES = {
 _RIGS = ("rigA", "rigB")
 
 
-def trials(options: study_page.Options) -> list[Trial]:
+def trials(options: Options) -> list[Trial]:
     """The paper's graph, paths and starts, what its adjustment makes of them, and whole calibrations."""
     starts = [
         Trial("paths", {**_plain(options, rig), "seed": s, "search": search, **({"known": True} if known else {})})
@@ -51,7 +65,7 @@ def trials(options: study_page.Options) -> list[Trial]:
 _WEAK: dict[str, Any] = {"th_pt": 8, "paths": [1.0, 1.0, 1e6, 1.1]}
 
 
-def _published(options: study_page.Options) -> list[tuple[str, bool, dict[str, Any]]]:
+def _published(options: Options) -> list[tuple[str, bool, dict[str, Any]]]:
     """Rigs, whether intrinsics are known, and settings to start from; weak groups tell only on the last rig."""
     rigs = [rig for rig in _rigs(options) if not rig_design(rig).walk]
     weak = [(rigs[-1], options.known, _WEAK)] if rigs and options.paths is None else []
@@ -59,36 +73,33 @@ def _published(options: study_page.Options) -> list[tuple[str, bool, dict[str, A
     return [*((rig, options.known, {}) for rig in rigs), *known, *weak]
 
 
-def _plain(options: study_page.Options, rig: str) -> dict[str, Any]:
+def _plain(options: Options, rig: str) -> dict[str, Any]:
     return {**options.plain(rig), "preset": rig}
 
 
-def _known(options: study_page.Options) -> tuple[bool, ...]:
+def _known(options: Options) -> tuple[bool, ...]:
     return (True,) if options.known else (False,) if options.images else (False, True)
 
 
-def _rigs(options: study_page.Options) -> tuple[str, ...]:
+def _rigs(options: Options) -> tuple[str, ...]:
     return (options.rig(_RIGS[0]),) if options.images or options.preset else _RIGS
 
 
-def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
+def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: paths, starts and results of each search, the graph, and the table paper / ours."""
-    document = study_page.begin(
+    document = options.begin(
         TITLE,
-        options,
-        [
-            "Triples of cameras are chained to the reference camera along paths of the camera graph, whose edges "
-            "weigh the triples' reprojection error and one over the common points. OPT takes the path with the least "
-            "b^m g by A*; none-OPT grows from the reference by the first triple that reaches a camera. All of this "
-            "page is the paper's own pipeline (`--method tao2021`): every group of TH_pt = 12 common points, poses and "
-            "points chained as they are, SPO or not, then one Levenberg-Marquardt adjustment of everything."
-        ],
+        "Triples of cameras are chained to the reference camera along paths of the camera graph, whose edges "
+        "weigh the triples' reprojection error and one over the common points. OPT takes the path with the least "
+        "b^m g by A*; none-OPT grows from the reference by the first triple that reaches a camera. All of this "
+        "page is the paper's own pipeline (`--method tao2021`): every group of TH_pt = 12 common points, poses and "
+        "points chained as they are, SPO or not, then one Levenberg-Marquardt adjustment of everything.",
     )
     rigs = _rigs(options)
     whole = [rig for rig in rigs[:1] if not rig_design(rig).walk]
-    both = study_page.with_seeds(listed, results)
+    both = with_seeds(listed, results)
 
-    def some(kind: str, rig: str, search: str, known: bool = False) -> study_page.Results:
+    def some(kind: str, rig: str, search: str, known: bool = False) -> Results:
         return [r for t, r in both if t.kind == kind and _is(t.settings, rig, search, known or options.known)]
 
     for known in _known(options):
@@ -99,17 +110,16 @@ def page(listed: list[Trial], results: study_page.Results, options: study_page.O
     if opt and first:
         draw_graph(document, opt[0], first[0])
     if not whole:
-        return study_page.StudyPage(document, ())
+        return document
     rows = []
     for rig in whole:
         for s, name in SEARCHES.items():
             chosen = some("ball", rig, s)
             if chosen:
-                px = estimate([r["mean_px"] for r in chosen])
-                rows.append([f"{rig}, {name}", len(chosen), px.words(4), _bars(chosen).words(4)])
-    study_page.table(document, ("rig, search", "runs", "px at the end", "bars rms mm"), rows)
+                rows.append([f"{rig}, {name}", len(chosen), mean_px(chosen).words(4), bars_rms(chosen).words(4)])
+    document.table(("rig, search", "runs", "px at the end", "bars rms mm"), rows)
     ends += [_search_line(rig, some("paths", rig, "opt"), some("paths", rig, "dijkstra")) for rig in rigs]
-    return _against_paper(document, rigs[0], some, options, ends)
+    return document.against_paper([*_compared(rigs[0], some, options), *ends], "tao2021")
 
 
 _Cases = list[dict[str, Any]]
@@ -121,9 +131,7 @@ _WAYS = (
 )  # fmt: skip
 
 
-def _ends(
-    document: study_page.Document, both: Sequence[tuple[Trial, dict[str, Any]]], options: study_page.Options
-) -> list[study_page.PaperComparison]:
+def _ends(document: Document, both: Sequence[tuple[Trial, dict[str, Any]]], options: Options) -> list[PaperComparison]:
     """What the paper's adjustment makes of every variant of its start, as a table and as lines."""
     lines = []
     for rig, known, more in _published(options):
@@ -136,7 +144,7 @@ def _ends(
         document.begin_section(f"The adjustment from each start: {words}")
         heads = ("start", "converged", "other minimum", "not settled", "unplaced", "start px", "steps", "CPU ms")
         rows = [[name, *_ended([_case(r, s, spo) for r in runs], runs[0]["cameras"])] for name, s, spo in _WAYS]
-        study_page.table(document, heads, rows)
+        document.table(heads, rows)
         lines.append(_line(words, runs, options))
     document.caption(
         "Converged: the rms of the same observations' optimum within 5 %, all cameras placed. Not settled: stopped at "
@@ -176,7 +184,7 @@ def _ended(cases: _Cases, cameras: int) -> list[str]:
 _MEDIANS = (("start_px", 1), ("iterations", 1), ("adjust_s", 1e3))
 
 
-def _line(words: str, runs: study_page.Results, options: study_page.Options) -> study_page.PaperComparison:
+def _line(words: str, runs: Results, options: Options) -> PaperComparison:
     """How many runs end in the optimum from each start, beside our robust start."""
     cameras, n = runs[0]["cameras"], len(runs)
     cases = {name: [_case(r, s, spo) for r in runs] for name, s, spo in _WAYS}
@@ -185,30 +193,26 @@ def _line(words: str, runs: study_page.Results, options: study_page.Options) -> 
     counts["our robust start"] = sum(
         r["ours"]["cameras"] == cameras and (r["ours"]["rms_px"] or np.inf) < limit for r in runs
     )
-    return study_page.PaperComparison(
+    return PaperComparison(
         f"runs of {n} that end in the optimum, {words}",
         "-",
         ", ".join(map(str, counts.values())),
-        None,
+        Judged(n),
         f"from the starts {'; '.join(counts)}. How the others were lost, steps and times: in the PDF.",
-        "",
-        n,
     )
 
 
-def _search_line(rig: str, opt: study_page.Results, dijkstra: study_page.Results) -> study_page.PaperComparison:
+def _search_line(rig: str, opt: Results, dijkstra: Results) -> PaperComparison:
     """The time of A* against Dijkstra's."""
-    both = study_page.pairs(opt, dijkstra)
+    both = pairs(opt, dijkstra)
     ms = [estimate([1e3 * pair[way]["search_s"] for pair in both]) for way in (0, 1)]
     same = sum(a["paths"] == b["paths"] for a, b in both)
-    return study_page.PaperComparison(
+    return PaperComparison(
         f"time of the path search, {rig}",
         "-",
         f"{ms[0].words(2)} ms by A*, {ms[1].words(2)} ms by Dijkstra",
-        None,
+        Judged(len(both)),
         f"the same paths in {same} runs. b^m g does not add up along a path: A* looks at each number of hops.",
-        "",
-        len(both),
     )
 
 
@@ -220,108 +224,79 @@ def _is(settings: Mapping[str, Any], rig: str, search: str, known: bool) -> bool
     return same and settings.get("known", False) == known
 
 
-def _bars(chosen: study_page.Results) -> Estimate:
-    return estimate([study_page.pooled_rms([all_errors(r)]) for r in chosen])
-
-
 def _length(result: dict[str, Any]) -> float | None:
     """The mean length of a run's paths; None where one leads over an edge that the graph refuses."""
     lengths = [length for length in result["lengths"].values()]
     return None if None in lengths else float(np.mean(lengths))
 
 
-def _starts(
-    document: study_page.Document, rigs: Sequence[str], known: bool, some: Callable[..., study_page.Results]
-) -> None:
+def _starts(document: Document, rigs: Sequence[str], known: bool, some: Callable[..., Results]) -> None:
     """Lengths, starts and what the term 1/N does, with nominal or with known intrinsics."""
     words = "known" if known else "nominal"
-    rows, starts, errors = [], {}, {}
+    rows: list[list[object]] = []
+    starts: dict[str, list[Estimate]] = {}
     for s, name in SEARCHES.items():
         for rig in rigs:
             chosen = some("paths", rig, s, known)
             length, start = estimate([_length(r) for r in chosen]), estimate([r["start_px"] for r in chosen])
-            starts.setdefault(name, []).append(start.mean)
-            errors.setdefault(name, []).append(start.error)
+            starts.setdefault(name, []).append(start)
             if not chosen:
                 continue
             share = estimate([100 * r["count_share"] for r in chosen])
             changed = sum(r["changed_by_count"] for r in chosen)
             paths = sum(len(r["paths"]) - 1 for r in chosen)
             refused = sum(_length(r) is None for r in chosen)
-            rows.append(
-                [
-                    f"{rig}, {name}",
-                    len(chosen),
-                    length.words(4),
-                    refused,
-                    start.words(2),
-                    share.words(3),
-                    f"{changed} of {paths}",
-                ]
-            )
+            figures = length.words(4), refused, start.words(2), share.words(3), f"{changed} of {paths}"
+            rows.append([f"{rig}, {name}", len(chosen), *figures])
     document.begin_section(f"Paths, {words} intrinsics")
-    study_page.columns_by_group(document, rigs, starts, "start: median residual, px", errors=errors)
+    document.columns(rigs, starts, "start: median residual, px")
     heads = ("rig, search", "runs", "mean path length", "refused", "start px", "share of 1/N, %", "changed by 1/N")
-    study_page.table(document, heads, rows)
+    document.table(heads, rows)
     document.caption(
         "Refused: runs in which a path leads over an edge beyond TH_er, whose length is infinite. Changed by 1/N: "
         "paths that are others when xi2 = 0."
     )
 
 
-def _against_paper(
-    document: study_page.Document,
-    rig: str,
-    some: Callable[..., study_page.Results],
-    options: study_page.Options,
-    ends: list[study_page.PaperComparison],
-) -> study_page.StudyPage:
+def _compared(rig: str, some: Callable[..., Results], options: Options) -> list[PaperComparison]:
     rows = []
     for known in _known(options):
         words = "known" if known else "nominal"
         for s in ("first", "first-listed"):
-            both = study_page.pairs(some("paths", rig, "opt", known), some("paths", rig, s, known))
+            both = pairs(some("paths", rig, "opt", known), some("paths", rig, s, known))
             ratio = estimate([_over(_length(b), _length(a)) for a, b in both])
             rows.append(
-                study_page.PaperComparison(
+                PaperComparison(
                     f"length of the paths, {SEARCHES[s]}, {words} intrinsics",
                     "1.54 times",
                     f"{ratio.words(3)} times OPT's",
                     like(ratio, 0.188 / 0.1221),
                     "0.188 over 0.1221; only the ratio can be compared: the unit depends on the prior of the lens.",
-                    "value",
-                    ratio.n,
                 )
             )
     opt = some("ball", rig, "opt")
     for s in ("first", "first-listed"):
-        chosen = study_page.pairs(opt, some("ball", rig, s))
+        chosen = pairs(opt, some("ball", rig, s))
         ratio = estimate([b["mean_px"] / a["mean_px"] for a, b in chosen])
-        bars = estimate(
-            [study_page.pooled_rms([all_errors(b)]) / study_page.pooled_rms([all_errors(a)]) for a, b in chosen]
-        )
-        px = estimate([a["mean_px"] for a, _ in chosen])
+        bars = estimate([pooled_rms([all_errors(b)]) / pooled_rms([all_errors(a)]) for a, b in chosen])
+        px = mean_px([a for a, _ in chosen])
         rows += [
-            study_page.PaperComparison(
+            PaperComparison(
                 f"reprojection error at the end, {SEARCHES[s]} over OPT",
                 "0.15 over 0.09 px",
                 f"{ratio.words(4)} ({px.words(4)} px with OPT)",
                 like(ratio, 0.15 / 0.09),
                 "on rig A the plain adjustment finds the same optimum from all of these starts; for rig B see below.",
-                "value",
-                ratio.n,
             ),
-            study_page.PaperComparison(
+            PaperComparison(
                 f"error of bars, {SEARCHES[s]} over OPT",
                 "much larger than OPT's 0.11 mm",
                 bars.words(4),
                 above(bars, RATIO),
                 "for the same reason; much larger: by a quarter or more.",
-                "limit",
-                bars.n,
             ),
         ]
-    return study_page.paper_table(document, [*rows, *ends], "tao2021")
+    return rows
 
 
 def _over(one: float | None, other: float | None) -> float | None:
@@ -329,7 +304,7 @@ def _over(one: float | None, other: float | None) -> float | None:
 
 
 def draw_graph(
-    document: study_page.Document, opt: dict[str, Any], first: dict[str, Any], view: str = "Cameras from above"
+    document: Document, opt: dict[str, Any], first: dict[str, Any], view: str = "Cameras from above"
 ) -> None:
     """Add a drawing of the camera graph to a document: cameras, all edges, and those of two searches' paths."""
 

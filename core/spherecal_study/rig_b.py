@@ -1,15 +1,25 @@
 """The second system of the paper: twelve cameras on two planes."""
 
-from spherecal_study import study_page
 from spherecal_study.executor import Trial
-from spherecal_study.study_agreement import Estimate, all_errors, always, estimate, like
+from spherecal_study.study_agreement import (
+    Estimate,
+    Judged,
+    Results,
+    alone_rms,
+    always,
+    bars_rms,
+    estimate,
+    like,
+    local_and_global_s,
+)
+from spherecal_study.study_page import Document, Options, PaperComparison
 
 TITLE = "The second system: rig B"
 RUNS = 5
 _WAYS = {"tao2021": "as in the paper", "free": "free", "auto": "rigid where possible"}
 
 
-def trials(options: study_page.Options) -> list[Trial]:
+def trials(options: Options) -> list[Trial]:
     """Calibrations of rigs A and B by each form."""
     return [
         Trial("ball", {**options.plain(rig), "preset": rig, "seed": s, "method": m})
@@ -19,59 +29,43 @@ def trials(options: study_page.Options) -> list[Trial]:
     ]
 
 
-def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
+def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: residuals and bars of both rigs, and the table paper / ours."""
-    document = study_page.begin(
+    document = options.begin(
         TITLE,
-        options,
-        [
-            "Twelve cameras with 12 mm lenses on two opposed planes of a 1290 x 1150 x 990 mm frame, beside the ten "
-            "of rig A. Half of the cameras hardly see the other half's side of the ball. The paper gives no sensor "
-            "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated."
-        ],
+        "Twelve cameras with 12 mm lenses on two opposed planes of a 1290 x 1150 x 990 mm frame, beside the ten "
+        "of rig A. Half of the cameras hardly see the other half's side of the ball. The paper gives no sensor "
+        "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated.",
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
-    def some(rig: str, method: str) -> study_page.Results:
+    def some(rig: str, method: str) -> Results:
         return [r for s, r in both if s["preset"] == rig and s["method"] == method]
 
-    rows, series, errors = [], {}, {}
+    rows, series = [], {}
     for m, name in _WAYS.items():
         for rig in ("rigA", "rigB"):
             chosen = some(rig, m)
-            x, y, sx, sy = (_coordinate(chosen, *of) for of in _COORDINATES)
-            bars = estimate([study_page.pooled_rms([all_errors(r)]) for r in chosen])
-            alone = estimate([study_page.pooled_rms([r["exact_errors_mm"]]) for r in chosen])
-            rows.append(
-                [
-                    f"{rig}, {name}",
-                    len(chosen),
-                    f"{x.mean:.4f} / {y.mean:.4f}",
-                    f"{sx.mean:.4f} / {sy.mean:.4f}",
-                    bars.words(4),
-                    alone.words(4),
-                ]
-            )
-            series.setdefault(name, []).append(bars.mean)
-            errors.setdefault(name, []).append(bars.error)
-    levels = {"paper: sd below": 0.125}
-    study_page.columns_by_group(
-        document, ["rig A", "rig B"], series, "bars, rms error, mm", paper=levels, errors=errors
-    )
+            x, y, sx, sy = (f"{_coordinate(chosen, *of).mean:.4f}" for of in _COORDINATES)
+            bars, alone = bars_rms(chosen), alone_rms(chosen)
+            figures = f"{x} / {y}", f"{sx} / {sy}", bars.words(4), alone.words(4)
+            rows.append([f"{rig}, {name}", len(chosen), *figures])
+            series.setdefault(name, []).append(bars)
+    document.columns(["rig A", "rig B"], series, "bars, rms error, mm", paper={"paper: sd below": 0.125})
     heads = ("rig, form", "runs", "mean |x| / |y| px", "sd x / y px", "bars rms mm", "calibration alone mm")
-    study_page.table(document, heads, rows)
+    document.table(heads, rows)
     _by_camera(document, some("rigA", "tao2021"))
-    return _against_paper(document, some("rigA", "tao2021"), some("rigB", "auto"), options)
+    return document.against_paper(_compared(some("rigA", "tao2021"), some("rigB", "auto"), options), "tao2021")
 
 
 _COORDINATES = (("mean_abs_px", 0), ("mean_abs_px", 1), ("sd_px", 0), ("sd_px", 1))
 
 
-def _coordinate(chosen: study_page.Results, name: str, axis: int) -> Estimate:
+def _coordinate(chosen: Results, name: str, axis: int) -> Estimate:
     return estimate([r[name][axis] for r in chosen])
 
 
-def _by_camera(document: study_page.Document, chosen: study_page.Results) -> None:
+def _by_camera(document: Document, chosen: Results) -> None:
     """Residuals of each of rig A's cameras beside the paper's figures over all ten."""
     if not chosen:
         return
@@ -81,71 +75,49 @@ def _by_camera(document: study_page.Document, chosen: study_page.Results) -> Non
         ("camera_mean_abs_px", "mean absolute residual, px", {"paper, x": 0.0453, "paper, y": 0.0483}),
         ("camera_sd_px", "standard deviation, px", {"paper, x": 0.0632, "paper, y": 0.0629}),
     ):
-        series, errors = {}, {}
-        for axis, letter in enumerate("xy"):
-            each = [estimate([r[name][c][axis] for r in chosen if c in r[name]]) for c in ids]
-            series[letter], errors[letter] = [e.mean for e in each], [e.error for e in each]
-        study_page.columns_by_group(document, ids, series, what, paper=paper, errors=errors)
+        series = {
+            letter: [estimate([r[name][c][axis] for r in chosen if c in r[name]]) for c in ids]
+            for axis, letter in enumerate("xy")
+        }
+        document.columns(ids, series, what, paper=paper)
     document.caption("The paper gives the means and standard deviations over its ten cameras (Fig. 16).")
 
 
-def _against_paper(
-    document: study_page.Document, a: study_page.Results, b: study_page.Results, options: study_page.Options
-) -> study_page.StudyPage:
+def _compared(a: Results, b: Results, options: Options) -> list[PaperComparison]:
     x, y, sx, sy = (_coordinate(a, *of) for of in _COORDINATES)
     noise = f"{0.0453 / x.mean * (options.sigma_px or 0.0):.3f}"
     ratio = estimate([r["sd_px"][0] / r["mean_abs_px"][0] for r in a])
     placed = sum(r["cameras"] == 12 and r["valid"] for r in b)
-    return study_page.paper_table(
-        document,
-        [
-            study_page.PaperComparison(
-                "rig A: mean absolute residuals x, y",
-                "0.0453, 0.0483 px",
-                f"{x.words(4)}, {y.words(4)} px",
-                None,
-                f"proportional to the image noise: the paper's figures are those of {noise} px a coordinate.",
-                "",
-                x.n,
-            ),
-            study_page.PaperComparison(
-                "rig A: standard deviations",
-                "0.0632, 0.0629 px",
-                f"{sx.words(4)}, {sy.words(4)} px",
-                None,
-                "",
-                "",
-                sx.n,
-            ),
-            study_page.PaperComparison(
-                "rig A: standard deviation over mean",
-                "1.395, 1.302",
-                ratio.words(3),
-                like(ratio, 1.35),
-                "a normal distribution's is 1.25; some outliers remain in the paper's.",
-                "value",
-                ratio.n,
-            ),
-            study_page.PaperComparison(
-                "rig B: all cameras calibrated and valid",
-                "12",
-                f"12 in {placed} of {len(b)} runs",
-                always(placed, len(b)),
-                "",
-                "share",
-                len(b),
-                "auto",
-            ),
-            study_page.PaperComparison(
-                "rig B: seconds of computing",
-                "-",
-                f"{sum(study_page.local_and_global_s(b)):.1f} s on one core",
-                None,
-                "",
-                "",
-                len(b),
-                "auto",
-            ),
-        ],
-        "tao2021",
-    )
+    return [
+        PaperComparison(
+            "rig A: mean absolute residuals x, y",
+            "0.0453, 0.0483 px",
+            f"{x.words(4)}, {y.words(4)} px",
+            Judged(x.n),
+            f"proportional to the image noise: the paper's figures are those of {noise} px a coordinate.",
+        ),
+        PaperComparison(
+            "rig A: standard deviations", "0.0632, 0.0629 px", f"{sx.words(4)}, {sy.words(4)} px", Judged(sx.n)
+        ),
+        PaperComparison(
+            "rig A: standard deviation over mean",
+            "1.395, 1.302",
+            ratio.words(3),
+            like(ratio, 1.35),
+            "a normal distribution's is 1.25; some outliers remain in the paper's.",
+        ),
+        PaperComparison(
+            "rig B: all cameras calibrated and valid",
+            "12",
+            f"12 in {placed} of {len(b)} runs",
+            always(placed, len(b)),
+            pipeline="auto",
+        ),
+        PaperComparison(
+            "rig B: seconds of computing",
+            "-",
+            f"{sum(local_and_global_s(b)):.1f} s on one core",
+            Judged(len(b)),
+            pipeline="auto",
+        ),
+    ]

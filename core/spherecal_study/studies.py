@@ -21,8 +21,8 @@ from spherecal_study import path_study as path
 from spherecal_study.executor import Trial, Workers, kept_result, run_trials
 from spherecal_study.kept_pages import KeptPage, pages
 from spherecal_study.rendered import renderings
-from spherecal_study.study_agreement import LEAST_RUNS, TESTS
-from spherecal_study.study_page import Options, Results, StudyPage
+from spherecal_study.study_agreement import LEAST_RUNS, TESTS, Results
+from spherecal_study.study_page import Document, Options
 
 FILE = "paper.md"
 _PLACES = {
@@ -149,8 +149,8 @@ def run_study(
         results = run_trials(listed, folder / "trials", workers, context)
     context.report("drawing the page", 0.0)
     with report_style():
-        page: StudyPage = study.page(listed, results, options)
-        return write_page(name, study.TITLE, page, asdict(options), listed, results, folder)
+        page: Document = study.page(listed, results, options)
+        return write_page(name, page, asdict(options), listed, results, folder)
 
 
 def _kept(name: str, listed: list[Trial], folder: Path) -> tuple[list[Trial], Results]:
@@ -172,7 +172,7 @@ def _check(name: str, options: Options) -> None:
 
 
 def write_page(
-    name: str, title: str, page: StudyPage, options: dict[str, Any], listed: list[Trial], results: Results, folder: Path
+    name: str, page: Document, options: dict[str, Any], listed: list[Trial], results: Results, folder: Path
 ) -> Path:
     """Write a study's page as PDF, pictures and JSON, and `paper.md`, within `report_style`; the PDF's path."""
     figures = [
@@ -181,19 +181,23 @@ def write_page(
     for old in folder.glob(f"{name}-*.png"):
         remove_below(folder, old.name)
     pictures = []
-    write_file_whole(folder / f"{name}.pdf", page.document.pdf())
-    for number, picture in enumerate(page.document.pictures(_DPI), 1):
+    write_file_whole(folder / f"{name}.pdf", page.pdf())
+    for number, picture in enumerate(page.pictures(_DPI), 1):
         pictures.append(f"{name}-{number}.png")
         write_file_whole(folder / pictures[-1], picture)
     document = {
         "format": "spherecal/study",
         "version": 1,
         "study": name,
-        "title": title,
+        "title": page.heading,
         "options": options,
         "pdf": f"{name}.pdf",
         "pictures": pictures,
-        "compared": [asdict(row) for row in page.compared],
+        "compared": [
+            {"what": row.what, "paper": row.paper, "ours": row.ours, "why": row.why, "pipeline": row.pipeline}
+            | asdict(row.judged)
+            for row in page.compared
+        ],
         "trials": figures,
     }
     write_file_whole(folder / f"{name}.json", json_bytes(document))

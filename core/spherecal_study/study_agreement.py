@@ -14,7 +14,9 @@ from spherecal.geometry.triangulation import triangulate
 from spherecal.verify.verify_bars import verify
 from spherecal_sim.simulated_bars import study_bars
 from spherecal_sim.truth import Truth
+from spherecal_study.executor import Trial
 
+Results = list[dict[str, Any]]
 _BARS_SEED = 99
 
 
@@ -74,11 +76,6 @@ def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
     return {"exact_errors_mm": error[np.isfinite(error)].tolist()}
 
 
-def all_errors(result: dict[str, Any]) -> list[float]:
-    """The errors of all bars of a trial's result in one list, mm."""
-    return [float(error) for errors in result["bars"].values() for error in errors]
-
-
 Verdict = Literal["yes", "differs", "cannot tell"]
 
 LEAST_RUNS = 30
@@ -89,6 +86,15 @@ RATIO = 1.25
 # of single cases: those of one run share its recording.
 ALWAYS = 0.8
 _TAIL = 0.975  # of both-sided intervals of 95 %
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Whether figures of so many runs agree with the paper's, by which of `TESTS`; by none where that is not asked."""
+
+    runs: int
+    agrees: Verdict | None = None
+    test: str = ""
 
 
 @dataclass(frozen=True)
@@ -113,13 +119,17 @@ class Estimate:
     def _half(self) -> float:
         return float(t.ppf(_TAIL, self.n - 1)) * self.error if self.n > 1 else float("inf")
 
-    def words(self, digits: int = 4, factor: float = 1.0) -> str:
+    def times(self, factor: float) -> "Estimate":
+        """The same in another unit."""
+        return Estimate(factor * self.mean, factor * self.error, self.n)
+
+    def words(self, digits: int = 4) -> str:
         """Mean and standard error, `0.0312 +- 0.0004`."""
         if not self.n:
             return "not run"
         if self.n < 2:
-            return f"{factor * self.mean:.{digits}f}"
-        return f"{factor * self.mean:.{digits}f} +- {factor * self.error:.{digits}f}"
+            return f"{self.mean:.{digits}f}"
+        return f"{self.mean:.{digits}f} +- {self.error:.{digits}f}"
 
 
 def estimate(values: Sequence[float | None]) -> Estimate:
@@ -132,37 +142,37 @@ def estimate(values: Sequence[float | None]) -> Estimate:
     return Estimate(float(known.mean()), error, n)
 
 
-def below(ours: Estimate, limit: float) -> Verdict:
+def below(ours: Estimate, limit: float) -> Judged:
     """Whether the mean is below a limit of the paper."""
-    return _side(ours.n, ours.high < limit, ours.low >= limit)
+    return _judged("limit", ours.n, ours.high < limit, ours.low >= limit)
 
 
-def above(ours: Estimate, limit: float) -> Verdict:
+def above(ours: Estimate, limit: float) -> Judged:
     """Whether the mean is above a limit of the paper."""
-    return _side(ours.n, ours.low > limit, ours.high <= limit)
+    return _judged("limit", ours.n, ours.low > limit, ours.high <= limit)
 
 
-def like(ours: Estimate, paper: float) -> Verdict:
+def like(ours: Estimate, paper: float) -> Judged:
     """Whether the mean is the paper's value within the factor `RATIO`."""
     inside = ours.low > paper / RATIO and ours.high < paper * RATIO
-    return _side(ours.n, inside, ours.high < paper / RATIO or ours.low > paper * RATIO)
+    return _judged("value", ours.n, inside, ours.high < paper / RATIO or ours.low > paper * RATIO)
 
 
-def always(count: int, n: int) -> Verdict:
+def always(count: int, n: int) -> Judged:
     """Whether something happened in more than `ALWAYS` of the runs."""
     low, high = share_interval(count, n)
-    return _side(n, low > ALWAYS, high < ALWAYS)
+    return _judged("share", n, low > ALWAYS, high < ALWAYS)
 
 
-def never(count: int, n: int) -> Verdict:
+def never(count: int, n: int) -> Judged:
     """Whether something happened in fewer than 1 - `ALWAYS` of the runs."""
     return always(n - count, n)
 
 
-def ordered(steps: Sequence[Estimate]) -> Verdict:
+def ordered(steps: Sequence[Estimate]) -> Judged:
     """Whether figures have the paper's order: the difference of each from the next, run by run, is above 0."""
     n = min((step.n for step in steps), default=0)
-    return _side(n, all(step.low > 0 for step in steps), any(step.high < 0 for step in steps))
+    return _judged("order", n, all(step.low > 0 for step in steps), any(step.high < 0 for step in steps))
 
 
 def share_interval(count: int, n: int) -> tuple[float, float]:
@@ -173,10 +183,8 @@ def share_interval(count: int, n: int) -> tuple[float, float]:
     return low, 1.0 if count == n else float(beta.ppf(_TAIL, count + 1, n - count))
 
 
-def _side(n: int, right: bool, wrong: bool) -> Verdict:
-    if n < LEAST_RUNS:
-        return "cannot tell"
-    return "yes" if right else "differs" if wrong else "cannot tell"
+def _judged(test: str, n: int, right: bool, wrong: bool) -> Judged:
+    return Judged(n, "cannot tell" if n < LEAST_RUNS or not (right or wrong) else "yes" if right else "differs", test)
 
 
 TESTS = {
@@ -186,3 +194,76 @@ TESTS = {
     f"{100 * (1 - ALWAYS):.0f} %)",
     "order": "order: every difference, run by run, has a 95 % interval above 0",
 }
+
+
+def all_errors(result: dict[str, Any]) -> list[float]:
+    """The errors of all bars of a trial's result in one list, mm."""
+    return [float(error) for errors in result["bars"].values() for error in errors]
+
+
+def mean_px(some: Results) -> Estimate:
+    """The mean length of residuals in a run, px, mean over the runs."""
+    return estimate([r["mean_px"] for r in some])
+
+
+def bars_rms(some: Results) -> Estimate:
+    """The rms error of bars in a run, mm, mean over the runs."""
+    return estimate([pooled_rms([all_errors(r)]) for r in some])
+
+
+def alone_rms(some: Results) -> Estimate:
+    """The rms error of bars with perfect images in a run, mm, mean over the runs: what the calibration alone does."""
+    return estimate([pooled_rms([r["exact_errors_mm"]]) for r in some])
+
+
+def bar_sd(some: Results, bar: str) -> Estimate:
+    """The standard deviation of a length of the bars in a run, mm, mean over the runs."""
+    return estimate([pooled_sd([r["bars"].get(bar, [])]) for r in some])
+
+
+def with_seeds(listed: Sequence[Trial], results: Results) -> list[tuple[Trial, dict[str, Any]]]:
+    """Trials and their results, each result with the seed of its trial."""
+    return [(t, {**r, "seed": t.settings["seed"]}) for t, r in zip(listed, results, strict=True)]
+
+
+def pairs(one: Results, other: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Results of two methods on the same seeds: a series that is not finished may lack some of either."""
+    by_seed = {r["seed"]: r for r in other}
+    return [(r, by_seed[r["seed"]]) for r in one if r["seed"] in by_seed]
+
+
+def mean(values: Sequence[float | None]) -> float:
+    """The mean of the known values; NaN without any."""
+    known = [v for v in values if v is not None and np.isfinite(v)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def pooled_sd(lists: Sequence[Sequence[float]]) -> float:
+    """Standard deviation of errors over all runs, about the mean of each run; NaN where no run has two."""
+    arrays = [np.asarray(v, dtype=float) for v in lists if len(v) > 1]
+    if not arrays:
+        return float("nan")
+    return float(np.sqrt(np.mean(np.concatenate([(a - a.mean()) ** 2 for a in arrays]))))
+
+
+def pooled_rms(lists: Sequence[Sequence[float]]) -> float:
+    """Root mean square of errors over all runs; NaN without any."""
+    arrays = [np.asarray(v, dtype=float) for v in lists if len(v)]
+    return float(np.sqrt(np.mean(np.concatenate(arrays) ** 2))) if arrays else float("nan")
+
+
+_LOCAL = ("local reconstruction", "start values", "each camera alone", "pairs of cameras")
+
+
+def local_and_global_s(results: Results) -> tuple[float, float]:
+    """Processor s of the local stage (cameras, pairs, triples) and the rest: medians, as the first compiles."""
+    parts = []
+    for r in results:
+        stages = r["seconds"]
+        per_second = r["cpu_s"] / max(sum(stages.values()), 1e-9)
+        local = per_second * sum(s for stage, s in stages.items() if stage in _LOCAL)
+        parts.append((local, r["cpu_s"] - local))
+    if not parts:
+        return float("nan"), float("nan")
+    local, rest = np.median(parts, axis=0)
+    return float(local), float(rest)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,17 +26,35 @@ from spherecal_documents.report.style import (
     significant,
 )
 from spherecal_sim.rigs import rig_design
-from spherecal_study.executor import Trial
-from spherecal_study.study_agreement import LEAST_RUNS, TESTS, Verdict
+from spherecal_study.study_agreement import LEAST_RUNS, TESTS, Estimate, Judged
+
+Figures = Sequence[float | Estimate]  # estimates are drawn with their standard errors
+_HEIGHT_MM = 62.0  # of a drawing
+
+
+@dataclass(frozen=True)
+class PaperComparison:
+    """A line of the table paper / ours; `pipeline` is the method that it is of."""
+
+    what: str
+    paper: str
+    ours: str
+    judged: Judged
+    why: str = ""
+    pipeline: str = ""
 
 
 class Document:
-    """Collects blocks; to be made into a PDF within `report_style`."""
+    """Collects blocks; to be made into a PDF within `report_style`. `compared`: the lines of its table paper / ours."""
 
-    def __init__(self, title: str, heading: str, foot: str) -> None:
+    def __init__(self, heading: str, text: Sequence[str] = (), kind: str = "Study", title: str = "") -> None:
         self.heading = heading
+        self.compared: tuple[PaperComparison, ...] = ()
+        title, foot = title or f"SphereCal study: {heading}", f"{kind} by SphereCal {__version__}"
         self._report = Report(title, heading, "", (), foot)
         self._sections = [Section("", "", ())]
+        for paragraph in text:
+            self.paragraph(paragraph)
 
     def begin_section(self, title: str) -> None:
         """A section with its heading."""
@@ -54,13 +72,89 @@ class Document:
         """A paragraph in small grey type."""
         self._add(Paragraph(text, "note"))
 
-    def table(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]], left: int = 1) -> None:
-        """A table whose first `left` columns hold words."""
-        self._add(Table(tuple(columns), tuple(map(tuple, rows)), left))
+    def table(self, columns: Sequence[str], rows: Sequence[Sequence[Any]], left: int = 1) -> None:
+        """A table whose first `left` columns hold words; of numbers three significant digits, None is not known."""
+        self._add(Table(tuple(columns), tuple(tuple(map(_cell, row)) for row in rows), left))
 
     def figure(self, name: str, height_mm: float, draw: Callable[[Sheet, PageBox], object]) -> None:
         """A drawing as wide as the text."""
         self._add(Figure(name, height_mm, draw))
+
+    def curves(
+        self,
+        series: Mapping[str, Mapping[int, float] | Mapping[int, Estimate]],
+        x_label: str,
+        y_label: str,
+        log: bool = False,
+        lines: Mapping[str, float] | None = None,
+    ) -> None:
+        """Curves over a number, each with its own mark."""
+
+        def draw(sheet: Sheet, box: PageBox) -> None:
+            axes = _axes(sheet, box)
+            for number, (name, found) in enumerate(series.items()):
+                style = {"color": SERIES[number % len(SERIES)], "marker": MARKS[number % len(MARKS)], "markersize": 3.5}
+                y, errors = _drawn(list(found.values()))
+                axes.errorbar(list(found), y, yerr=errors, label=name, capsize=2, elinewidth=0.8, **style)
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+            for (name, level), style in zip((lines or {}).items(), ("--", ":", "-."), strict=False):
+                axes.axhline(level, color=SOFT, linestyle=style, linewidth=0.9, label=name)
+            if log:
+                _log(axes)
+            else:
+                axes.set_ylim(bottom=0)
+            _finish(axes, x_label, y_label)
+
+        self.figure(y_label, _HEIGHT_MM, draw)
+
+    def columns(
+        self,
+        groups: Sequence[str],
+        series: Mapping[str, Figures],
+        y_label: str,
+        height: float = _HEIGHT_MM,
+        log: bool = False,
+        paper: Mapping[str, float] | None = None,
+    ) -> None:
+        """Columns side by side for each group, `height` mm high."""
+
+        def draw(sheet: Sheet, box: PageBox) -> None:
+            axes = _axes(sheet, box)
+            width = 0.8 / max(len(series), 1)
+            for number, (name, found) in enumerate(series.items()):
+                x = np.arange(len(groups)) + (number - (len(series) - 1) / 2) * width
+                values, errors = _drawn(found)
+                known = np.nan_to_num(np.array(values, dtype=float))
+                axes.bar(x, known, 0.92 * width, color=SERIES[number % len(SERIES)], label=name)
+                if errors is not None:
+                    axes.errorbar(x, values, yerr=errors, fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.5)
+            for name, level in (paper or {}).items():
+                axes.axhline(level, color=SOFT, linestyle="--", linewidth=0.8, label=name)
+            axes.set_xticks(np.arange(len(groups)), groups)
+            if log:
+                _log(axes)
+            _finish(axes, "", y_label)
+
+        self.figure(y_label, height, draw)
+
+    def against_paper(self, rows: Sequence[PaperComparison], pipeline: str = "") -> Self:
+        """The table paper / ours at its end, the reasons below it; `pipeline` of lines that name none."""
+        self.compared = tuple(replace(row, pipeline=row.pipeline or pipeline) for row in rows)
+        self.begin_section("Paper and ours")
+        words: dict[str | None, Cell] = {
+            "yes": Strong("yes", GOOD), "differs": Strong("differs", BAD),
+            "cannot tell": Strong("cannot tell", CAUTION), None: NONE,
+        }  # fmt: skip
+        cells = [(row.what, row.paper, row.ours, words[row.judged.agrees], str(row.judged.runs)) for row in rows]
+        self.table(("quantity", "paper", "ours", "agrees", "runs"), cells, 4)
+        for test in dict.fromkeys(row.judged.test for row in rows if row.judged.test):
+            self.caption(
+                f"Test: {TESTS[test]}; on the other side it differs; fewer than {LEAST_RUNS} runs cannot tell."
+            )
+        for row in rows:
+            if row.why:
+                self.caption(f"{row.what}: {row.why}")
+        return self
 
     def pdf(self) -> bytes:
         """The document as a PDF."""
@@ -72,9 +166,6 @@ class Document:
 
     def _whole(self) -> Report:
         return replace(self._report, sections=tuple(self._sections))
-
-
-Results = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -121,150 +212,37 @@ class Options:
         """One seed a repetition."""
         return range(self.seed, self.seed + self.runs)
 
-
-@dataclass(frozen=True)
-class PaperComparison:
-    """A line of the table paper / ours."""
-
-    what: str
-    paper: str
-    ours: str
-    agrees: Verdict | None  # None where it is no matter of agreeing
-    why: str = ""
-    test: str = ""  # one of study_agreement.TESTS
-    runs: int = 0  # behind the line
-    pipeline: str = ""  # which method it is of
-
-
-def begin(title: str, options: Options, text: Sequence[str]) -> Document:
-    """A document with its title and what was done."""
-    document = Document(f"SphereCal study: {title}", title, f"Study by SphereCal {__version__}")
-    for paragraph in text:
-        document.paragraph(paragraph)
-    seeds = f"seed {options.seed}" if options.runs == 1 else f"seeds {options.seed} to {options.seeds.stop - 1}"
-    source = (
-        "Rendered images, detected as recorded ones are"
-        if options.sigma_px is None
-        else f"Simulated observations, image noise {options.sigma_px:g} px a coordinate"
-    )
-    document.caption(
-        f"{source}, {seeds}; the same seeds give the same page. Paper: [Tao21], IEEE TIM 70 (2021) 5016715."
-    )
-    if options.images or options.preset:
-        document.caption("The paper's rig is another one: its figures can be compared in kind only.")
-    return document
-
-
-def with_seeds(listed: Sequence[Trial], results: Results) -> list[tuple[Trial, dict[str, Any]]]:
-    """Trials and their results, each result with the seed of its trial."""
-    return [(t, {**r, "seed": t.settings["seed"]}) for t, r in zip(listed, results, strict=True)]
-
-
-def pairs(one: Results, other: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Results of two methods on the same seeds: a series that is not finished may lack some of either."""
-    by_seed = {r["seed"]: r for r in other}
-    return [(r, by_seed[r["seed"]]) for r in one if r["seed"] in by_seed]
-
-
-@dataclass(frozen=True)
-class StudyPage:
-    """A study's page and the lines of its table paper / ours."""
-
-    document: Document
-    compared: tuple[PaperComparison, ...]
-
-
-def paper_table(document: Document, rows: Sequence[PaperComparison], pipeline: str = "") -> StudyPage:
-    """The page with the table paper / ours at its end, the reasons below it; `pipeline` of lines that name none."""
-    rows = [replace(row, pipeline=row.pipeline or pipeline) for row in rows]
-    document.begin_section("Paper and ours")
-    words: dict[str | None, Cell] = {
-        "yes": Strong("yes", GOOD), "differs": Strong("differs", BAD), "cannot tell": Strong("cannot tell", CAUTION),
-        None: NONE,
-    }  # fmt: skip
-    cells = [(row.what, row.paper, row.ours, words[row.agrees], str(row.runs)) for row in rows]
-    document.table(("quantity", "paper", "ours", "agrees", "runs"), cells, 4)
-    for test in dict.fromkeys(row.test for row in rows if row.test):
-        document.caption(
-            f"Test: {TESTS[test]}; on the other side it differs; fewer than {LEAST_RUNS} runs cannot tell."
+    def begin(self, title: str, *text: str) -> Document:
+        """A document with its title and what was done."""
+        document = Document(title, text)
+        seeds = f"seed {self.seed}" if self.runs == 1 else f"seeds {self.seed} to {self.seeds.stop - 1}"
+        source = (
+            "Rendered images, detected as recorded ones are"
+            if self.sigma_px is None
+            else f"Simulated observations, image noise {self.sigma_px:g} px a coordinate"
         )
-    for row in rows:
-        if row.why:
-            document.caption(f"{row.what}: {row.why}")
-    return StudyPage(document, tuple(rows))
+        document.caption(
+            f"{source}, {seeds}; the same seeds give the same page. Paper: [Tao21], IEEE TIM 70 (2021) 5016715."
+        )
+        if self.images or self.preset:
+            document.caption("The paper's rig is another one: its figures can be compared in kind only.")
+        return document
 
 
-def table(document: Document, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Add a table to a document; numbers have three significant digits, None is shown as not known."""
-    document.table(columns, [[_cell(value) for value in row] for row in rows])
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, str):
+def _cell(value: Any) -> Cell:
+    if isinstance(value, (str, Strong)):
         return value
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
         return str(value)
     return significant(None if value is None else float(value), 3)
 
 
-def curves(
-    document: Document,
-    series: Mapping[str, tuple[Sequence[float], Sequence[float]]],
-    x_label: str,
-    y_label: str,
-    height: float = 62.0,
-    log: bool = False,
-    lines: Mapping[str, float] | None = None,
-    errors: Mapping[str, Sequence[float]] | None = None,
-) -> None:
-    """Add curves over a number to a document, each with its own mark, `height` mm high."""
-
-    def draw(sheet: Sheet, box: PageBox) -> None:
-        axes = _axes(sheet, box)
-        for number, (name, (x, y)) in enumerate(series.items()):
-            style = {"color": SERIES[number % len(SERIES)], "marker": MARKS[number % len(MARKS)], "markersize": 3.5}
-            axes.errorbar(x, y, yerr=(errors or {}).get(name), label=name, capsize=2, elinewidth=0.8, **style)
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        for (name, level), style in zip((lines or {}).items(), ("--", ":", "-."), strict=False):
-            axes.axhline(level, color=SOFT, linestyle=style, linewidth=0.9, label=name)
-        if log:
-            _log(axes)
-        else:
-            axes.set_ylim(bottom=0)
-        _finish(axes, x_label, y_label)
-
-    document.figure(y_label, height, draw)
-
-
-def columns_by_group(
-    document: Document,
-    groups: Sequence[str],
-    series: Mapping[str, Sequence[float]],
-    y_label: str,
-    height: float = 62.0,
-    log: bool = False,
-    paper: Mapping[str, float] | None = None,
-    errors: Mapping[str, Sequence[float]] | None = None,
-) -> None:
-    """Add columns side by side for each group to a document, `height` mm high."""
-
-    def draw(sheet: Sheet, box: PageBox) -> None:
-        axes = _axes(sheet, box)
-        width = 0.8 / max(len(series), 1)
-        for number, (name, values) in enumerate(series.items()):
-            x = np.arange(len(groups)) + (number - (len(series) - 1) / 2) * width
-            known = np.nan_to_num(np.array(values, dtype=float))
-            axes.bar(x, known, 0.92 * width, color=SERIES[number % len(SERIES)], label=name)
-            if errors and name in errors:
-                axes.errorbar(x, values, yerr=errors[name], fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.5)
-        for name, level in (paper or {}).items():
-            axes.axhline(level, color=SOFT, linestyle="--", linewidth=0.8, label=name)
-        axes.set_xticks(np.arange(len(groups)), groups)
-        if log:
-            _log(axes)
-        _finish(axes, "", y_label)
-
-    document.figure(y_label, height, draw)
+def _drawn(found: Figures) -> tuple[list[float], list[float] | None]:
+    """Values and their standard errors, None where they have none."""
+    estimates = [one for one in found if isinstance(one, Estimate)]
+    if len(estimates) == len(found):
+        return [one.mean for one in estimates], [one.error for one in estimates]
+    return [one for one in found if not isinstance(one, Estimate)], None
 
 
 def _axes(sheet: Sheet, box: PageBox) -> Axes:
@@ -290,40 +268,3 @@ def _finish(axes: Axes, x_label: str, y_label: str) -> None:
     axes.set_ylabel(y_label)
     axes.grid(axis="y", linewidth=0.3)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=SMALL_PT)
-
-
-def mean(values: Sequence[float | None]) -> float:
-    """The mean of the known values; NaN without any."""
-    known = [v for v in values if v is not None and np.isfinite(v)]
-    return float(np.mean(known)) if known else float("nan")
-
-
-def pooled_sd(lists: Sequence[Sequence[float]]) -> float:
-    """Standard deviation of errors over all runs, about the mean of each run; NaN where no run has two."""
-    arrays = [np.asarray(v, dtype=float) for v in lists if len(v) > 1]
-    if not arrays:
-        return float("nan")
-    return float(np.sqrt(np.mean(np.concatenate([(a - a.mean()) ** 2 for a in arrays]))))
-
-
-def pooled_rms(lists: Sequence[Sequence[float]]) -> float:
-    """Root mean square of errors over all runs; NaN without any."""
-    arrays = [np.asarray(v, dtype=float) for v in lists if len(v)]
-    return float(np.sqrt(np.mean(np.concatenate(arrays) ** 2))) if arrays else float("nan")
-
-
-_LOCAL = ("local reconstruction", "start values", "each camera alone", "pairs of cameras")
-
-
-def local_and_global_s(results: Results) -> tuple[float, float]:
-    """Processor s of the local stage (cameras, pairs, triples) and the rest: medians, as the first compiles."""
-    parts = []
-    for r in results:
-        stages = r["seconds"]
-        per_second = r["cpu_s"] / max(sum(stages.values()), 1e-9)
-        local = per_second * sum(s for stage, s in stages.items() if stage in _LOCAL)
-        parts.append((local, r["cpu_s"] - local))
-    if not parts:
-        return float("nan"), float("nan")
-    local, rest = np.median(parts, axis=0)
-    return float(local), float(rest)

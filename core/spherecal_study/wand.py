@@ -8,21 +8,21 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Calibration
 from spherecal.geometry.transform import fit_similarity
 from spherecal_sim.simulated_boards import SimulatedRecording
-from spherecal_study import study_page
 from spherecal_study.executor import Trial
-from spherecal_study.study_agreement import always, estimate
+from spherecal_study.study_agreement import Judged, Results, always, estimate, local_and_global_s, mean
+from spherecal_study.study_page import Document, Options, PaperComparison
 
 TITLE = "A waved bar before ten cameras (1-D method)"
 RUNS = 3
 _FRAMES = (300, 1000, 3000)
 
 
-def trials(options: study_page.Options) -> list[Trial]:
+def trials(options: Options) -> list[Trial]:
     """Calibrations with 300, 1,000 and 3,000 frames of a bar of 300 mm in rig A."""
     return [Trial("wand", {**_plain(options), "seed": s, "frames": n}) for n in _FRAMES for s in options.seeds]
 
 
-def _plain(options: study_page.Options) -> dict[str, Any]:
+def _plain(options: Options) -> dict[str, Any]:
     return {name: value for name, value in options.plain("rigA").items() if name != "paths"}
 
 
@@ -61,102 +61,65 @@ def _rms(vectors: FloatArray) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
-def page(listed: list[Trial], results: study_page.Results, options: study_page.Options) -> study_page.StudyPage:
+def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: errors beside their bounds, over the number of frames, and the table paper / ours."""
-    document = study_page.begin(
+    document = options.begin(
         TITLE,
-        options,
-        [
-            "A bar of two marks 300 mm apart (certified to 0.004 mm, k = 2) is waved through the volume. "
-            f"{options.rig_words('rigA')} sees it. Intrinsics start from the data sheets and are estimated with "
-            "everything else. Errors are those against the truth, after the similarity that no image can tell; the "
-            "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat."
-        ],
+        "A bar of two marks 300 mm apart (certified to 0.004 mm, k = 2) is waved through the volume. "
+        f"{options.rig_words('rigA')} sees it. Intrinsics start from the data sheets and are estimated with "
+        "everything else. Errors are those against the truth, after the similarity that no image can tell; the "
+        "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat.",
     )
     by_frames = {n: [r for t, r in zip(listed, results, strict=True) if t.settings["frames"] == n] for n in _FRAMES}
 
-    def rms(n: int, name: str) -> float:
-        return float(np.sqrt(study_page.mean([r[name] ** 2 for r in by_frames[n]])))
+    def rms(name: str) -> dict[int, float]:
+        return {n: float(np.sqrt(mean([r[name] ** 2 for r in some]))) for n, some in by_frames.items()}
 
-    counts = list(_FRAMES)
-    study_page.curves(
-        document,
-        {
-            "marks: error": (counts, [rms(n, "points_mm") for n in counts]),
-            "marks: bound": (counts, [rms(n, "points_bound_mm") for n in counts]),
-            "camera centres: error": (counts, [rms(n, "centres_mm") for n in counts]),
-            "camera centres: bound": (counts, [rms(n, "centres_bound_mm") for n in counts]),
-        },
-        "frames",
-        "rms, mm",
-        log=True,
-    )
-    study_page.table(
-        document,
+    titles = {
+        "points_mm": "marks: error", "points_bound_mm": "marks: bound",
+        "centres_mm": "camera centres: error", "centres_bound_mm": "camera centres: bound",
+    }  # fmt: skip
+    document.curves({title: rms(name) for name, title in titles.items()}, "frames", "rms, mm", log=True)
+    columns = [rms(name) for name in (*titles, "focal_px", "focal_bound_px")]
+    document.table(
         ("frames", "marks mm", "bound mm", "centres mm", "bound mm", "focal px", "bound px", "CPU s"),
-        [
-            [
-                str(n),
-                *(rms(n, name) for name in ("points_mm", "points_bound_mm", "centres_mm", "centres_bound_mm")),
-                *(rms(n, name) for name in ("focal_px", "focal_bound_px")),
-                sum(study_page.local_and_global_s(by_frames[n])),
-            ]
-            for n in counts
-        ],
+        [[n, *(own[n] for own in columns), sum(local_and_global_s(by_frames[n]))] for n in _FRAMES],
     )
     document.caption(
         "Marks keep the noise of the few images that show them, however many frames there are; cameras get better with "
         "all of them. CPU s: processor seconds on one core from observations to the result, covariance included."
     )
-    return _against_paper(document, by_frames[counts[-1]], counts[-1], options.cameras("rigA"))
+    return document.against_paper(_compared(by_frames[_FRAMES[-1]], options.cameras("rigA")), "bar")
 
 
-def _against_paper(
-    document: study_page.Document, most: study_page.Results, frames: int, cameras: int
-) -> study_page.StudyPage:
+def _compared(most: Results, cameras: int) -> list[PaperComparison]:
     ratio = estimate([r["points_mm"] / r["points_bound_mm"] for r in most])
     off = estimate([r["scale"] for r in most])
     stated = estimate([r["scale_bound"] for r in most])
     placed = sum(r["cameras"] == cameras and r["valid"] for r in most)
-    return study_page.paper_table(
-        document,
-        [
-            study_page.PaperComparison(
-                f"{frames} frames, {cameras} cameras: marks, error over bound",
-                "-",
-                ratio.words(4),
-                None,
-                "rms in space over the Cramer-Rao bound.",
-                "",
-                ratio.n,
-            ),
-            study_page.PaperComparison(
-                "cameras calibrated",
-                "all",
-                f"all {cameras} in {placed} of {len(most)} runs",
-                always(placed, len(most)),
-                "",
-                "share",
-                len(most),
-            ),
-            study_page.PaperComparison(
-                "scale",
-                "-",
-                f"off by {off.words(1, 1e6)} ppm, stated {stated.words(1, 1e6)}",
-                None,
-                "stated: the certificate's, which frames do not improve.",
-                "",
-                off.n,
-            ),
-            study_page.PaperComparison(
-                "seconds of computing",
-                "319.20 s, waving by hand included",
-                f"{sum(study_page.local_and_global_s(most)):.1f} s",
-                None,
-                "waving was not measured.",
-                "",
-                len(most),
-            ),
-        ],
-        "bar",
-    )
+    return [
+        PaperComparison(
+            f"{_FRAMES[-1]} frames, {cameras} cameras: marks, error over bound",
+            "-",
+            ratio.words(4),
+            Judged(ratio.n),
+            "rms in space over the Cramer-Rao bound.",
+        ),
+        PaperComparison(
+            "cameras calibrated", "all", f"all {cameras} in {placed} of {len(most)} runs", always(placed, len(most))
+        ),
+        PaperComparison(
+            "scale",
+            "-",
+            f"off by {off.times(1e6).words(1)} ppm, stated {stated.times(1e6).words(1)}",
+            Judged(off.n),
+            "stated: the certificate's, which frames do not improve.",
+        ),
+        PaperComparison(
+            "seconds of computing",
+            "319.20 s, waving by hand included",
+            f"{sum(local_and_global_s(most)):.1f} s",
+            Judged(len(most)),
+            "waving was not measured.",
+        ),
+    ]

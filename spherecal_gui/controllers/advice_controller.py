@@ -9,10 +9,7 @@ import numpy as np
 from PySide6.QtCore import Signal
 
 from spherecal_gui import limits_in_force as limits
-from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
-from spherecal_gui.controllers.recording_controller import RecordingController
 from spherecal_gui.coverage import SetDots
 from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.languages import translate
@@ -22,6 +19,7 @@ from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next, survey
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # ghosts and live images need scipy, for which the window does not wait
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.ghost import Lying, ToGo
     from spherecal_gui.tasks.live_detection import Sight
 
@@ -43,9 +41,8 @@ class AdviceController(ControllerPart):
     guidance_changed = Signal()
     ball_seen = Signal()
 
-    def __init__(self, main: ProjectController, cameras: CameraController, recording: RecordingController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._cameras, self._recording = cameras, recording
         self.planner, self.seer = Runner(self), Runner(self)
         self.lying: Lying | None = None  # where the ball is now
         self.guidance: GuidanceView | None = None
@@ -67,7 +64,7 @@ class AdviceController(ControllerPart):
 
     def plan_next(self) -> None:
         """Have the engine work out the next placement, beside everything else; the last question asked counts."""
-        project, session, connection = self.project, self._recording.session, self._cameras.connection
+        project, session, connection = self.project, self.main.recording.session, self.main.cameras.connection
         if project is None or session is None or connection is None or project.purpose != "calibrate":
             return
         if project.by_board or project.source.startswith("replay"):  # a recorded ball goes nowhere
@@ -76,7 +73,7 @@ class AdviceController(ControllerPart):
             if self.planner.running != "survey":
                 self.planner.cancel()
             return
-        known = self._recording.dots
+        known = self.main.recording.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
         masks = (("masks", fingerprint(project.masks)),) if dots else ()
         key = (*((name, project.taken[name]) for name in dots), *masks)
@@ -102,7 +99,7 @@ class AdviceController(ControllerPart):
 
     def _ask(self, dots: Mapping[str, SetDots], coarse: bool) -> None:
         """Have the engine work it out: first coarsely, then well."""
-        session, connection = self._recording.session, self._cameras.connection
+        session, connection = self.main.recording.session, self.main.cameras.connection
         if session is None or connection is None:  # closed between the two answers, as by a full disk
             return
         document, target_set = session.document(), connection.plan.target_set
@@ -144,7 +141,7 @@ class AdviceController(ControllerPart):
 
     def survey(self, sights: Mapping[str, "Sight"]) -> None:
         """Before the first placement: work out where cameras and ball are from the ball that lies in sight."""
-        project, connection, now = self.project, self._cameras.connection, time.monotonic()
+        project, connection, now = self.project, self.main.cameras.connection, time.monotonic()
         dots = {name: sight.dots for name, sight in sights.items() if len(sight.dots) >= _LEAST_DOTS and sight.still}
         if project is None or connection is None or self.planner.running is not None:
             return
@@ -152,7 +149,7 @@ class AdviceController(ControllerPart):
         if project.by_board or project.taken or len(dots) < 2 or not new or now - self._surveyed_s < _SURVEY_AGAIN_S:
             return
         self._surveyed_s = now
-        document, target_set = self._recording.outline(), connection.plan.target_set
+        document, target_set = self.main.recording.outline(), connection.plan.target_set
 
         def done(found: GuidanceView | None) -> None:
             if found is not None and found.scene is not None and self.guidance is None:

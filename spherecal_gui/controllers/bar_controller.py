@@ -9,10 +9,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.verify.limit import parse_limit
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
-from spherecal_gui.controllers.recording_controller import RecordingController
 from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
 from spherecal_gui.tasks.guided_bar import lying_ends
 from spherecal_gui.tasks.task import Runner
@@ -21,6 +18,7 @@ from spherecal_gui.texts import error_line
 if TYPE_CHECKING:  # planning, ghosts and live images need scipy, for which the window does not wait
     from spherecal.data.session import Bar
     from spherecal.verify.pose_plan import PlannedPose, PosePlan
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.ghost import Drawn
     from spherecal_gui.tasks.live_detection import Sight
 
@@ -32,9 +30,8 @@ class BarController(ControllerPart):
 
     seen = Signal()
 
-    def __init__(self, main: ProjectController, cameras: CameraController, recording: RecordingController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._cameras, self._recording = cameras, recording
         self.looker = Runner(self)
         self.guide: BarGuide | None = None
         self.lying_ends: FloatArray | None = None  # of the bar as it was seen last, (2, 3) mm
@@ -53,7 +50,7 @@ class BarController(ControllerPart):
         if any(pose in project.taken for pose in project.check_poses) or project.pose_bars == wanted:
             return  # poses that are being taken stay what they are
         project = changes.with_poses(project, wanted)
-        self._recording.plan_checks(project)
+        self.main.recording.plan_checks(project)
         self.main.update(project)
 
     @property
@@ -69,8 +66,8 @@ class BarController(ControllerPart):
 
     def bar(self, name: str) -> "Bar":
         """A bar on the bench."""
-        assert self._cameras.connection is not None
-        return next(one for one in self._cameras.connection.plan.bars if one.id == name)
+        assert self.main.cameras.connection is not None
+        return next(one for one in self.main.cameras.connection.plan.bars if one.id == name)
 
     def ghosts(self, pose: str) -> "dict[str, Drawn]":
         """The bar of a guided pose as each camera would see it where it should lie, and as it lies."""
@@ -84,7 +81,7 @@ class BarController(ControllerPart):
 
     def look_at(self, pose: str, sights: "dict[str, Sight]") -> bool:
         """Work out where the bar lies now, beside the window; whether that was begun."""
-        planned, outcome, connection = self.planned_pose(pose), self.main.outcome, self._cameras.connection
+        planned, outcome, connection = self.planned_pose(pose), self.main.outcome, self.main.cameras.connection
         if planned is None or outcome is None or connection is None or self.looker.running is not None:
             return False
         dots = {name: sight.dots for name, sight in sights.items()}
@@ -110,9 +107,9 @@ class BarController(ControllerPart):
         """The bars' temperature: as it was read, else as the bench's description has it."""
         if self.project is None or self.project.bar_celsius is not None:
             return self.project.bar_celsius if self.project is not None else None
-        if self._cameras.connection is None:
+        if self.main.cameras.connection is None:
             return None
-        plan = self._cameras.connection.plan
+        plan = self.main.cameras.connection.plan
         bars = {bar.id for bar in plan.bars if bar.role == "check"}
         return next((one.temperature_c for one in plan.sets if one.bar in bars and one.temperature_c is not None), None)
 

@@ -10,7 +10,6 @@ from PySide6.QtCore import Signal
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
@@ -23,6 +22,7 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
     from spherecal_cameras.protocol import CameraStatus
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.live_detection import Connection, LiveView
 
 # Sight of the cameras while somebody aims them; detection takes 45 ms an image of 1.3 MP here and sets its own pace.
@@ -45,7 +45,7 @@ class CameraController(ControllerPart):
     connected = Signal()
     driver_asked = Signal(object)
 
-    def __init__(self, main: ProjectController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
         self.connection: Connection | None = None
         self.live: LiveView | None = None

@@ -5,15 +5,14 @@ from typing import TYPE_CHECKING
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.tasks import jobs
 from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
 
@@ -21,9 +20,8 @@ if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
 class CheckController(ControllerPart):
     """The check of the open project: what it `found`, and what it finds `after` a repair."""
 
-    def __init__(self, main: ProjectController, cameras: CameraController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._cameras = cameras
         self.found: Check | CheckSummary | None = None
         self.after: Check | None = None  # the same check with the repaired rig
 
@@ -49,12 +47,11 @@ class CheckController(ControllerPart):
         def work(context: Context) -> "Check":
             return jobs.check(project.folder, profile, project.folder / "check.json", context)
 
-        return self._cameras.start_alone("check", work, self._checked)
+        return self.main.cameras.start_alone("check", work, self._checked)
 
     def _checked(self, found: "Check") -> None:
         self.found, self.after = found, None
-        if self.project is not None:
-            self.main.update(changes.with_check(self.project, found.verdict))
+        self.main.revise(changes.with_check, found.verdict)
         self.main.result_changed.emit()
         text = translate("Check", "The check is finished: {verdict}.").format(verdict=verdict_word(found.verdict))
         self.main.tell("good" if found.verdict == "ok" else "bad", text)
@@ -69,12 +66,11 @@ class CheckController(ControllerPart):
         def work(context: Context) -> "tuple[changes.Verdict, Check]":
             return jobs.repair(project.folder, profile, found.to_repair, project.repair_folder, context)
 
-        return self._cameras.start_alone("check", work, self._repaired)
+        return self.main.cameras.start_alone("check", work, self._repaired)
 
     def _repaired(self, done: "tuple[changes.Verdict, Check]") -> None:
         verdict, self.after = done
-        if self.project is not None:
-            self.main.update(changes.with_repaired(self.project, verdict))
+        self.main.revise(changes.with_repaired, verdict)
         self.main.result_changed.emit()
         text = translate("Check", "The repair is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.main.tell("good" if verdict == "valid" else "bad", text)
@@ -86,8 +82,7 @@ class CheckController(ControllerPart):
             return False
 
         def done(number: str) -> None:
-            if self.project is not None:
-                self.main.update(changes.with_repair_in_use(self.project))
+            self.main.revise(changes.with_repair_in_use)
             text = translate("Check", "The repaired calibration is in use, as number {number}.")
             self.main.tell("good", text.format(number=number))
 

@@ -6,10 +6,7 @@ from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.bar_controller import BarController
-from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of
@@ -19,20 +16,20 @@ from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
 
 
 class ComputationController(ControllerPart):
     """The computations of the open project, and the result that is read after it was opened."""
 
-    def __init__(self, main: ProjectController, cameras: CameraController, bars: BarController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._cameras, self._bars = cameras, bars
         self.course: CourseOfWork | None = None  # of the last calibration
         self._task: BackgroundTask | None = None  # whose course it is
         self.seen_bars = jobs.ObservedBars()
         self._reference_of: tuple[Path | None, str | None] = (None, None)  # the project that it was looked up for
-        cameras.connected.connect(self._read_result)
+        main.cameras.connected.connect(self._read_result)
 
     def close(self) -> None:
         """Forget what was computed; all is on disk already."""
@@ -49,13 +46,13 @@ class ComputationController(ControllerPart):
 
     def _reading(self, project: Project) -> Callable[[Context], Outcome]:
         """Read the project's result, and compare it with the calibration in use."""
-        profile, connection = profile_of(project), self._cameras.connection
+        profile, connection = profile_of(project), self.main.cameras.connection
         bars = connection.plan.bars if connection is not None else ()
         return lambda context: read_outcome(project.result_folder, project.folder, profile, bars, context)
 
     def _result_read(self, outcome: Outcome) -> None:
         self.main.outcome = outcome
-        self._bars.take_over_plan()
+        self.main.bars.take_over_plan()
         self.main.result_changed.emit()
 
     def calibrate(self) -> bool:
@@ -73,7 +70,7 @@ class ComputationController(ControllerPart):
 
         from spherecal_gui.presenters.calibrate_presenter import CourseOfWork  # needs numpy
 
-        begun = self._cameras.start_alone("calibrate", work, self._calibrated)
+        begun = self.main.cameras.start_alone("calibrate", work, self._calibrated)
         if begun:
             self.course, self._task = CourseOfWork(), self.runner.task
             self.main.changed.emit()
@@ -88,9 +85,8 @@ class ComputationController(ControllerPart):
     def _calibrated(self, found: tuple[changes.Verdict, Outcome]) -> None:
         self.follow()
         verdict, self.main.outcome = found
-        if self.project is not None:
-            self.main.update(changes.with_calibration(self.project, verdict))
-        self._bars.take_over_plan()
+        self.main.revise(changes.with_calibration, verdict)
+        self.main.bars.take_over_plan()
         self.main.result_changed.emit()
         kind = {"valid": "good", "use with care": "info"}.get(verdict, "bad")
         text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
@@ -136,7 +132,7 @@ class ComputationController(ControllerPart):
 
     def _with_repairs(self, change: Callable[[Project, str, str], Project], option: str, value: str) -> None:
         if self.project is not None and self.runner.running is None:
-            self.main.update(change(self.project, option, value))
+            self.main.revise(change, option, value)
             self.main.result_changed.emit()
 
     def accept_results(self) -> None:
@@ -159,12 +155,11 @@ class ComputationController(ControllerPart):
             jobs.keep_if_in_use(profile_of(project), project.result_folder, verdict)
             return verdict, read(context)
 
-        return self._cameras.start_alone("verify", work, self._verified)
+        return self.main.cameras.start_alone("verify", work, self._verified)
 
     def _verified(self, found: tuple[changes.Verdict, Outcome]) -> None:
         verdict, self.main.outcome = found
-        if self.project is not None:
-            self.main.update(changes.with_verification(self.project, verdict))
+        self.main.revise(changes.with_verification, verdict)
         self.main.result_changed.emit()
         text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
         said_by_page = (*changes.VERIFIED, "undecided", "no data")  # the page and the rail are amber

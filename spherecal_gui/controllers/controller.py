@@ -46,18 +46,18 @@ class Controller(ProjectController):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        # In the order in which they hear of a change.
+        # In the order in which they hear of a change; each uses only those above it when it is made.
         self.cameras = CameraController(self)
-        self.tuning = TuningController(self, self.cameras)
-        self.recording = RecordingController(self, self.cameras)
-        self.sets = SetController(self, self.cameras, self.recording)
-        self.advice = AdviceController(self, self.cameras, self.recording)
-        self.bars = BarController(self, self.cameras, self.recording)
-        self.staging = StagingController(self, self.cameras, self.advice, self.bars)
-        self.computation = ComputationController(self, self.cameras, self.bars)
-        self.checks = CheckController(self, self.cameras)
+        self.tuning = TuningController(self)
+        self.recording = RecordingController(self)
+        self.sets = SetController(self)
+        self.advice = AdviceController(self)
+        self.bars = BarController(self)
+        self.staging = StagingController(self)
+        self.computation = ComputationController(self)
+        self.checks = CheckController(self)
         self.user_frame = FrameController(self)
-        self.saving = SavingController(self, self.computation, self.user_frame)
+        self.saving = SavingController(self)
         self.keeps_empty = False  # a project that never had a camera, too: it is opened again at once
         self._is_new = False
         self._held = ExitStack()

@@ -11,7 +11,6 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import remove_below
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.languages import translate
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import Outcome
@@ -19,6 +18,7 @@ from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # rotations need scipy, for which the window does not wait
     from spherecal.geometry.user_frame import FrameDefinition, UserFrame
+    from spherecal_gui.controllers.controller import Controller
 
 FRAME = "frame.json"
 
@@ -26,7 +26,7 @@ FRAME = "frame.json"
 class FrameController(ControllerPart):
     """In which frame the project's exports are given; `problem` says why its own cannot be had any more."""
 
-    def __init__(self, main: ProjectController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
         self.frame: UserFrame | None = None
         self.definition: FrameDefinition | None = None

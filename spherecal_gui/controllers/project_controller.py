@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
 
 from PySide6.QtCore import QObject, Signal
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_rigs.result_folder import Result
 
 log = logging.getLogger("spherecal.gui")
+
+P = ParamSpec("P")
 
 
 class ProjectController(QObject):
@@ -74,6 +76,11 @@ class ProjectController(QObject):
                 self.attempt(lambda: save_project(project))
         self.project = project
         self.changed.emit()
+
+    def revise(self, change: Callable[Concatenate[Project, P], Project], *values: P.args, **named: P.kwargs) -> None:
+        """Take over the open project as a function of project.py changes it."""
+        if self.project is not None:
+            self.update(change(self.project, *values, **named))
 
     def change(self, **fields: Any) -> None:
         """Take over the open project with other values of these fields; nothing where they have them already."""

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.camera_controller import CameraController, masks_of
+from spherecal_gui.controllers.camera_controller import masks_of
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
@@ -22,6 +21,7 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
     from numpy.typing import NDArray
 
     from spherecal_cameras.capture import SessionCamera
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.recorded_sets import RecordedSession
     from spherecal_gui.tasks.live_detection import Connection
 
@@ -29,9 +29,8 @@ if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the w
 class RecordingController(ControllerPart):
     """The session folders of the open project: `session` of the calibration, `check_session` of the check bars."""
 
-    def __init__(self, main: ProjectController, cameras: CameraController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._cameras = cameras
         self.session: RecordedSession | None = None
         self.check_session: RecordedSession | None = None
         self._store: DotStore | None = None
@@ -40,7 +39,7 @@ class RecordingController(ControllerPart):
         self._small: dict[str, Mapping[str, NDArray[np.uint8]]] = {}  # of placements, since it was opened
         self._left: dict[str, list[Rectangle]] = {}  # spots that somebody wants to leave as they are
         self.spots: dict[str, tuple[Rectangle, ...]] = {}  # proposed as masks, by camera
-        cameras.connected.connect(self._take_up)
+        main.cameras.connected.connect(self._take_up)
 
     def load(self, project: Project) -> None:
         """Take up the dots that are kept with a project."""
@@ -57,7 +56,7 @@ class RecordingController(ControllerPart):
 
     def confirm_bench(self) -> None:
         """Somebody has looked: what the page says is what is on the bench."""
-        connection = self._cameras.connection
+        connection = self.main.cameras.connection
         if self.project is None or connection is None:
             return
         artefacts = jobs.artefacts_of(connection.plan)
@@ -77,7 +76,7 @@ class RecordingController(ControllerPart):
         """Make or take up the two session folders: of the calibration, and of the check bars."""
         from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
 
-        project, connection = self.project, self._cameras.connection
+        project, connection = self.project, self.main.cameras.connection
         if project is None or connection is None:
             return
         try:
@@ -99,7 +98,7 @@ class RecordingController(ControllerPart):
         """What session.json says, or would say, of cameras and bench."""
         from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
 
-        project, connection = self.project, self._cameras.connection
+        project, connection = self.project, self.main.cameras.connection
         assert project is not None and connection is not None
         plan, cameras = jobs.calibration_plan(connection.plan, project.sets), _masked_cameras(project, connection)
         return (self.session or RecordedSession(project.folder, plan, cameras, connection.source)).document()
@@ -115,7 +114,7 @@ class RecordingController(ControllerPart):
 
     def plan_checks(self, project: Project) -> None:
         """Have the check bars' folder take the poses that a changed project has."""
-        connection = self._cameras.connection
+        connection = self.main.cameras.connection
         if connection is not None and self.check_session is not None:
             planned = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
             self.check_session.plan_instead(planned.sets)
@@ -170,7 +169,7 @@ class RecordingController(ControllerPart):
 
     def find_lost_dots(self) -> None:
         """Detect again what the store does not have; counters are as they were."""
-        project, connection = self.project, self._cameras.connection
+        project, connection = self.project, self.main.cameras.connection
         if project is None or connection is None:
             return
         lost = {name: self.folder_of(name) for name in project.taken if name not in self._found}
@@ -198,7 +197,7 @@ class RecordingController(ControllerPart):
 
         `rectangle`: left, top, width and height in px.
         """
-        connection = self._cameras.connection
+        connection = self.main.cameras.connection
         if self.project is not None and connection is not None:
             self._with_masks(changes.with_mask(self.project, connection.names[serial], rectangle))
 
@@ -247,8 +246,8 @@ class RecordingController(ControllerPart):
     def _with_masks(self, project: Project) -> None:
         """On disk first: wizard.json, then the two session folders that calibration and verification read."""
         self.main.update(project)
-        self._cameras.apply_masks(project)
-        connection = self._cameras.connection
+        self.main.cameras.apply_masks(project)
+        connection = self.main.cameras.connection
         for folder in (self.session, self.check_session):
             if folder is not None and connection is not None:
                 self.main.attempt(lambda folder=folder: folder.set_cameras(_masked_cameras(project, connection)))

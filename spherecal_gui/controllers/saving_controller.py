@@ -4,38 +4,35 @@ import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
 from spherecal.base.errors import OutputError
 from spherecal.base.filesystem import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.computation_controller import ComputationController
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.frame_controller import FrameController
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.languages import translate
 from spherecal_gui.presenters.start_presenter import picture_name
 from spherecal_gui.project import Project
 from spherecal_gui.tasks import jobs
 
+if TYPE_CHECKING:  # which makes the parts
+    from spherecal_gui.controllers.controller import Controller
+
 
 class SavingController(ControllerPart):
     """What is written of the open project."""
 
-    def __init__(
-        self, main: ProjectController, computation: ComputationController, user_frame: FrameController
-    ) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._computation, self._user_frame = computation, user_frame
         self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
     def _save(self, work: Callable[[Project, Context], Path | str], message: str) -> bool:
         project = self.project
 
         def done(what: Path | str) -> None:
-            if self.project is not None:
-                self.main.update(changes.with_saved(self.project))
+            self.main.revise(changes.with_saved)
             self.main.tell("good", message.format(what=what))
 
         if project is None:
@@ -72,7 +69,7 @@ class SavingController(ControllerPart):
 
     def export(self, form: str, output: Path) -> bool:
         """Write the rig in another program's format, in the project's frame; whether that was begun."""
-        frame = self._user_frame.frame
+        frame = self.main.user_frame.frame
 
         def work(project: Project, context: Context) -> Path:
             return jobs.export(project.result_folder, form, output, context, frame)
@@ -90,7 +87,7 @@ class SavingController(ControllerPart):
             return (shlex.join([*words, "-o", str(self.project.folder / "check.json")]),)
         session, result = str(self.project.folder), str(self.project.result_folder)
         repairs = [word for repair in self.project.repairs_now for word in repair]
-        kept = self._computation.kept_reference() if self.project.purpose == "calibrate" else None
+        kept = self.main.computation.kept_reference() if self.project.purpose == "calibrate" else None
         reference = ["--reference", kept] if kept is not None else []
         method = ["--method", "board"] if self.project.by_board else []
         lines = [["spherecal", "calibrate", session, "-o", result, *method, *repairs, *reference]]
@@ -100,6 +97,6 @@ class SavingController(ControllerPart):
             checks = str(self.project.verification_folder)
             limit = ["--limit", self.project.limit] if self.project.limit else []
             lines.append(["spherecal", "verify", checks, "--rig", f"{result}/rig.json", "-o", result, *limit])
-        if frame := self._user_frame.command():
+        if frame := self.main.user_frame.command():
             lines.append(list(frame))
         return tuple(shlex.join(line) for line in lines)

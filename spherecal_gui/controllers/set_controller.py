@@ -1,26 +1,26 @@
 """Placements and bar poses: taken, taken again, deleted, brought back."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
-from spherecal_gui.controllers.recording_controller import RecordingController
 from spherecal_gui.languages import translate
 from spherecal_gui.project_folder import require_project, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.task import BackgroundTask
 
+if TYPE_CHECKING:  # which makes the parts
+    from spherecal_gui.controllers.controller import Controller
+
 
 class SetController(ControllerPart):
     """What is done with placements and poses."""
 
-    def __init__(self, main: ProjectController, cameras: CameraController, recording: RecordingController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._cameras, self._recording = cameras, recording
         self._taking: tuple[str, BackgroundTask | None] = ("", None)
 
     @property
@@ -31,13 +31,13 @@ class SetController(ControllerPart):
 
     def take(self, set_id: str, step: str) -> bool:
         """Take a set, or take it again; False where that is not possible now."""
-        folder = self._recording.folder_of(set_id)
+        folder = self.main.recording.folder_of(set_id)
         self.main.look_for_folder()
-        if self._cameras.connection is None or folder is None or self.project is None or self.main.gone:
+        if self.main.cameras.connection is None or folder is None or self.project is None or self.main.gone:
             return False
         self.main.update(changes.without_failure(self.project, step))
         project_folder = self.project.folder
-        connection, real = self._cameras.connection, not self._cameras.staged_poses
+        connection, real = self.main.cameras.connection, not self.main.cameras.staged_poses
         warm = self.project.bar_celsius if set_id in self.project.check_poses else None
 
         def work(context: Context) -> jobs.Taken:
@@ -55,12 +55,12 @@ class SetController(ControllerPart):
         return begun
 
     def _set_taken(self, taken: jobs.Taken) -> None:
-        folder, connection = self._recording.folder_of(taken.set_id), self._cameras.connection
+        folder, connection = self.main.recording.folder_of(taken.set_id), self.main.cameras.connection
         if self.project is None or folder is None or connection is None:
             return
         at = folder.taken_at(taken.set_id)
-        self._recording.keep_dots(taken.set_id, at, taken.dots)
-        self._recording.look_for_spots(taken.set_id, taken.small)
+        self.main.recording.keep_dots(taken.set_id, at, taken.dots)
+        self.main.recording.look_for_spots(taken.set_id, taken.small)
         names = connection.names
         lacking = tuple(names[one.camera] for one in taken.frames.missing)
         moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)
@@ -80,23 +80,23 @@ class SetController(ControllerPart):
 
     def delete(self, set_id: str) -> None:
         """Put a set aside."""
-        folder = self._recording.folder_of(set_id)
+        folder = self.main.recording.folder_of(set_id)
         if folder is None or self.project is None or self.runner.running:
             return
         if not self.main.attempt(lambda: folder.remove(set_id)):
             return
-        self._recording.drop_dots(set_id)
+        self.main.recording.drop_dots(set_id)
         self.main.update(changes.without_set(self.project, set_id))
 
     @property
     def can_undo(self) -> str | None:
         """The set that `undo` would bring back."""
-        session = self._recording.session
+        session = self.main.recording.session
         return session.can_undo if session is not None else None
 
     def undo(self) -> None:
         """Bring back the set that was deleted or replaced last."""
-        session = self._recording.session
+        session = self.main.recording.session
         if session is None or self.project is None or self.runner.running:
             return
         brought: list[str | None] = []
@@ -104,13 +104,13 @@ class SetController(ControllerPart):
             return
         set_id = brought[0]
         self.main.update(replace(self.project, taken=taken_in(self.project.folder)))
-        self._recording.restore_dots(set_id)
+        self.main.recording.restore_dots(set_id)
 
     def add_placement(self) -> None:
         """Plan one more placement and go there."""
         from spherecal_cameras.plan import PlannedSet  # needs scipy
 
-        session = self._recording.session
+        session = self.main.recording.session
         if self.project is None or session is None:
             return
         project = changes.with_another_placement(self.project)
@@ -119,10 +119,8 @@ class SetController(ControllerPart):
 
     def drop_placement(self, set_id: str) -> None:
         """Do without a planned placement that was not taken."""
-        if self.project is not None:
-            self.main.update(changes.without_placement(self.project, set_id))
+        self.main.revise(changes.without_placement, set_id)
 
     def keep(self, set_id: str) -> None:
         """Keep a set as it was taken, with what is wrong with it."""
-        if self.project is not None:
-            self.main.update(changes.with_kept(self.project, set_id))
+        self.main.revise(changes.with_kept, set_id)

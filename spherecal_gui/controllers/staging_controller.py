@@ -2,11 +2,7 @@
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from spherecal_gui.controllers.advice_controller import AdviceController
-from spherecal_gui.controllers.bar_controller import BarController
-from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.tasks.guided_bar import lay_bar
 
 if TYPE_CHECKING:  # the simulator needs scipy, for which the window does not wait
@@ -26,30 +22,24 @@ class Movable(Protocol):
 class StagingController(ControllerPart):
     """What a simulated or recorded rig is asked to show."""
 
-    def __init__(
-        self, main: ProjectController, cameras: CameraController, advice: AdviceController, bars: BarController
-    ) -> None:
-        super().__init__(main)
-        self._cameras, self._advice, self._bars = cameras, advice, bars
-
     def can_show(self, pose: str) -> bool:
         """Whether it can show a bar's pose: one of its own, or one that the plan describes."""
-        poses = self._cameras.staged_poses
-        return pose in poses or (bool(poses) and self._bars.planned_pose(pose) is not None)
+        poses = self.main.cameras.staged_poses
+        return pose in poses or (bool(poses) and self.main.bars.planned_pose(pose) is not None)
 
     def show_pose(self, pose: str) -> None:
         """Show a pose; a guided one is laid as the plan asks."""
-        planned, connection, result = self._bars.planned_pose(pose), self._cameras.connection, self.main.result
+        planned, connection, result = self.main.bars.planned_pose(pose), self.main.cameras.connection, self.main.result
         source = connection.source if connection is not None else None
         if planned is None or result is None or not isinstance(source, Movable):
             self._show_own(pose)
             return
-        lay_bar(source.stage, result.rig, planned, self._bars.bar(planned.bar))
+        lay_bar(source.stage, result.rig, planned, self.main.bars.bar(planned.bar))
         self._forget_sights()
 
     def _show_own(self, pose: str) -> None:
         """Show a pose that the rig was simulated or recorded with."""
-        source, poses = self._cameras.staged, self._cameras.staged_poses
+        source, poses = self.main.cameras.staged, self.main.cameras.staged_poses
         if source is None or not poses:
             return
         if pose in poses:
@@ -65,7 +55,7 @@ class StagingController(ControllerPart):
     @property
     def can_put_there(self) -> bool:
         """Whether a simulated rig can have its ball where the ghost is."""
-        connection, guidance = self._cameras.connection, self._advice.guidance
+        connection, guidance = self.main.cameras.connection, self.main.advice.guidance
         source = connection.source if connection is not None else None
         return guidance is not None and guidance.ghost is not None and isinstance(source, Movable)
 
@@ -73,13 +63,13 @@ class StagingController(ControllerPart):
         """Have a simulated rig move its ball to the ghost, as somebody would do by hand."""
         from spherecal_gui.tasks.ghost import stage_ball  # needs scipy
 
-        connection, guidance = self._cameras.connection, self._advice.guidance
+        connection, guidance = self.main.cameras.connection, self.main.advice.guidance
         source = connection.source if connection is not None else None
         ghost = guidance.ghost if guidance is not None else None
-        if isinstance(source, Movable) and ghost is not None and self._cameras.live is not None:
-            stage_ball(source.stage, ghost, self._advice.lying)
+        if isinstance(source, Movable) and ghost is not None and self.main.cameras.live is not None:
+            stage_ball(source.stage, ghost, self.main.advice.lying)
             self._forget_sights()
 
     def _forget_sights(self) -> None:
-        if self._cameras.live is not None:
-            self._cameras.live.forget()
+        if self.main.cameras.live is not None:
+            self.main.cameras.live.forget()

@@ -9,14 +9,14 @@ from spherecal.base.context import Context
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
-from spherecal_gui.controllers.camera_controller import CameraController, keep_in_profile
+from spherecal_gui.controllers.camera_controller import keep_in_profile
 from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.controllers.project_controller import ProjectController
 from spherecal_gui.languages import translate
 from spherecal_gui.tasks.task import Runner
 
 if TYPE_CHECKING:  # the window starts without the cameras' modules
     from spherecal_cameras.protocol import CameraSettings, CameraSource
+    from spherecal_gui.controllers.controller import Controller
 
     OfAll = Mapping[str, CameraSettings]  # by serial
 
@@ -36,9 +36,8 @@ class Indicating(Protocol):
 class TuningController(ControllerPart):
     """Settings of single cameras."""
 
-    def __init__(self, main: ProjectController, cameras: CameraController) -> None:
+    def __init__(self, main: "Controller") -> None:
         super().__init__(main)
-        self._cameras = cameras
         self.blinker = Runner(self)
         self._tuned: dict[str, CameraSettings] = {}
 
@@ -64,7 +63,7 @@ class TuningController(ControllerPart):
 
     def why_not_renamed(self, serial: str) -> str:
         """Why a camera cannot have another name now; empty where it can."""
-        project, connection = self.project, self._cameras.connection
+        project, connection = self.project, self.main.cameras.connection
         if not self._real or connection is None or project is None:
             return translate("Connect", "The names come from the recording or the simulated rig.")
         if project.taken:
@@ -80,7 +79,7 @@ class TuningController(ControllerPart):
 
         Those of real cameras are kept in the camera profile. A name that it cannot have now is left as it is.
         """
-        connection = self._cameras.connection
+        connection = self.main.cameras.connection
         if connection is None or self.runner.running:
             return False
         settings = replace(self.settings_of(serial), exposure_us=exposure_us, gain_db=gain_db)
@@ -108,7 +107,7 @@ class TuningController(ControllerPart):
 
     def of_all(self) -> "list[CameraSettings]":
         """What the cameras were set to."""
-        names = self._cameras.connection.names if self._cameras.connection is not None else {}
+        names = self.main.cameras.connection.names if self.main.cameras.connection is not None else {}
         return [self.settings_of(serial) for serial in names]
 
     def expose_all(self) -> bool:
@@ -119,14 +118,14 @@ class TuningController(ControllerPart):
             from spherecal.targets.detection import Detector
             from spherecal_cameras.exposure import expose_all
 
-            detector = self._cameras.connection.detector() if self._cameras.connection is not None else None
+            detector = self.main.cameras.connection.detector() if self.main.cameras.connection is not None else None
             return expose_all(source, of_all, detector if isinstance(detector, Detector) else None, context), []
 
         return self._set_all(expose)
 
     def _set_all(self, change: "Callable[[CameraSource, OfAll, Context], tuple[OfAll, list[str]]]") -> bool:
         """Begin to set up all cameras that can be reached; those of a rig keep it in the camera profile."""
-        connection = self._cameras.connection
+        connection = self.main.cameras.connection
         if connection is None or self.runner.running:
             return False
         source, real, names = connection.source, self._real, connection.names
@@ -155,7 +154,7 @@ class TuningController(ControllerPart):
 
     def name_camera(self, serial: str, name: str) -> None:
         """Give a camera another name; the window says why it cannot have it."""
-        connection = self._cameras.connection
+        connection = self.main.cameras.connection
         if connection is None:
             return
         why = self.why_not_renamed(serial)
@@ -171,17 +170,17 @@ class TuningController(ControllerPart):
 
     def _set_up(self, renamed: bool) -> None:
         if renamed:
-            self._cameras.connect_all()
+            self.main.cameras.connect_all()
         else:
             self.main.changed.emit()
 
     def can_blink(self) -> bool:
         """Whether the cameras may have a light of their own that can be switched."""
-        return self._cameras.connection is not None and isinstance(self._cameras.connection.source, Indicating)
+        return self.main.cameras.connection is not None and isinstance(self.main.cameras.connection.source, Indicating)
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
         """Let a camera's own light blink for some seconds."""
-        source = self._cameras.connection.source if self._cameras.connection is not None else None
+        source = self.main.cameras.connection.source if self.main.cameras.connection is not None else None
         if not isinstance(source, Indicating):
             answered(False)
             return

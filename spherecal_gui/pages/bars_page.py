@@ -2,14 +2,14 @@
 
 import time
 
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QVBoxLayout
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.coverage import same_place
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.pages.rig_space import RigSpace
 from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
-from spherecal_gui.presenters.placement_presenter import HOLD_S
+from spherecal_gui.presenters.placement_presenter import Hold
 from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing
 from spherecal_gui.standing import Said
 from spherecal_gui.widgets.basic import MARKS, add, button, clear, enable, label, named, option, spaced
@@ -22,8 +22,8 @@ class ScalePage(LivePage):
 
     some_are_enough = True
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"capture": self._take}
         self.headline = self.message = label("", "huge")
         self.poses = spaced(QHBoxLayout(), 18)
@@ -31,7 +31,7 @@ class ScalePage(LivePage):
         self.wall = Wall()
         self.space: RigSpace | None = None
         self.by_itself: QCheckBox | None = None
-        self._still_s: float | None = None
+        self._hold = Hold()
         self._put_wall()
         self.again = button(self.tr("Retake the last pose"), "retake-pose", act=self._retake)
         first = (self.by_itself,) if self.by_itself is not None else ()
@@ -117,12 +117,8 @@ class ScalePage(LivePage):
         moved = before is None or not same_place(before, dots)
         button = self.said().button
         may = button is not None and button.enabled and button.does == "capture"
-        if not (may and moved and len(seen) >= GOOD_CAMERAS and all(sight.still for sight in seen.values())):
-            self._still_s = None
-        elif self._still_s is None:
-            self._still_s = now_s
-        elif now_s - self._still_s >= HOLD_S:
-            self._still_s = None
+        lies = len(seen) >= GOOD_CAMERAS and all(sight.still for sight in seen.values())
+        if self._hold.lasts(may and moved and lies, now_s):
             self._take()
 
     def _follow_space(self) -> None:

@@ -21,8 +21,8 @@ class BallTab(QWidget):
 
     touched = Signal()
 
-    def __init__(self, desk: BenchDesk, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, desk: BenchDesk) -> None:
+        super().__init__()
         self.desk = desk
         inner = QWidget()
         grid = spaced(QGridLayout(), 18, 12)
@@ -127,8 +127,8 @@ class RigTab(QWidget):
     touched = Signal()
     limits_wanted = Signal()
 
-    def __init__(self, desk: BenchDesk, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, desk: BenchDesk) -> None:
+        super().__init__()
         self.desk = desk
         row = QHBoxLayout()
         self.fields = {

@@ -47,8 +47,8 @@ class BarsTab(QWidget):
     touched = Signal()
     said = Signal(str, str)  # text, level
 
-    def __init__(self, desk: BenchDesk, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, desk: BenchDesk) -> None:
+        super().__init__()
         self.desk, self.chosen = desk, 0
         self._rows: list[dict[str, QLineEdit]] = []
         self._row_problems: list[QLabel] = []

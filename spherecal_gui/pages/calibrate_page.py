@@ -32,8 +32,8 @@ _LAST = "writing the result"  # the stage that every computation with a result c
 class CalibratePage(Page):
     """The computation."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"calibrate": controller.computation.calibrate, "results": partial(controller.go, "results")}
         self.course: CourseOfWork = controller.computation.course or CourseOfWork()
         self._was_running = False
@@ -41,7 +41,8 @@ class CalibratePage(Page):
         self.headline = self.word = label("", "huge")
         self.bar = QProgressBar(maximum=1000, textVisible=False)  # no text is legible on both halves of a bar
         self.left = label("", "big")
-        self.stop_here = button(self.tr("Stop here"), "stop-here", act=self._stop_here)
+        tip = self.tr("Ends as soon as there is something to look at. Such a result is not valid.")
+        self.stop_here = button(self.tr("Stop here"), "stop-here", act=self._stop_here, tip=tip)
         self.again = button(self.tr("Calibrate again"), "calibrate-again", act=self.controller.computation.calibrate)
         line = add(QHBoxLayout(), (self.left, 1), self.stop_here, self.again)
         self._inputs, self._work, self._method_line = self._input_card(), self._make_work(), self._make_method_line()
@@ -189,10 +190,6 @@ class CalibratePage(Page):
         idle = task is not None and not task.stopping and not task.keeping
         why = self.tr("The last calibration is valid and would be lost: cancel instead.") if keeps else ""
         enable(self.stop_here, idle and not keeps, why or self.tr("It was asked for."))
-        if idle and not keeps:
-            self.stop_here.setToolTip(
-                self.tr("Ends as soon as there is something to look at. Such a result is not valid.")
-            )
 
     def _stop_here(self) -> None:
         self.controller.computation.stop_here()

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages
@@ -34,8 +34,8 @@ from spherecal_rigs.store import open_profile
 class CheckPage(Page):
     """The answer, and each camera's numbers."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"check": controller.checks.check, "use": controller.checks.use_repair}
         self.headline = self.word = label("", "huge")
         self.sentence = label("", "big")

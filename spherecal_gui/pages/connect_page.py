@@ -64,7 +64,9 @@ class CameraRow(QWidget):
         self.line, self._page = line, page
         row = bare(spaced(QGridLayout(self), theme.SMALL, 0))
         row.setColumnStretch(2, 1)
-        self.in_rig = named(option(""), f"in-rig-{line.name}", self.tr("{name} in this rig").format(name=line.name))
+        says = self.tr("{name} in this rig").format(name=line.name)
+        tip = self.tr("In this rig: whoever is left out is not opened and hinders nobody.")
+        self.in_rig = named(option(""), f"in-rig-{line.name}", says, tip)
         self.in_rig.clicked.connect(lambda on: page.controller.cameras.set_in_rig(self.line.serial, on))
         self.picture = Thumbnail()
         self.picture.clicked.connect(lambda: page.open_camera(self.line.serial))
@@ -111,8 +113,6 @@ class CameraRow(QWidget):
         busy = controller.runner.running is not None
         why = self.tr("Placements are captured already: begin a new calibration.") if taken else ""
         enable(self.in_rig, not taken and not busy, why or self.tr("Work is running."))
-        if not taken and not busy:
-            self.in_rig.setToolTip(self.tr("In this rig: whoever is left out is not opened and hinders nobody."))
         self.which.setVisible(ours)
         narrow = self.which.text() == "?"
         self.cure.setVisible(line.cured_at is not None or line.builtin)
@@ -149,16 +149,18 @@ class CameraRow(QWidget):
 class LensBar(QWidget):
     """The lenses of all cameras in one line: a focal length, or that nobody knows it; the pixel pitch."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
         self._controller = controller
-        self.focal = named(QComboBox(), "lens-focal", self.tr("Focal length of all lenses"))
+        tip = self.tr("On the lens. Not known: the calibration finds it from the ball.")
+        self.focal = named(QComboBox(), "lens-focal", self.tr("Focal length of all lenses"), tip)
         self.focal.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.focal.setMinimumContentsLength(8)
         self.focal.addItem(self.tr("not known: found from the ball"), None)
         for length in LENSES_MM:
             self.focal.addItem(languages.by_locale(f"{length:g} mm"), length)
-        self.pitch = number_field("lens-pitch", self.tr("Pixel pitch"), (0.0, 50.0), "µm", step=0.05)
+        tip = self.tr("From the camera or its data sheet; only needed with a focal length in mm.")
+        self.pitch = number_field("lens-pitch", self.tr("Pixel pitch"), (0.0, 50.0), "µm", step=0.05, tip=tip)
         self.pitch.setKeyboardTracking(False)
         self._words = label(self.tr("All lenses"), "soft", wrap=False)
         self._of_pitch = label(self.tr("pixels"), "soft", wrap=False)
@@ -189,9 +191,6 @@ class LensBar(QWidget):
         set_level(self._of_pitch, "bad" if needed else "none")
         for field in (self.focal, self.pitch):
             enable(field, not why_not, why_not)
-        if not why_not:
-            self.focal.setToolTip(self.tr("On the lens. Not known: the calibration finds it from the ball."))
-            self.pitch.setToolTip(self.tr("From the camera or its data sheet; only needed with a focal length in mm."))
 
     def _set(self) -> None:
         self._controller.cameras.set_lenses(self.focal.currentData(), self.pitch.value() or None)
@@ -200,8 +199,8 @@ class LensBar(QWidget):
 class ConnectPage(Page):
     """Two cards: cameras on the left, the bench on the right."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"confirm": controller.recording.confirm_bench, "describe": self.bench_wanted.emit}
         self.dialog: CameraDialog | None = None
         self._shown: list[CameraLine] = []

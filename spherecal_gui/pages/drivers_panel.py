@@ -18,8 +18,8 @@ class DriversPanel(QWidget):
     builtin = Signal()
     cured = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None, of_drivers: bool = True) -> None:
-        super().__init__(parent)
+    def __init__(self, of_drivers: bool = True) -> None:
+        super().__init__()
         self._notes: list[DriverNote] | None = None
         self._blocks = spaced(QVBoxLayout(), 10)
         self.makers = button(self.tr("Makers and their drivers"), "makers", act=self.show_makers)

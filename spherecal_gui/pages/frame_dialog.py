@@ -24,8 +24,8 @@ _ROLES: tuple[Role, ...] = get_args(Role)
 class FrameScene(RenderedScene):
     """The rig with the user's axes and the places that define them."""
 
-    def __init__(self, choice: FrameChoice, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, choice: FrameChoice) -> None:
+        super().__init__()
         self._choice = choice
         self.show_scene(choice.scene)
 

@@ -27,8 +27,8 @@ class LookPage(LivePage):
 
     wants_histograms = True
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"accept": controller.cameras.accept_look}
         self.headline = self.summary = label("", "huge")
         self.warm_up = label("", "", level="caution", hidden=True)
@@ -44,8 +44,8 @@ class LookPage(LivePage):
 
     def _for_all(self) -> tuple[QWidget, ...]:
         """What is set for all cameras."""
-        self.expose = button(self.tr("Set exposures"), "expose-all", act=self.controller.tuning.expose_all)
-        self.expose.setToolTip(self.tr("Each camera gets the longest exposure by which its dots are not saturated."))
+        tip = self.tr("Each camera gets the longest exposure by which its dots are not saturated.")
+        self.expose = button(self.tr("Set exposures"), "expose-all", act=self.controller.tuning.expose_all, tip=tip)
         says = self.tr("Pixel format of all cameras")
         self.format = named(QComboBox(), "pixel-format", says, says)
         self.format.addItems(_FORMATS)
@@ -63,9 +63,9 @@ class LookPage(LivePage):
 
     def _of_masks(self) -> tuple[QWidget, ...]:
         """Reflections and strange targets are covered with the mouse; in the order of the tiles."""
-        self.draw = button(self.tr("Mask reflections"), "draw-mask")
+        tip = self.tr("Draw a rectangle over a reflection: nothing in it counts as a target.")
+        self.draw = button(self.tr("Mask reflections"), "draw-mask", tip=tip)
         self.draw.setCheckable(True)
-        self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
         self.draw.toggled.connect(self._masking)
         self.undo = button(self.tr("Undo the last mask"), "undo-mask", act=self.controller.recording.undo_mask)
         self.clear = button(self.tr("Clear all masks"), "clear-masks", act=self.controller.recording.clear_masks)

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
-from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.measure_presenter import (
@@ -33,7 +32,7 @@ from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, add, label, named, say
 from spherecal_gui.widgets.charts import Chart
-from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import MeasuredSet
@@ -45,9 +44,7 @@ class DeviationChart(Chart):
 
     def show_values(self, times: FloatArray, off: FloatArray, expanded: FloatArray, unit: str) -> None:
         """Show deviations with their expanded uncertainties. `times`: of the sets, (n,) s; `off`, `expanded` (n,)."""
-        c = theme.now()
-        self.clear()
-        self.dress()
+        c = self.begin()
         if not len(times):
             return
         reach = float(max(np.abs(off).max(), expanded.max())) * 1.15 or 1.0
@@ -64,8 +61,8 @@ class DeviationChart(Chart):
 class MeasurePage(Page):
     """Points to choose on the left, values and their course on the right."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"record": self._record, "stop recording": self._end_recording}
         self._run: LiveMeasurement | None = None
         self._shown: MeasuredSet | None = None
@@ -75,7 +72,7 @@ class MeasurePage(Page):
         self._trust: tuple[str, Level] = ("", "none")
         self.headline = self.trust = label("", "big")
         self.pace, self.recording = label("", "soft"), label("", "soft")
-        self.space = make_scene_view()
+        self.space = RenderedScene()
         self._rig: object = None  # the result whose rig the scene shows
         left = add(QVBoxLayout(), (self.space, 3), (self._points(), 2))
         row = add(QHBoxLayout(), (left, 4), (self._values(), 5))

@@ -57,9 +57,7 @@ class ProfileDialog(QDialog):
         self.chip.show_state(word, level, details)
         self.details.setText(details)
         rows = profile_rows(self._folder)
-        self._verified = {row.number for row in rows if row.verified}
-        self._refused = {row.number for row in rows if row.refused}
-        self._valid = {row.number for row in rows if row.valid}
+        self._rows = {row.number: row for row in rows}
         self._active = next((row.number for row in rows if row.in_use), None)
         self.table.fill([_cells(row) for row in rows])
         picture = QPixmap(str(picture_of(self._folder, self._active)))
@@ -78,16 +76,18 @@ class ProfileDialog(QDialog):
         return self.table.name_of(rows[0].row()) if rows else None
 
     def _selected(self) -> None:
-        other = self.chosen is not None and self.chosen != self._active
+        row = self._rows.get(self.chosen or "")
+        other = row is not None and not row.in_use
         enable(self.compare, other and self._active is not None, self.tr("Choose one that is not in use."))
-        allowed = limits.now().unverified_use or self.chosen in self._verified
-        forbidden = self.tr("It was not verified, and the limits forbid its use.")
-        if self.chosen in self._refused:
-            allowed, forbidden = False, self.tr("Its verification failed: it cannot be put to use.")
-        if self.chosen not in self._valid:
-            allowed, forbidden = False, self.tr("It is not valid: it cannot be put to use.")
-        enable(self.use, other and allowed, forbidden if other else self.tr("It is in use already."))
-        say(self.why_not, forbidden if other and not allowed else "", "caution")
+        forbidden = ""
+        if row is None or not row.valid:
+            forbidden = self.tr("It is not valid: it cannot be put to use.")
+        elif row.refused:
+            forbidden = self.tr("Its verification failed: it cannot be put to use.")
+        elif not (limits.now().unverified_use or row.verified):
+            forbidden = self.tr("It was not verified, and the limits forbid its use.")
+        enable(self.use, other and not forbidden, forbidden if other else self.tr("It is in use already."))
+        say(self.why_not, forbidden if other else "", "caution")
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
@@ -116,7 +116,7 @@ class ProfileDialog(QDialog):
             asked = "\n".join([care, self.tr("It is to be used with care. Why may it be put to use?")])
         elif kept.entry(number).contradicted:
             asked = self.tr("Its verification failed. Why may it be put to use?")
-        elif number not in self._verified:
+        elif not self._rows[number].verified:
             asked = self.tr("It was not verified. Why may it be put to use?")
         if asked:
             note, given = QInputDialog.getText(self, self.tr("Put this one to use"), asked)

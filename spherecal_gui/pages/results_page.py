@@ -41,8 +41,8 @@ _THUMBNAIL_PX = (640, 480)
 class ResultsPage(Page):
     """The result of the last calibration."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {"accept": controller.computation.accept_results, "calibrate": self._calibrate_again}
         self._shown: object = None
         self._camera: str | None = None

@@ -10,7 +10,7 @@ from PySide6.QtGui import QImage
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.rig_scenes import LiveParts, in_scene, live_ball, rig_in_use, rig_scene
 from spherecal_gui.standing import Level
-from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 
 if TYPE_CHECKING:  # detection is loaded by the thread that connects the cameras
     from spherecal.base.arrays import FloatArray
@@ -24,7 +24,7 @@ class RigSpace:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self.view = make_scene_view()
+        self.view = RenderedScene()
         self.view.hide()
         self._shown: object = None
         self._asked_for: tuple[str, ...] | None = None

@@ -23,7 +23,7 @@ from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.frame_dialog import FrameDialog
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.frame_presenter import FrameChoice, frame_words
-from spherecal_gui.presenters.start_presenter import next_check_text, number_in_use
+from spherecal_gui.presenters.start_presenter import in_use
 from spherecal_gui.presenters.step_states import SaveFacts, save_says
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
@@ -42,15 +42,15 @@ from spherecal_gui.widgets.basic import (
     option,
     say,
 )
-from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.workflow import Status, Step
 
 
 class SavePage(Page):
     """What is done with the result."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         to_calibrate = partial(controller.go, "calibrate")
         self.deeds = {"save": self._save_profile, "report": self._write_report, "results": to_calibrate}
         self.headline = self.word = label("", "huge")
@@ -59,7 +59,7 @@ class SavePage(Page):
         self._opens = False  # the report, once it is written
         self._opened: bool | None = None
         self._for_the_desk = self._commands()
-        self.scene = make_scene_view()
+        self.scene = RenderedScene()
         self.scene.setMinimumHeight(0)
         self._drawn: object = None
         self._room = QWidget()  # in its place, where there is nothing to show
@@ -298,12 +298,10 @@ class SavePage(Page):
     def _show_end(self) -> None:
         """What was saved where, and when the next check is due: a run that is finished says so."""
         lines = []
-        number = number_in_use(self.profile_path) if self.is_kept else None
-        if number is not None:
-            lines.append(
-                self.tr("In use: calibration {number}, in {folder}.").format(number=number, folder=self.profile_path)
-            )
-            lines.append(next_check_text(self.profile_path))
+        found = in_use(self.profile_path) if self.is_kept else None
+        if found is not None:
+            text = self.tr("In use: calibration {number}, in {folder}.")
+            lines += [text.format(number=found.number, folder=self.profile_path), found.next_check]
         if self.report_path.is_file():
             lines.append(self.tr("Report: {path}").format(path=self.report_path))
         if self._opened is False:

@@ -16,12 +16,9 @@ from spherecal_gui.presenters.start_presenter import (
     FAULTS,
     SURPRISE,
     ProjectLine,
-    age_text,
-    next_check_text,
-    number_in_use,
+    in_use,
     picture_of,
     project_lines,
-    verified_text,
 )
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
@@ -49,8 +46,8 @@ class StartPage(QWidget):
     bench_wanted = Signal()
     said = Signal(str, str, str)
 
-    def __init__(self, projects: Path, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, projects: Path) -> None:
+        super().__init__()
         self.projects = projects
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None
@@ -156,15 +153,16 @@ class StartPage(QWidget):
 
     def _show_profile_state(self, done: bool) -> None:
         there = (self.profile_folder / "profile.json").is_file()
-        age = age_text(self.profile_folder) if there else ""
-        self.age.setText(age or self.tr("Save a calibration in the rig's profile; then it can be checked."))
+        found = in_use(self.profile_folder)
+        none = self.tr("Save a calibration in the rig's profile; then it can be checked.")
+        self.age.setText(found.age if found is not None else none)
         why = self.tr("No calibration is in use yet: calibrate, then save it in the rig's profile.")
-        enable(self.check, bool(age) and done, why)
-        enable(self.verify, bool(age) and done, why)
+        enable(self.check, found is not None and done, why)
+        enable(self.verify, found is not None and done, why)
         enable(self.profile, there, why)
-        say(self.newest, verified_text(self.profile_folder) if age else "")
-        say(self.due, next_check_text(self.profile_folder) if age else "")
-        number = number_in_use(self.profile_folder) if there else None
+        say(self.newest, found.verified if found is not None else "")
+        say(self.due, found.next_check if found is not None else "")
+        number = found.number if found is not None else None
         picture = QPixmap(str(picture_of(self.profile_folder, number))) if there else QPixmap()
         self.picture.setVisible(not picture.isNull())
         self.profile.setVisible(there)

@@ -15,14 +15,14 @@ from spherecal_gui.pages.bars_page import ScalePage
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.presenters.connect_presenter import bars_with_nominal, lengths_texts
-from spherecal_gui.presenters.placement_presenter import HOLD_S
+from spherecal_gui.presenters.placement_presenter import Hold
 from spherecal_gui.presenters.step_states import VerifyFacts, verify_says
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene, verified_scene
 from spherecal_gui.standing import Part, Said
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.basic import MARKS, add, bare, button, clear, enable, label, named, option, plain, say
 from spherecal_gui.widgets.fields import number_field
-from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step, StepState
 
@@ -34,13 +34,12 @@ _LOOK_S = 0.4  # between two looks at the bar; one takes 20 ms beside the window
 class VerifyPage(ScalePage):
     """Poses of the check bars, guided and accepted as they are laid; then what was measured."""
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(controller, parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
         self.deeds = {**self.deeds, "measure": self._measure, "retake": self._retake_all}
         self.deeds["results"] = partial(controller.go, "calibrate")
         self._chosen: str | None = None
         self._looked_s = 0.0
-        self._accepted_s: float | None = None
         self._again = False  # measured, and more poses are asked for
         self._staged: str | None = None  # what a simulated rig was asked to show
         self._was_taking = False
@@ -50,7 +49,7 @@ class VerifyPage(ScalePage):
         self.grid = bare(QGridLayout(self.pose_box))
         add(self.poses, self.pose_box, None)
         self.tabs = QTabWidget()
-        self.view = make_scene_view()
+        self.view = RenderedScene()
         self._rig: object = None  # the result whose rig the scene shows
         self.tabs.addTab(self.view, self.tr("In space"))
         self.tabs.addTab(self.wall, self.tr("Images"))
@@ -128,7 +127,7 @@ class VerifyPage(ScalePage):
 
     def enter(self, step: Step) -> None:
         """Show the first pose that is missing."""
-        self._chosen, self._again, self._accepted_s, self._staged = None, False, None, None
+        self._chosen, self._again, self._staged, self._hold = None, False, None, Hold()
         self.limit.setText(self.open_project.limit)
         warm = self.controller.bars.celsius()
         self.celsius.setValue(_NOT_READ_C if warm is None else warm)
@@ -150,7 +149,7 @@ class VerifyPage(ScalePage):
 
     def _choose(self, pose: str, _: bool = False) -> None:
         if self.controller.runner.running is None:
-            self._chosen, self._accepted_s = pose, None
+            self._chosen, self._hold = pose, Hold()
             self._stage()
             self.refresh()
 
@@ -280,12 +279,7 @@ class VerifyPage(ScalePage):
         self._show_guide()
         self.action_changed.emit()
         ready = self.guide is not None and self.guide.level == "good" and self.automatic.isChecked()
-        if not ready or self.is_taking:
-            self._accepted_s = None
-        elif self._accepted_s is None:
-            self._accepted_s = time.monotonic()
-        elif time.monotonic() - self._accepted_s > HOLD_S:
-            self._accepted_s = None
+        if self._hold.lasts(ready and not self.is_taking, time.monotonic()):
             self._take()
 
     def _show_guide(self) -> None:

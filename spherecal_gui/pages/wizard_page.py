@@ -30,8 +30,8 @@ class Page(QWidget):
     bench_wanted = Signal()
     recording_wanted = Signal()
 
-    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
         self.controller = controller
         self.step: Step | None = None
         self.alarmed = False  # a red message is on the screen

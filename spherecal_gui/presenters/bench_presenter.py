@@ -232,17 +232,11 @@ def _length_entry(draft: LengthDraft, number: int, marks: Marks, problems: Probl
             problems[f"{place}.{key}"] = said(Phrase("problem-cell-mark", {"mark": called, "target": known}))
         entry[end] = called
         ends.append(called)
-    for key, text, needed in (
-        ("length_mm", draft.certified, True),
-        ("nominal_mm", draft.nominal, False),
-        ("expanded_uncertainty_mm", draft.uncertainty, False),
-        ("coverage_factor", draft.factor, False),
-    ):
-        where = f"{place}.{_LENGTH_FIELDS[key]}"
-        if not text.strip():
-            if needed:
-                problems[where] = translate("Bench", "The length on the certificate, in mm.")
-        elif (value := _number(text, where, problems)) is not None:
+    if not draft.certified.strip():
+        problems[f"{place}.certified"] = translate("Bench", "The length on the certificate, in mm.")
+    for key in ("length_mm", "nominal_mm", "expanded_uncertainty_mm", "coverage_factor"):
+        text, where = getattr(draft, _LENGTH_FIELDS[key]), f"{place}.{_LENGTH_FIELDS[key]}"
+        if text.strip() and (value := _number(text, where, problems)) is not None:
             entry[key] = value
     if not any(key.startswith(place) for key in problems):
         try:

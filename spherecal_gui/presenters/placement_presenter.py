@@ -73,32 +73,39 @@ def short_text(short: Mapping[str, int]) -> str:
     return message.format(needed=needed_dots(), cameras=languages.listed(f"{name} ({count})" for name, count in worst))
 
 
-class AutoTrigger:
-    """Takes by itself once the scene has been still and sufficient for a while, and again only after a movement."""
+class Hold:
+    """Whether something has been as it should for a while; then it begins anew."""
 
     def __init__(self, hold_s: float = HOLD_S) -> None:
         self._hold_s = hold_s
         self._since: float | None = None
-        self._armed = True
 
     def held(self, now_s: float) -> float:
         """The share of the wait that has passed; 0 where nothing is waited for."""
         return 0.0 if self._since is None else min((now_s - self._since) / self._hold_s, 1.0)
 
+    def lasts(self, good: bool, now_s: float) -> bool:
+        """Whether it has been good for long enough now."""
+        if not good:
+            self._since = None
+        elif self._since is None:
+            self._since = now_s
+        over = self._since is not None and now_s - self._since >= self._hold_s
+        self._since = None if over else self._since
+        return over
+
+
+class AutoTrigger(Hold):
+    """Takes by itself once the scene has been still and sufficient for a while, and again only after a movement."""
+
+    _armed = True
+
     def feed(self, scene: Scene, now_s: float) -> bool:
         """Whether to take now."""
-        if not scene.still:
-            self._armed, self._since = True, None
-            return False
-        if not scene.enough or not self._armed:
-            self._since = None
-            return False
-        if self._since is None:
-            self._since = now_s
-        if now_s - self._since < self._hold_s:
-            return False
-        self._armed, self._since = False, None
-        return True
+        self._armed = self._armed or not scene.still
+        taken = self.lasts(bool(scene.still and scene.enough and self._armed), now_s)
+        self._armed = self._armed and not taken
+        return taken
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ class SceneItem:
 
     def lines(self) -> list[str]:
         """The name, then the figures."""
-        return [self.name, *_FIGURES[self.kind](self)]
+        return [self.name, *_figures(self)]
 
 
 def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
@@ -47,6 +47,19 @@ def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
     return found
 
 
+def _figures(item: SceneItem) -> list[str]:
+    if item.kind == "camera":
+        return _camera(item)
+    if item.kind == "bar":
+        return _bar(item)
+    if item.kind == "ball":
+        return [translate("Scene", "Ball, radius {radius:.2f} mm").format(radius=item.radius_mm)]
+    if item.kind == "map":
+        return [translate("Scene", "Uncertainty {u:.3f} mm (95 %)").format(u=item.data.map_mm[item.index])]
+    px = float(item.data.sizes[item.index]) * item.data.most_px
+    return [translate("Scene", "Residual {px:.3f} px rms").format(px=px)]
+
+
 def _camera(item: SceneItem) -> list[str]:
     known = item.data.figures.get(item.name)
     if known is None:
@@ -68,10 +81,6 @@ def _camera(item: SceneItem) -> list[str]:
     return lines
 
 
-def _ball(item: SceneItem) -> list[str]:
-    return [translate("Scene", "Ball, radius {radius:.2f} mm").format(radius=item.radius_mm)]
-
-
 def _bar(item: SceneItem) -> list[str]:
     bar = item.data.bars[item.index]
     lines = []
@@ -80,16 +89,3 @@ def _bar(item: SceneItem) -> list[str]:
     if bar.expanded_mm is not None:
         lines.append(translate("Scene", "Uncertainty {u:.3f} mm (95 %)").format(u=bar.expanded_mm))
     return lines
-
-
-def _map(item: SceneItem) -> list[str]:
-    text = translate("Scene", "Uncertainty {u:.3f} mm (95 %)")
-    return [text.format(u=item.data.map_mm[item.index])]
-
-
-def _dot(item: SceneItem) -> list[str]:
-    px = float(item.data.sizes[item.index]) * item.data.most_px
-    return [translate("Scene", "Residual {px:.3f} px rms").format(px=px)]
-
-
-_FIGURES = {"camera": _camera, "ball": _ball, "bar": _bar, "map": _map, "dot": _dot}

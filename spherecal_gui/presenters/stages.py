@@ -5,10 +5,6 @@ from spherecal_gui.languages import translate
 
 def stage_name(stage: str) -> str:
     """The stage in words; itself where it is new."""
-    return (_of_the_engine() | _of_the_window()).get(stage, stage)
-
-
-def _of_the_engine() -> dict[str, str]:
     return {
         "detect": translate("Stages", "Finding the targets in all images"),
         "finding boards": translate("Stages", "Finding the board in all images"),
@@ -30,11 +26,7 @@ def _of_the_engine() -> dict[str, str]:
         "guidance": translate("Stages", "Working out the next placement"),
         "setting exposures": translate("Stages", "Setting exposures"),
         "testing stillness": translate("Stages", "Testing that nothing moves"),
-    }
-
-
-def _of_the_window() -> dict[str, str]:
-    return {
+        # the jobs'
         "opening the source": translate("Stages", "Opening the source"),
         "looking for cameras": translate("Stages", "Looking for cameras"),
         "opening the cameras": translate("Stages", "Opening the cameras"),
@@ -51,4 +43,4 @@ def _of_the_window() -> dict[str, str]:
         "drawing the report": translate("Stages", "Drawing the report"),
         "saving the profile": translate("Stages", "Saving in the profile"),
         "exporting": translate("Stages", "Exporting"),
-    }
+    }.get(stage, stage)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.errors import SpherecalError
+from spherecal.base.filesystem import is_plain_file_below
 from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
 from spherecal_gui.last_verification import last_verification
@@ -204,45 +205,58 @@ def _entry_verdict(entry: "Entry") -> str | None:
     return "inconsistent" if entry.contradicted else entry.verdict
 
 
+@dataclass(frozen=True)
+class InUse:
+    """The calibration in use in words: its number, how old it is, how it was verified last, when a check is due."""
+
+    number: str
+    age: str
+    verified: str
+    next_check: str
+
+
 def _opened(profile: Path) -> "Profile | None":
-    """The profile in a folder; None where there is none that can be read."""
-    from spherecal_rigs.store import is_profile, open_profile  # imports scipy
+    """The profile in a folder; None where there is none that can be read: then nothing heavy is imported."""
+    if not is_plain_file_below(profile, "profile.json"):
+        return None
+    from spherecal_rigs.store import open_profile  # imports scipy
 
     try:
-        return open_profile(profile) if is_profile(profile) else None
+        return open_profile(profile)
     except SpherecalError:
         return None
 
 
-def number_in_use(profile: Path) -> str | None:
-    """The number of the calibration in use; None where there is none."""
+def in_use(profile: Path) -> InUse | None:
+    """The calibration in use; None where there is none, or where it cannot be read."""
     kept = _opened(profile)
-    return kept.active_id if kept is not None else None
+    if kept is None or kept.active is None or kept.active_id is None:
+        return None
+    entry, number = kept.active, kept.active_id
+    due = entry.calibrated_at + timedelta(hours=kept.limits.ageing_hours)  # by the profile's limits
+    check = translate("Start", "Check the rig again by {at}.").format(at=f"{due.astimezone():%Y-%m-%d %H:%M}")
+    return InUse(number, _age_text(entry.calibrated_at), _verified_at(profile, number, entry), check)
 
 
-def next_check_text(profile: Path) -> str:
-    """When the calibration in use begins to age, by the profile's limits; empty where there is none."""
-    kept = _opened(profile)
-    if kept is None or kept.active is None:
-        return ""
-    due = kept.active.calibrated_at + timedelta(hours=kept.limits.ageing_hours)
-    return translate("Start", "Check the rig again by {at}.").format(at=f"{due.astimezone():%Y-%m-%d %H:%M}")
+def _age_text(calibrated: datetime) -> str:
+    hours = (datetime.now(UTC) - calibrated).total_seconds() / 3600
+    if hours < 1:
+        return translate("Start", "Calibrated {minutes} minutes ago").format(minutes=max(round(60 * hours), 0))
+    if hours < 48:
+        return translate("Start", "Calibrated {hours} hours ago").format(hours=round(hours))
+    return translate("Start", "Calibrated {days} days ago").format(days=round(hours / 24))
 
 
-def verified_text(profile: Path) -> str:
-    """When and how the calibration in use was verified last."""
-    kept = _opened(profile)
-    if kept is None or kept.active is None:
-        return ""
-    number, last = kept.active_id, last_verification(profile, kept.active_id)
-    if last is not None:
+def _verified_at(profile: Path, number: str, entry: "Entry") -> str:
+    """When and how it was verified last."""
+    if (last := last_verification(profile, number)) is not None:
         text = translate("Start", "Calibration {number}, verified {at}: {verdict}")
         at = f"{last.at.astimezone():%Y-%m-%d %H:%M}"
         return text.format(number=number, at=at, verdict=verdict_word(last.verdict))
-    if kept.active.verdict is None:
+    if entry.verdict is None:
         return translate("Start", "Calibration {number}, not verified yet").format(number=number)
     text = translate("Start", "Calibration {number}: {verdict}")
-    return text.format(number=number, verdict=verdict_word(_entry_verdict(kept.active) or ""))
+    return text.format(number=number, verdict=verdict_word(_entry_verdict(entry) or ""))
 
 
 def fault_text(fault: str) -> str:
@@ -293,16 +307,3 @@ def _verified(verdict: str | None) -> tuple[str, Level]:
     if verdict is None:
         return translate("Profile", "not verified"), "caution"
     return verdict_word(verdict), "good" if verdict in VERIFIED else "bad"
-
-
-def age_text(profile: Path) -> str:
-    """How old the calibration in use is; empty where there is none."""
-    kept = _opened(profile)
-    if kept is None or kept.active is None:
-        return ""
-    hours = (datetime.now(UTC) - kept.active.calibrated_at).total_seconds() / 3600
-    if hours < 1:
-        return translate("Start", "Calibrated {minutes} minutes ago").format(minutes=max(round(60 * hours), 0))
-    if hours < 48:
-        return translate("Start", "Calibrated {hours} hours ago").format(hours=round(hours))
-    return translate("Start", "Calibrated {days} days ago").format(days=round(hours / 24))

@@ -93,7 +93,13 @@ def named(made: W, name: str, says: str = "", tip: str = "") -> W:
     """A field with its name, what a screen reader says of it, and its tooltip."""
     made.setObjectName(name)
     made.setAccessibleName(says)
+    return _with_tip(made, tip)
+
+
+def _with_tip(made: W, tip: str) -> W:
+    """The widget with a tooltip, which `enable` gives it back."""
     made.setToolTip(tip)
+    made.setProperty("tip", tip)
     return made
 
 
@@ -141,8 +147,7 @@ def say(target: QLabel, text: str, level: str = "", hides: bool = True) -> None:
 
 def button(text: str, name: str, kind: str = "", act: Act = None, tip: str = "", icon: str = "") -> QPushButton:
     """A button; `act`: what a click does, where that is one thing."""
-    made = QPushButton(text)
-    made.setToolTip(tip)
+    made = _with_tip(QPushButton(text), tip)
     if act is not None:
         made.clicked.connect(act)
     if icon:
@@ -174,7 +179,7 @@ def option(text: str) -> QCheckBox:
 def enable(target: QWidget, on: bool, why: str = "") -> None:
     """Enable a button or field, or say in its tooltip why not."""
     target.setEnabled(on)
-    target.setToolTip(plain("" if on else why))
+    target.setToolTip(str(target.property("tip") or "") if on else plain(why))
     target.setAccessibleDescription("" if on else why)
 
 
@@ -259,8 +264,8 @@ class Downwards(QScrollArea):
 class Card(QFrame):
     """A panel with an optional heading; `body` takes the contents."""
 
-    def __init__(self, title: str = "", horizontal: bool = False, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, title: str = "", horizontal: bool = False) -> None:
+        super().__init__()
         self.setObjectName("card")
         outer = QVBoxLayout(self)
         outer.setContentsMargins(theme.PAD, theme.GAP, theme.PAD, theme.GAP)
@@ -278,8 +283,8 @@ class Chip(QWidget):
 
     clicked = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.text = ""
         self.level: Level = "none"
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)

@@ -20,8 +20,8 @@ _TURN = math.pi * (3.0 - math.sqrt(5.0))  # the golden angle spreads points even
 class BenchView(QWidget):
     """The drawing; nothing where nothing is known, or where there is no room for it."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._shown = DrawnBench()
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)

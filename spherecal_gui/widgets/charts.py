@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QResizeEvent
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtGui import QColor, QFontMetricsF, QResizeEvent
+from PySide6.QtWidgets import QSizePolicy
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_gui import coverage as cov
@@ -19,13 +19,9 @@ from spherecal_gui.widgets.basic import plain
 pg.setConfigOptions(imageAxisOrder="row-major", antialias=True)
 
 
-def _font(size: float, bold: bool = False) -> QFont:
-    return theme.font(size, bold)
-
-
 def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.5, 0.5), bold: bool = False):
     item = pg.TextItem(text, color=QColor(colour), anchor=anchor)
-    item.setFont(_font(size, bold))
+    item.setFont(theme.font(size, bold))
     return item
 
 
@@ -41,16 +37,11 @@ _GAP_CELLS = 1.6  # between two grids
 _TINT = 0.5  # of its colour in a cell that is covered: numbers and frames are read before it
 
 
-def _rgb(colour: str) -> tuple[int, int, int]:
-    made = QColor(colour)
-    return made.red(), made.green(), made.blue()
-
-
 class Chart(pg.PlotWidget):
     """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it again."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._drawn: object = None
         self.setMenuEnabled(False)
         self.hideButtons()
@@ -81,14 +72,20 @@ class Chart(pg.PlotWidget):
         c = theme.now()
         self.setBackground(c.surface)
         # room for the upper half of a number that stands at the very top
-        self.plot_item.layout.setContentsMargins(0.0, QFontMetricsF(_font(10)).height() / 2, 0.0, 0.0)
+        self.plot_item.layout.setContentsMargins(0.0, QFontMetricsF(theme.font(10)).height() / 2, 0.0, 0.0)
         for side in ("left", "bottom"):
             axis = self.getAxis(side)
             axis.setPen(c.border)
             axis.setTextPen(c.soft)
-            axis.setTickFont(_font(10))
+            axis.setTickFont(theme.font(10))
             axis.setSIPrefixEnableRanges([])  # else pyqtgraph shows 0.01 as 10, and says so nowhere
             axis.enableAutoSIPrefix(False)
+
+    def begin(self) -> theme.Colours:
+        """Draw all again: nothing is in it any more, and it has the colours of now."""
+        self.clear()
+        self.dress()
+        return theme.now()
 
     def names(self, bottom: str = "", left: str = "") -> None:
         """Name the axes."""
@@ -106,9 +103,7 @@ class CoverageChart(Chart):
         grids = tuple(grid.tobytes() for grid in (*before, *live))
         if self._is_drawn(tuple(cameras), grids, tuple(levels)):
             return
-        c = theme.now()
-        self.clear()
-        self.dress()
+        c = self.begin()
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = max(1, int(np.ceil(len(cameras) / columns)))
         low = self.height() < rows * _ROW_LINES * self.fontMetrics().height()  # then the name is in the frame
@@ -141,7 +136,7 @@ class CoverageChart(Chart):
 
     def _caption_cells(self, across: float, rows: int) -> float:
         """The height in cells of the name above and the share below a grid, as large as the cells will be drawn."""
-        captions = _CAPTION_LINES * QFontMetricsF(_font(12, bold=True)).height()
+        captions = _CAPTION_LINES * QFontMetricsF(theme.font(12, bold=True)).height()
         cell = min(self.width() / across, (self.height() / rows - captions) / cov.CELLS)
         return captions / max(cell, 1.0)
 
@@ -149,9 +144,9 @@ class CoverageChart(Chart):
     def _picture(before: IntArray, live: IntArray) -> np.ndarray:
         c = theme.now()
         picture = np.empty((*before.shape, 3), np.uint8)
-        picture[:] = _rgb(c.window)
+        picture[:] = theme.rgb(c.window)
         for covered, colour in ((live, c.accent), (before, c.good)):
-            picture[covered > 0] = _rgb(theme.mixed(c.window, colour, _TINT))
+            picture[covered > 0] = theme.rgb(theme.mixed(c.window, colour, _TINT))
         return picture
 
 
@@ -162,22 +157,20 @@ class PairMatrix(Chart):
         """Show the matrix. `common`: the common dots of each two (c, c)."""
         if self._is_drawn(tuple(cameras), common.tobytes()):
             return
-        c = theme.now()
-        self.clear()
-        self.dress()
+        c = self.begin()
         count = len(cameras)
         plot = self.plot_item
         plot.getViewBox().invertY(True)
         picture = np.empty((count, count, 3), np.uint8)
-        picture[:] = _rgb(c.window)
+        picture[:] = theme.rgb(c.window)
         size = 12 if count <= 8 else 9
-        while size > 7 and (count + 1) * QFontMetricsF(_font(size, True)).horizontalAdvance("0000") > self.width():
+        while size > 7 and (count + 1) * QFontMetricsF(theme.font(size, True)).horizontalAdvance("0000") > self.width():
             size -= 1
         levels: dict[tuple[int, int], str] = {}
         for (i, j), dots in np.ndenumerate(common):
             if i != j and dots:
                 levels[i, j] = "bad" if dots < cov.MIN_COMMON else "caution" if dots < cov.WEAK_COMMON else "good"
-                picture[i, j] = _rgb(c.tint(levels[i, j]))
+                picture[i, j] = theme.rgb(c.tint(levels[i, j]))
         if count:
             image = pg.ImageItem(picture, levels=(0, 255))
             image.setRect(QRectF(-0.5, -0.5, count, count))
@@ -192,8 +185,8 @@ class PairMatrix(Chart):
                 self.addItem(pg.InfiniteLine(edge, angle=angle, pen=pg.mkPen(c.surface, width=2)))
         for side in ("left", "bottom"):
             self.getAxis(side).setTicks([list(enumerate(cameras))])
-            self.getAxis(side).setTickFont(_font(size, True))
-        widest = max((QFontMetricsF(_font(size, True)).horizontalAdvance(name) for name in cameras), default=0.0)
+            self.getAxis(side).setTickFont(theme.font(size, True))
+        widest = max((QFontMetricsF(theme.font(size, True)).horizontalAdvance(name) for name in cameras), default=0.0)
         self.getAxis("left").setWidth(int(widest) + 12)  # its own width is that of numbers
         self.setRange(QRectF(-0.5, -0.5, max(count, 1), max(count, 1)), padding=0.0)
 
@@ -205,8 +198,8 @@ class ConvergenceChart(Chart):
     are given new points stall the window a fifth as long as a plot made again.
     """
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._earlier, self._latest = pg.PlotCurveItem(connect="finite"), pg.PlotCurveItem()
         self.addItem(self._earlier)
         self.addItem(self._latest)
@@ -271,9 +264,7 @@ class ErrorChart(Chart):
     def show_errors(self, shown: Errors) -> None:
         """Show errors with k u, and where there is a limit that with its guard band."""
         names, errors, allowed, exceeding = shown.names, shown.errors, shown.allowed, shown.exceeding
-        c = theme.now()
-        self.clear()
-        self.dress()
+        c = self.begin()
         self.addItem(pg.InfiniteLine(0.0, angle=0, pen=pg.mkPen(c.text, width=1.5)))
         where = np.arange(len(errors), dtype=float)
         self.addItem(pg.BarGraphItem(x=where, y0=-allowed, y1=allowed, width=0.62, brush=QColor(c.border), pen=None))
@@ -306,7 +297,7 @@ class ErrorChart(Chart):
         ticks = list(enumerate(self._names))
         if not ticks:
             return
-        metrics = QFontMetricsF(_font(10))
+        metrics = QFontMetricsF(theme.font(10))
         room = max(self.width() - theme.pt(70), 100.0)
 
         def fits(shown: list[tuple[float, str]]) -> bool:
@@ -347,9 +338,7 @@ class HistogramChart(Chart):
 
     def show_values(self, values: FloatArray, limit: float) -> None:
         """Show residuals. `values`: residuals (n,), px; `limit`: largest size that is shown, px."""
-        c = theme.now()
-        self.clear()
-        self.dress()
+        c = self.begin()
         counts, edges = np.histogram(np.clip(values, -limit, limit), bins=41, range=(-limit, limit))
         width = float(edges[1] - edges[0])
         middles = (edges[:-1] + edges[1:]) / 2

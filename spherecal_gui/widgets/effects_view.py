@@ -16,8 +16,8 @@ _FEW, _GAP_PX = 9, 10.0  # so many maps stand three in a row, more of them five
 class EffectsView(QWidget):
     """Both, each under its sentence."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         column = QVBoxLayout(self)
         self.field, self.drift = label(""), label("")
         self.maps, self.lines = _Maps(), _Lines()

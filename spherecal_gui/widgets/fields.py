@@ -22,8 +22,8 @@ class TextField(QWidget):
 
     edited = Signal(str, str)
 
-    def __init__(self, key: str, title: str, example: str = "", tip: str = "", parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, key: str, title: str, example: str = "", tip: str = "") -> None:
+        super().__init__()
         self.key, self.title = key, title
         column = bare(QVBoxLayout(self), 2)
         caption = label(title, wrap=False)

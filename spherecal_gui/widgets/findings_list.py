@@ -15,8 +15,8 @@ class FindingsList(QScrollArea):
     asked = Signal(str, str)
     taken_back = Signal(str, str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setWidgetResizable(True)
         self._inner = QWidget()
         self._column = QVBoxLayout(self._inner)

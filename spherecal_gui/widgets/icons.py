@@ -41,10 +41,9 @@ def svg_pixmap(text: str, size: QSize) -> QPixmap:
     return QPixmap.fromImage(reader.read())
 
 
-def give_icon(target: QAbstractButton, name: str, role: str = "text") -> None:
-    """Give a button an icon in the colour of a role; `dress_icons` keeps it in the palette's."""
+def give_icon(target: QAbstractButton, name: str) -> None:
+    """Give a button an icon; `dress_icons` keeps it in the palette's colours."""
     target.setProperty("icon-name", name)
-    target.setProperty("icon-role", role)
     _dress(target)
 
 
@@ -58,7 +57,7 @@ def dress_icons(root: QWidget) -> None:
 def _dress(target: QAbstractButton) -> None:
     name, c, size = str(target.property("icon-name")), theme.now(), theme.pt(ICON_PX)
     room = _AFTER_ICON_PX if target.text() else 0.0
-    icon = QIcon(_with_room(pixmap(name, size, getattr(c, str(target.property("icon-role")))), room))
+    icon = QIcon(_with_room(pixmap(name, size, c.text), room))
     icon.addPixmap(_with_room(pixmap(name, size, c.idle), room), QIcon.Mode.Disabled)
     target.setIcon(icon)
     target.setIconSize(QSize(round(size + room), round(size)))

@@ -3,7 +3,7 @@
 from html import escape
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QLabel
 
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.placement_presenter import NeedLine
@@ -15,8 +15,8 @@ class NeedLabel(QLabel):
 
     asked = Signal(str)
 
-    def __init__(self, level: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, level: str) -> None:
+        super().__init__()
         self.setObjectName("big")
         self.setWordWrap(True)
         self.setTextFormat(Qt.TextFormat.RichText)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRadialGradient
-from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal_documents.scene.eye import Eye
@@ -36,8 +35,8 @@ _BEHIND = 0.03  # of the radius: a dot as far behind its ball's outline is hidde
 class PaintedScene(SceneView):
     """A view that needs nothing but Qt."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._small: dict[str, ByteArray] = {}
         self._lines: list[Lines] = []
 
@@ -127,12 +126,12 @@ class PaintedScene(SceneView):
                 if camera.id not in self._small:
                     self._small[camera.id] = shrunk(data.images[camera.id], _IMAGE_PX)
                 _draw_image(painter, eye.flat(camera.corners), self._small[camera.id])
-            tint = QColor(c.bad if camera.id in moved else c.accent if camera.id == self.marked else c.idle)
+            tint = theme.rgb(c.bad if camera.id in moved else c.accent if camera.id == self.marked else c.idle)
             corners, _, size, _ = body_of(camera)
             flat, depth = eye.flat(corners), corners @ eye.towards
             painter.setPen(QPen(QColor(c.scene), 1))
             for face in sorted(_FACES, key=lambda face: float(depth[list(face)].mean()))[3:]:
-                shade = blended((tint.red(), tint.green(), tint.blue()), (0, 0, 0), 0.12 * (face[0] % 3))
+                shade = blended(tint, (0, 0, 0), 0.12 * (face[0] % 3))
                 painter.setBrush(QColor(*shade))
                 painter.drawPolygon(QPolygonF([QPointF(x, y) for x, y in flat[list(face)].tolist()]))
             front = eye.flat((corners[1::2].mean(axis=0))[None])[0].tolist()

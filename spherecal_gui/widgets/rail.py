@@ -29,8 +29,8 @@ def _mark_px(box: QRectF) -> float:
 class RailItem(QAbstractButton):
     """One step."""
 
-    def __init__(self, number: int, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, number: int) -> None:
+        super().__init__()
         self._number = number
         self._state: StepState | None = None
         self._current = False
@@ -120,8 +120,8 @@ class Rail(QFrame):
 
     chosen = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setObjectName("rail")
         self.setAccessibleName(self.tr("Steps"))
         self._items: list[RailItem] = []

@@ -1,4 +1,7 @@
-"""The rig as pyvista renders it, in a process of its own; painted by Qt until the first picture is there."""
+"""The rig as pyvista renders it, in a process of its own; painted by Qt until the first picture is there.
+
+Where pyvista does not work, and where SPHERECAL_3D=painted asks for it, it stays painted; both show the same elements.
+"""
 
 import itertools
 import time
@@ -6,7 +9,6 @@ from dataclasses import replace
 
 from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
-from PySide6.QtWidgets import QWidget
 
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import SceneData
@@ -23,8 +25,8 @@ _numbers = itertools.count(1)
 class RenderedScene(PaintedScene):
     """Asks for pictures and shows them. `first_picture_s`: from being shown to the first one, None before."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._id = next(_numbers)
         self._version = self._number = self._got = self._fine = 0
         self._process: SceneProcess | None = None

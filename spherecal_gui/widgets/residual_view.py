@@ -22,8 +22,8 @@ class ResidualView(QWidget):
 
     image_chosen = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self._shown: CameraResiduals | None = None
         self._image: QImage | None = None
         self.setMinimumSize(220, 180)

@@ -15,7 +15,7 @@ from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import add, bare, button, spaced
 from spherecal_gui.widgets.icons import menu_icon
-from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 
 _MODEL = ".glb"
 _SHARE = 2 / 3  # of what a larger screen adds: the scene grows, lines of text need little more room
@@ -50,10 +50,10 @@ class ScenePanel(QWidget):
     camera_chosen = Signal(str)
     said = Signal(str, str, str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         column = bare(QVBoxLayout(self), theme.SMALL)
-        self.view = make_scene_view()
+        self.view = RenderedScene()
         self.view.camera_chosen.connect(self.camera_chosen)
         column.addWidget(self.view, 1)
         self.show_what = button(self.tr("Show"), "scene-layers", icon="cube")

@@ -1,7 +1,4 @@
-"""What all views of the rig have in common: turning, what is under the mouse, names, legend and cube (scene_overlay).
-
-`make_scene_view` gives the rendered view where pyvista works, else the painted one; both show the same elements.
-"""
+"""What all views of the rig have in common: turning, what is under the mouse, names, legend, cube (scene_overlay)."""
 
 import numpy as np
 from PySide6.QtCore import QBuffer, QPointF, QSize, Qt, Signal
@@ -45,8 +42,8 @@ class SceneView(QWidget):
 
     camera_chosen = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setMinimumSize(260, 200)
         self.setObjectName("scene")
         self.setMouseTracking(True)
@@ -105,9 +102,9 @@ class SceneView(QWidget):
     def style_of_now(self) -> SceneStyle:
         """The palette's colours, as the scene takes them."""
         c = theme.now()
-        plain, marks = (_rgb(c.scene), _rgb(c.border), _rgb(c.text), _rgb(c.accent)), (c.good, c.caution, c.bad)
-        good, caution, bad = map(_rgb, marks)
-        return SceneStyle(c.dark, *plain, good, caution, bad, self.layers, self.marked)
+        scene, border, text, accent = map(theme.rgb, (c.scene, c.border, c.text, c.accent))
+        good, caution, bad = map(theme.rgb, (c.good, c.caution, c.bad))
+        return SceneStyle(c.dark, scene, border, text, accent, good, caution, bad, self.layers, self.marked)
 
     def dress(self) -> None:
         """Take the palette's colours."""
@@ -332,15 +329,3 @@ def png_of(image: QPixmap) -> bytes:
     memory.open(QBuffer.OpenModeFlag.WriteOnly)
     image.save(memory, "PNG")
     return bytes(memory.data().data())
-
-
-def _rgb(name: str) -> tuple[int, int, int]:
-    colour = QColor(name)
-    return colour.red(), colour.green(), colour.blue()
-
-
-def make_scene_view(parent: QWidget | None = None) -> SceneView:
-    """The view of pyvista, painted where that does not work; SPHERECAL_3D=painted asks for the painted one."""
-    from spherecal_gui.widgets.rendered_scene import RenderedScene  # which imports this module
-
-    return RenderedScene(parent)

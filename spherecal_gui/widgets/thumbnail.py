@@ -18,8 +18,8 @@ class Thumbnail(QWidget):
 
     clicked = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setObjectName("thumbnail")
         self.image: QImage | None = None  # what is shown
         self._shown_s: float | None = None

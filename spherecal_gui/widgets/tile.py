@@ -440,9 +440,9 @@ class Wall(QWidget):
     masked = Signal(str, object)
     renamed = Signal(str, str)
 
-    def __init__(self, parent: QWidget | None = None, renames: bool = False) -> None:
+    def __init__(self, renames: bool = False) -> None:
         """`renames`: a click on a camera's name edits it."""
-        super().__init__(parent)
+        super().__init__()
         self.tiles: dict[str, CameraTile] = {}
         self._renames = renames
         self._follows, self._since_s = True, 0.0

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget
 
 from spherecal_documents.scene.model import SceneData
 from spherecal_gui import theme
@@ -33,8 +33,8 @@ _MOST, _MOST_CAMERAS, _MOST_FROM_AFAR = 4, 8, 1  # rows in sight at 1280 x 800; 
 class VerificationView(QSplitter):
     """Above the verdict and the plot, below the tables."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(Qt.Orientation.Vertical, parent)
+    def __init__(self) -> None:
+        super().__init__(Qt.Orientation.Vertical)
         self.words = ("", "none")  # verdict and level
         self._explained = self._measured = False
         self._low_px, self._rows_px = _LEAST_PX, (0, 0)  # the tables' height with one row, and with all that matter

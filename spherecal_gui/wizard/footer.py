@@ -1,7 +1,7 @@
 """The window's foot: back, why not, the one large button, next."""
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QWidget
+from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton
 
 from spherecal_gui import theme
 from spherecal_gui.standing import Button, Standing
@@ -20,8 +20,8 @@ class Footer(QFrame):
     acted = Signal()  # the large button was pressed by somebody who saw what it does
     settled = Signal()  # what it does has been seen for a moment
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setObjectName("footer")
         self._running = False
         row = QHBoxLayout(self)

@@ -76,8 +76,8 @@ class WindowFrame(QMainWindow):
     language_chosen = Signal(str)
     goes_on_at_first = True  # unless the settings say otherwise
 
-    def __init__(self, projects: Path | None = None, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, projects: Path | None = None) -> None:
+        super().__init__()
         self.projects = projects or default_projects()
         self.settings = WindowSettings()
         self.sounds = Sounds()

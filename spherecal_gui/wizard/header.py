@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction, QActionGroup
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu
 
 from spherecal_gui import theme
 from spherecal_gui.languages import LANGUAGES
@@ -27,8 +27,8 @@ class Header(QFrame):
     bench = Signal()
     sound_test = Signal()
 
-    def __init__(self, language: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, language: str) -> None:
+        super().__init__()
         self.setObjectName("header")
         row = spaced(QHBoxLayout(self), theme.SMALL)
         row.setContentsMargins(theme.PAD, theme.SMALL - 2, theme.PAD, theme.SMALL - 2)

@@ -38,11 +38,9 @@ _SAID_BY_PAGES = ("inconsistent", "taken without", "taken moving", "not valid", 
 class WizardWindow(WindowFrame):
     """The whole wizard."""
 
-    def __init__(
-        self, projects: Path | None = None, parent: QWidget | None = None, controller: Controller | None = None
-    ) -> None:
+    def __init__(self, projects: Path | None = None, controller: Controller | None = None) -> None:
         """A `controller` that is given belongs to another window and is only shown here."""
-        super().__init__(projects, parent)
+        super().__init__(projects)
         self.controller = controller or Controller(self)
         self._own = controller is None
         self.pages: dict[str, Page] = {}

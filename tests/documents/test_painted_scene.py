@@ -12,7 +12,7 @@ from pytestqt.qtbot import QtBot
 
 from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_gui.widgets.scene_view import make_scene_view
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
@@ -116,6 +116,6 @@ def test_without_pyvista_the_painted_view_is_taken(
     qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    view = make_scene_view()
+    view = RenderedScene()
     qtbot.addWidget(view)
     assert isinstance(view, PaintedScene)

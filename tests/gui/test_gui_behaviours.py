@@ -36,7 +36,7 @@ from spherecal_gui.presenters.look_presenter import TileState, figures_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene
 from spherecal_gui.presenters.results_presenter import culprit
-from spherecal_gui.presenters.start_presenter import age_text, number_in_use, picture_name, validity_of
+from spherecal_gui.presenters.start_presenter import in_use, picture_name, validity_of
 from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.rig_scenes import check_scene
@@ -255,7 +255,8 @@ def test_chip_and_start_say_how_old_and_by_whom(tmp_path, ago, words, at_start):
     apply(open_profile(profile), number)
     word, _, details = validity_of(profile)
     assert word.endswith(words) and "Maria" in details and f"{made.astimezone():%Y-%m-%d %H:%M}" in details
-    assert age_text(profile) == f"Calibrated {at_start} ago"
+    found = in_use(profile)
+    assert found is not None and found.age == f"Calibrated {at_start} ago"
     assert open_profile(profile).validity().age_hours == pytest.approx(timedelta(**ago).total_seconds() / 3600, abs=0.1)
 
 
@@ -399,7 +400,8 @@ def test_the_profile_dialog_uses_the_row_that_was_chosen_once_and_shows_its_pict
     before = dialog.picture.pixmap().height()
     QTest.mouseClick(dialog.use, Qt.MouseButton.LeftButton)
     QTest.mouseDClick(dialog.use, Qt.MouseButton.LeftButton)
-    assert number_in_use(profile) == "0002" and dialog.chosen == "0002" and len(asked) == 1
+    found = in_use(profile)
+    assert found is not None and found.number == "0002" and dialog.chosen == "0002" and len(asked) == 1
     assert not dialog.use.isEnabled()
     assert dialog.picture.pixmap().height() != before, "21 x 10 instead of 20 x 10, at the same width"
 

@@ -19,8 +19,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QCheckBox, QPushButton, QWidget
 
+from benchmarks.timed_window import WalkTimes
 from installer.walk import GOES_ON_S
-from spherecal_gui.click_map import ClickMap, WalkTimes
+from spherecal_gui.click_map import ClickMap
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.wizard.footer import Footer
 from spherecal_gui.wizard.window import WizardWindow

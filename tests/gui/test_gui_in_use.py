@@ -21,7 +21,7 @@ from spherecal_gui.in_use import number_of, result_of
 from spherecal_gui.last_verification import keep_verification, last_verification
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.pages.save_page import SavePage
-from spherecal_gui.presenters.start_presenter import next_check_text, validity_of, verified_text
+from spherecal_gui.presenters.start_presenter import in_use, validity_of
 from spherecal_gui.project_folder import TRAINING_PROFILE
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
@@ -62,7 +62,8 @@ def test_check_and_verification_rule_the_chip_before_age(profile):
     keep_verification(profile, "0001", "inconsistent")
     assert shown(profile) == ("SIMULATED · the check bar contradicts it", "bad")
     keep_verification(profile, "0001", "consistent")
-    assert "verified" in verified_text(profile) and "0001" in verified_text(profile)
+    found = in_use(profile)
+    assert found is not None and "verified" in found.verified and "0001" in found.verified
     keep_verification(profile, "0002", "inconsistent")
     assert last_verification(profile, "0001") is None, "of another calibration"
     assert validity_of(profile)[0].startswith("SIMULATED · calibration fresh"), "then what was saved with it counts"
@@ -71,8 +72,9 @@ def test_check_and_verification_rule_the_chip_before_age(profile):
 def test_an_unverified_calibration_is_not_called_fresh(profile):
     edited(profile, verification=None)
     assert shown(profile) == ("SIMULATED · calibration not verified", "caution")
-    assert "not verified" in verified_text(profile)
-    assert next_check_text(profile).startswith("Check the rig again by 20")
+    found = in_use(profile)
+    assert found is not None and "not verified" in found.verified
+    assert found.next_check.startswith("Check the rig again by 20")
 
 
 def test_a_check_that_says_recalibrate_makes_the_chip_red(profile):

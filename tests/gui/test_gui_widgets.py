@@ -34,7 +34,6 @@ from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.residual_view import ResidualView
-from spherecal_gui.widgets.scene_view import make_scene_view
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.workflow import Running, resolve
@@ -238,7 +237,7 @@ def scene_of_two() -> SceneData:
 
 
 def test_the_plain_view_tells_which_camera_was_meant(qtbot, home):
-    view = make_scene_view()
+    view = RenderedScene()
     assert isinstance(view, PaintedScene)
     qtbot.addWidget(view)
     view.resize(500, 400)
@@ -261,7 +260,7 @@ def test_where_opengl_fails_the_view_stays_painted(qapp, qtbot, monkeypatch, tmp
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
     theme.apply(qapp, dark=False)  # names are thick enough for their full colour in our own font only
-    view = make_scene_view()
+    view = RenderedScene()
     assert isinstance(view, RenderedScene)
     qtbot.addWidget(view)
     view.show_scene(scene_of_two())

@@ -273,17 +273,17 @@ def test_pages_are_drawn(name):
     results = [cache.setdefault(str(t.settings.get("search", t.key)) + t.kind, made_up(t)) for t in listed]
     with report_style():
         page = STUDIES[name].page(listed, results, options)
-        pdf = page.document.pdf()
+        pdf = page.pdf()
     assert pdf.startswith(b"%PDF")
     assert len(pdf) > 10_000
     assert len(page.compared) >= 3
-    tested = [row for row in page.compared if row.agrees is not None]
+    tested = [row.judged for row in page.compared if row.judged.agrees is not None]
     assert tested
-    assert {row.agrees for row in tested} == {"cannot tell"}  # one run tells nothing
-    assert all(row.test in agreement.TESTS for row in tested)
+    assert {one.agrees for one in tested} == {"cannot tell"}  # one run tells nothing
+    assert all(one.test in agreement.TESTS for one in tested)
     with report_style():  # a series that was stopped has a page too
         some = [i for i, t in enumerate(listed) if i % 3 == 0]
-        assert STUDIES[name].page([listed[i] for i in some], [results[i] for i in some], options).document.pdf()
+        assert STUDIES[name].page([listed[i] for i in some], [results[i] for i in some], options).pdf()
 
 
 def test_the_papers_rivals_have_rows_of_their_own():
@@ -323,23 +323,23 @@ def test_settings_of_a_study_reach_its_trials():
     ],
 )
 def test_a_value_agrees_by_its_interval(values, verdict):
-    assert agreement.like(agreement.estimate(values), 0.1) == verdict
+    assert agreement.like(agreement.estimate(values), 0.1).agrees == verdict
 
 
 def test_limits_shares_and_orders_are_tested_as_stated():
     e = agreement.estimate
-    assert agreement.below(e([0.09, 0.11] * 15), 0.125) == "yes"
-    assert agreement.below(e([0.19, 0.21] * 15), 0.125) == "differs"
-    assert agreement.below(e([0.05, 0.20] * 15), 0.125) == "cannot tell"
-    assert agreement.above(e([1.9, 2.1] * 15), 1.25) == "yes"
-    assert agreement.always(60, 60) == "yes" and agreement.always(30, 60) == "differs"
-    assert agreement.always(30, 30) == "yes" and agreement.always(29, 29) == "cannot tell"
-    assert agreement.always(28, 30) == "cannot tell"  # the interval begins at 78 %
-    assert agreement.never(0, 60) == "yes" and agreement.never(60, 60) == "differs"
+    assert agreement.below(e([0.09, 0.11] * 15), 0.125).agrees == "yes"
+    assert agreement.below(e([0.19, 0.21] * 15), 0.125).agrees == "differs"
+    assert agreement.below(e([0.05, 0.20] * 15), 0.125).agrees == "cannot tell"
+    assert agreement.above(e([1.9, 2.1] * 15), 1.25).agrees == "yes"
+    assert agreement.always(60, 60).agrees == "yes" and agreement.always(30, 60).agrees == "differs"
+    assert agreement.always(30, 30).agrees == "yes" and agreement.always(29, 29).agrees == "cannot tell"
+    assert agreement.always(28, 30).agrees == "cannot tell"  # the interval begins at 78 %
+    assert agreement.never(0, 60).agrees == "yes" and agreement.never(60, 60).agrees == "differs"
     up, flat, down = e([1.0, 1.2] * 15), e([-1.0, 1.0] * 15), e([-1.2, -1.0] * 15)
-    assert agreement.ordered([up, up]) == "yes"
-    assert agreement.ordered([up, flat]) == "cannot tell"
-    assert agreement.ordered([up, down]) == "differs"
+    assert agreement.ordered([up, up]).agrees == "yes"
+    assert agreement.ordered([up, flat]).agrees == "cannot tell"
+    assert agreement.ordered([up, down]).agrees == "differs"
     assert e([1.0, None, 3.0]).words(1) == "2.0 +- 1.0"
 
 

@@ -17,7 +17,7 @@ from PySide6.QtGui import QTextLayout
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from spherecal.verify.limit import LengthConformity, parse_limit
+from spherecal.verify.limit import Acceptance, LengthConformity, parse_limit
 from spherecal_gui import languages
 from spherecal_gui.presenters.bars_presenter import Errors
 from spherecal_gui.presenters.bars_presenter import errors_of as verification_errors
@@ -189,7 +189,7 @@ def test_a_larger_screen_is_the_scenes(qtbot: QtBot) -> None:
 def test_the_errors_of_a_verification_with_a_limit_have_its_guard_band() -> None:
     """The page read another name of the field and ended with an error."""
     row = LengthConformity("A", "A1", "A2", "L1", 0.004, 0.03, 0.008, "pass")
-    acceptance = SimpleNamespace(lengths=(row,), at=parse_limit("0.03+L/20000").at)
+    acceptance = Acceptance(parse_limit("0.03+L/20000"), "pass", (row,))
     bar = SimpleNamespace(pose="L1", start="A1", end="A2", error_mm=0.004, u_mm=0.003, reference_mm=500.0, key=row.key)
     procedure = SimpleNamespace(acceptance=acceptance)
     report: Any = SimpleNamespace(measured=(bar,), coverage_factor=2.0, procedure=procedure)

@@ -17,6 +17,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
+from spherecal.verify.budget import Budget, Contribution
+from spherecal.verify.limit import LengthLimit
+from spherecal.verify.verification import LengthStatistics
 from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
@@ -361,10 +364,8 @@ def test_a_bar_needs_cameras(targets, level):
 
 def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()) -> Any:
     row = SimpleNamespace(pose="A-01", start="A1", end="A2", error_mm=-0.02, u_mm=0.01)
-    length = SimpleNamespace(
-        bar="A", start="A1", end="A2", n=1, mean_error_mm=-0.02, sd_mm=None, max_abs_error_mm=0.02, expanded_mm=0.03
-    )
-    row.key = length.key = ("A", "A1", "A2")
+    length = LengthStatistics("A", "A1", "A2", 1, -0.02, None, 0.02, 0.03, 2.0)
+    row.key = length.key
     return SimpleNamespace(
         measured=(row,),
         lengths=(length,),
@@ -388,20 +389,12 @@ def judged_by(limit_mm: float, decision: str) -> Any:
         key=("A", "A1", "A2"), limit_mm=limit_mm, expanded_uncertainty_mm=0.03, verdict=decision
     )
     found.measured[0].reference_mm = 500.0
-    acceptance = SimpleNamespace(lengths=(conformity,), verdict=decision, words="E", at=lambda _: limit_mm)
+    acceptance = SimpleNamespace(lengths=(conformity,), verdict=decision, limit=LengthLimit(limit_mm))
     contributions = (
-        SimpleNamespace(name="scale", share=0.1, standard_mm=0.003),
-        SimpleNamespace(name="calibration", share=0.9, standard_mm=0.009),
+        Contribution("scale", "B", "normal", 0.003, share=0.1),
+        Contribution("calibration", "B", "normal", 0.009, share=0.9),
     )
-    budget = SimpleNamespace(
-        bar="A",
-        start="A1",
-        end="A2",
-        combined_mm=0.0095,
-        coverage_factor=2.0,
-        expanded_mm=0.019,
-        contributions=contributions,
-    )
+    budget = Budget("A", "A1", "A2", contributions, 0.0095, 2.0, 0.019)
     found.procedure = SimpleNamespace(acceptance=acceptance, budgets=(budget,))
     return found
 
@@ -439,7 +432,7 @@ def test_the_budget_names_the_largest_part_first_and_what_helps():
 
 def test_there_is_no_negative_zero():
     found = bars()
-    found.lengths = (SimpleNamespace(**{**vars(found.lengths[0]), "mean_error_mm": -0.0002}),)
+    found.lengths = (replace(found.lengths[0], mean_error_mm=-0.0002),)
     assert length_cells(found)[0][2] == "+0.000"
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -30,13 +30,17 @@ _REMEDY = {
 
 @dataclass(frozen=True)
 class Contribution:
-    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact)."""
+    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact).
+
+    `share` is that of the variance of the budget that it belongs to.
+    """
 
     name: str
     evaluation: Literal["A", "B"]
     distribution: str
     standard_mm: float
     freedom: float = math.inf
+    share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -51,9 +55,9 @@ class Budget:
     to_mark: str
     contributions: tuple[Contribution, ...]
     combined_mm: float
-    freedom: float
     coverage_factor: float
     expanded_mm: float
+    freedom: float = math.inf
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -70,14 +74,12 @@ class Budget:
 
     def shares(self) -> list[tuple[str, float]]:
         """The Pareto: contributions that count with their share of the variance, largest first."""
-        total = self.combined_mm**2
-        found = [(c.name, c.standard_mm**2 / total) for c in self.contributions if c.standard_mm > 0 and total > 0]
-        return sorted(found, key=lambda one: -one[1])
+        return sorted([(c.name, c.share) for c in self.contributions if c.share > 0], key=lambda one: -one[1])
 
     def remedy(self) -> Phrase | None:
         """The first step to a smaller uncertainty; None if there is none."""
         shares = self.shares()
-        return _REMEDY[shares[0][0]] if shares else None
+        return _REMEDY.get(shares[0][0]) if shares else None
 
 
 def length_budgets(
@@ -130,7 +132,9 @@ def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) ->
     # k for a million degrees of freedom and for infinitely many agree to 2 in a million
     freedom = combined**4 / spread if spread * _AS_GOOD_AS_EXACT > combined**4 else math.inf
     factor = float(stdtrit(freedom, (1 + COVERAGE) / 2)) if math.isfinite(freedom) else float(ndtri((1 + COVERAGE) / 2))
-    return Budget(*key, tuple(contributions), combined, freedom, factor, factor * combined)
+    total = combined**2 or math.inf
+    shared = tuple(replace(c, share=c.standard_mm**2 / total) for c in contributions)
+    return Budget(*key, shared, combined, factor, factor * combined, freedom)
 
 
 def certificate_freedom(coverage_factor: float) -> float:

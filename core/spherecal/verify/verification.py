@@ -75,23 +75,28 @@ class MeasuredLength:
 
 @dataclass(frozen=True)
 class LengthStatistics:
-    """One certified length over all its poses; `sd_mm` is None for a single pose.
+    """One certified length over all its poses; None is what a single pose or a file does not say.
 
     `expanded_uncertainty_mm` is that of the mean error (GUM, 95.45 %), `repeatability_mm` its type A part; `budget`
-    holds the type B parts.
+    holds the type B parts. A file's parts are not read.
     """
 
     bar: str
     from_mark: str
     to_mark: str
     n: int
-    mean_error_mm: float
+    mean_error_mm: float | None
     sd_mm: float | None
-    max_abs_error_mm: float
-    repeatability_mm: float
-    budget: LengthBudget
-    expanded_uncertainty_mm: float
-    coverage_factor: float
+    max_abs_error_mm: float | None
+    expanded_uncertainty_mm: float | None
+    coverage_factor: float | None
+    repeatability_mm: float | None = None
+    budget: LengthBudget | None = None
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Bar and marks."""
+        return self.bar, self.from_mark, self.to_mark
 
 
 @dataclass(frozen=True)

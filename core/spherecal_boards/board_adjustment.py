@@ -171,7 +171,7 @@ def _model(
         priors=priors,
         ball=Rigid(views.placement[rows], np.ones(views.n_placements, dtype=bool)),
     )
-    return BoardModel(problem, cameras_only(problem)), rows[order]
+    return BoardModel(cameras_only(problem), 1, problem), rows[order]
 
 
 def residuals_px(views: BoardViews, state: State) -> FloatArray:

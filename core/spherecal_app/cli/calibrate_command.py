@@ -18,6 +18,7 @@ from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import RESULT
 from spherecal.files.ball_file import read_ball
 from spherecal.files.findings_file import FINDING
+from spherecal.files.json_file import plain_fields
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import affected_entries
 from spherecal.files.write_result import write_result
@@ -31,7 +32,6 @@ from spherecal_app.cli.console import (
     log_findings,
     number,
     out,
-    plain_fields,
     say,
     show_findings,
 )

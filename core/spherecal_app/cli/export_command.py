@@ -8,10 +8,11 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import SESSION
+from spherecal.files.json_file import plain_fields
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame
-from spherecal_app.cli.console import answer, check_output_folder, out, output_file, plain_fields, say, to_output
+from spherecal_app.cli.console import answer, check_output_folder, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_documents.export.import_rig import Imported
 from spherecal_documents.export.import_rig import import_rig as run

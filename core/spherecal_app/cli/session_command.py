@@ -7,8 +7,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal.data.findings import counted
+from spherecal.files.json_file import plain_fields
 from spherecal_app.api import new_session
-from spherecal_app.cli.console import answer, out, plain_fields, say
+from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_app.recordings.new_session import NewSession

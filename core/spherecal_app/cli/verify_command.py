@@ -11,6 +11,7 @@ from spherecal.data.findings import counted
 from spherecal.detect.session_images import observed
 from spherecal.files.atomic import RESULT
 from spherecal.files.findings_file import FINDING
+from spherecal.files.json_file import plain_fields
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.verify.limit import parse_limit
@@ -24,7 +25,6 @@ from spherecal_app.cli.console import (
     log_findings,
     number,
     out,
-    plain_fields,
     say,
     show_findings,
 )

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.catalogue import language
@@ -54,6 +55,14 @@ def say(*lines: str) -> None:
     """Print lines as they are: brackets in them are no markup."""
     for line in lines:
         out.print(line, markup=False)
+
+
+def figures(first: str, *headings: str) -> Table:
+    """A table without lines whose columns after the first hold figures, those without a heading words."""
+    table = Table(first, box=None)
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading else "left")
+    return table
 
 
 def number(value: float | None, digits: int) -> str:

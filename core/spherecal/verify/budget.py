@@ -11,6 +11,7 @@ from scipy.special import ndtri, stdtrit
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength
+from spherecal.verify.limit import OfLength
 from spherecal.verify.uncertainty import COVERAGE, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import MeasuredLength
 
@@ -44,25 +45,17 @@ class Contribution:
 
 
 @dataclass(frozen=True)
-class Budget:
+class Budget(OfLength):
     """The uncertainty of the test value of one certified length (ISO 14253-5, 95.45 %), in mm.
 
     `freedom` are the effective degrees of freedom; `expanded_mm` is `coverage_factor` times `combined_mm`.
     """
 
-    bar: str
-    from_mark: str
-    to_mark: str
     contributions: tuple[Contribution, ...]
     combined_mm: float
     coverage_factor: float
     expanded_mm: float
     freedom: float = math.inf
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """Bar and marks."""
-        return self.bar, self.from_mark, self.to_mark
 
     def guard_mm(self, n: int = 1) -> float:
         """By how much n errors must all be within (n = 1), or one of n beyond its limit, to be so with 95 %.

@@ -9,6 +9,7 @@ from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
 from spherecal.data.findings import Finding
+from spherecal.verify.limit import OfLength
 
 if TYPE_CHECKING:
     from spherecal.verify.consistency import Consistency
@@ -74,16 +75,13 @@ class MeasuredLength:
 
 
 @dataclass(frozen=True)
-class LengthStatistics:
+class LengthStatistics(OfLength):
     """One certified length over all its poses; None is what a single pose or a file does not say.
 
     `expanded_uncertainty_mm` is that of the mean error (GUM, 95.45 %), `repeatability_mm` its type A part; `budget`
     holds the type B parts. A file's parts are not read.
     """
 
-    bar: str
-    from_mark: str
-    to_mark: str
     n: int
     mean_error_mm: float | None
     sd_mm: float | None
@@ -92,11 +90,6 @@ class LengthStatistics:
     coverage_factor: float | None
     repeatability_mm: float | None = None
     budget: LengthBudget | None = None
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """Bar and marks."""
-        return self.bar, self.from_mark, self.to_mark
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from spherecal.verify.limit import OfLength
 
 if TYPE_CHECKING:
     from spherecal.verify.consistency import Consistency
+    from spherecal.verify.departures import Procedure
     from spherecal.verify.participation import CameraViews
-    from spherecal.verify.procedure import Procedure
 
 Verdict = Literal["consistent", "inconsistent", "no data"]
 

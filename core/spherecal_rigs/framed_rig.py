@@ -20,10 +20,10 @@ from spherecal.files.table_file import Table
 from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
-from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 from spherecal.geometry.volume_map import LengthMap
 from spherecal.verify.verification_file import VERIFICATION
 from spherecal_rigs.result_folder import read_csv
+from spherecal_rigs.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 
 
 def _check_places(made: FrameDefinition, value: JsonValue) -> None:

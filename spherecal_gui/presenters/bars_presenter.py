@@ -76,10 +76,8 @@ def length_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     for row in bars.lengths:
         own = decided.get(row.key)
         limit, word = (own.limit_mm, decision_word(own.verdict)) if own is not None else (None, "-")
-        name, figures = (
-            f"{row.bar} {row.from_mark}-{row.to_mark}",
-            (row.sd_mm, row.max_abs_error_mm, row.expanded_uncertainty_mm, limit),
-        )
+        name = f"{row.bar} {row.from_mark}-{row.to_mark}"
+        figures = (row.sd_mm, row.max_abs_error_mm, row.expanded_uncertainty_mm, limit)
         rows.append((name, str(row.n), cell(row.mean_error_mm, sign=True), *map(cell, figures), word))
     return rows
 

@@ -478,9 +478,9 @@ CAMERAS = np.array([[-1000.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [0.0, 1000.0,
 
 def guided(ends: np.ndarray | None, still: bool | None = True):
     """What is said of a bar that should lie along x from -250 to 250 mm."""
-    from spherecal.verify.pose_plan import PlannedPose
     from spherecal_gui.presenters.bar_guide import bar_guide
     from spherecal_gui.rig_scenes import RigPlanes
+    from spherecal_rigs.pose_plan import PlannedPose
 
     planes = RigPlanes(np.eye(3), ("C01", "C02", "C03"), CAMERAS)
     pose = PlannedPose(

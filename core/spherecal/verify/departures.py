@@ -9,7 +9,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.verify.budget import Budget
 from spherecal.verify.limit import Acceptance, LengthLimit
-from spherecal.verify.pose_plan import LEAST_LENGTHS, LINES, MeasuringVolume
+from spherecal.verify.measuring_volume import LEAST_LENGTHS, LINES, MeasuringVolume
 from spherecal.verify.verification import MeasuredLength
 
 

@@ -34,9 +34,9 @@ from spherecal.verify.doubts import (
 )
 from spherecal.verify.limit import LengthLimit, judge_against, with_doubts
 from spherecal.verify.marks import MarkFinder, MarkPlace
+from spherecal.verify.measuring_volume import volume_box
 from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.participation import many_outlying, participation, participation_doubts
-from spherecal.verify.pose_plan import volume_box
 from spherecal.verify.rig_cameras import cameras_in_rig
 from spherecal.verify.uncertainty import (
     PointErrors,

@@ -55,9 +55,9 @@ def _read_rows(path: Path) -> tuple[BarRow, ...]:
     table = read_csv(path, BAR_COLUMNS)
     u = table.lengths("u_mm", may_be_empty=True)
     return tuple(
-        BarRow(bar, pose, start, end, length, reference, error, None if isnan(sigma) else sigma, views)
-        for bar, pose, start, end, length, reference, error, sigma, views in zip(
-            *(table.names(name) for name in ("bar", "pose", "from", "to")),
+        BarRow(bar, from_mark, to_mark, pose, length, reference, error, None if isnan(sigma) else sigma, views)
+        for bar, from_mark, to_mark, pose, length, reference, error, sigma, views in zip(
+            *(table.names(name) for name in ("bar", "from", "to", "pose")),
             *(table.numbers(name).tolist() for name in ("length_mm", "reference_mm", "error_mm")),
             u.tolist(),
             table.whole_numbers("views").tolist(),

@@ -44,13 +44,12 @@ class Errors:
 def errors_of(bars: "BarReport") -> Errors:
     """The errors of a verification (report.verification_file)."""
     factor = bars.coverage_factor or 2.0
-    names = tuple(f"{bar.pose}\n{bar.start}-{bar.end}" for bar in bars.measured)
+    names = tuple(f"{bar.pose}\n{bar.from_mark}-{bar.to_mark}" for bar in bars.measured)
     errors = np.array([bar.error_mm for bar in bars.measured])
     allowed = np.array([factor * (bar.u_mm or 0.0) for bar in bars.measured])
     acceptance = _acceptance(bars)
     if acceptance is None:
-        exceeding = tuple((bar.pose, bar.start, bar.end) in bars.exceeding for bar in bars.measured)
-        return Errors(names, errors, allowed, exceeding)
+        return Errors(names, errors, allowed, tuple(map(bars.broken, bars.measured)))
     permitted = np.array([acceptance.limit.at(bar.reference_mm) for bar in bars.measured])
     expanded = {row.key: row.expanded_uncertainty_mm for row in acceptance.lengths}
     guard = np.array([expanded.get(bar.key, 0.0) for bar in bars.measured])

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding
+from spherecal.data.session import BarPose
 from spherecal.files.bar_registry import CERTIFICATE, LENGTH
 from spherecal.files.codec import (
     FileFormat,
@@ -33,7 +34,7 @@ from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import finite
 from spherecal.files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
 from spherecal.verify.budget import Budget, Contribution
-from spherecal.verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit
+from spherecal.verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit, OfLength
 from spherecal.verify.participation import CameraViews, State
 from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification, is_failed
 
@@ -57,22 +58,13 @@ class ArtefactRow:
 
 
 @dataclass(frozen=True)
-class PoseRow:
-    """A pose of a bar with its temperature."""
-
-    id: str
-    bar: str
-    temperature_c: float | None
-
-
-@dataclass(frozen=True)
 class ProcedureReport:
     """The procedure as read from verification.json: departures, bars, poses, budgets, and the limit if one was set."""
 
     title: str
     departures: tuple[Sentence, ...]
     bars: tuple[ArtefactRow, ...]
-    poses: tuple[PoseRow, ...]
+    poses: tuple[BarPose, ...]
     budgets: tuple[Budget, ...]
     volume: tuple[tuple[float, ...], float] | None = None
     acceptance: Acceptance | None = None
@@ -80,23 +72,15 @@ class ProcedureReport:
 
 
 @dataclass(frozen=True)
-class BarRow:
+class BarRow(OfLength):
     """One measured length of bars.csv; error = measured - reference, `u_mm` its standard uncertainty."""
 
-    bar: str
     pose: str
-    start: str
-    end: str
     length_mm: float
     reference_mm: float
     error_mm: float
     u_mm: float | None
     views: int
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """The certified length that was measured."""
-        return self.bar, self.start, self.end
 
 
 @dataclass(frozen=True)
@@ -130,6 +114,10 @@ class BarReport:
     cameras: tuple[CameraViews, ...] = ()
     measured: tuple[BarRow, ...] = ()
     override: Override | None = None
+
+    def broken(self, row: BarRow) -> bool:
+        """Whether a measured length breaks the rule."""
+        return (row.pose, row.from_mark, row.to_mark) in self.exceeding
 
     @property
     def failed(self) -> bool:
@@ -281,7 +269,7 @@ _BAR = record(
 )
 _POSE = record(
     "",
-    PoseRow,
+    BarPose,
     field("id", name("Its id."), "pose", "id"),
     field("bar", name("The bar.")),
     optional("temperature_c", number("The bar's temperature.", -300, 1000)),

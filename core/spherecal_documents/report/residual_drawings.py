@@ -282,8 +282,7 @@ def _draw_length(
     places = at + (np.linspace(-0.38, 0.14, len(rows)) if len(rows) > 1 else np.array([-0.1]))
     reach = 0.0
     for x, row in zip(places.tolist(), rows, strict=True):
-        broken = (row.pose, row.start, row.end) in bars.exceeding
-        colour, mark, size = (BAD, "X", 5.0) if broken else (ACCENT, "o", 2.8)
+        colour, mark, size = (BAD, "X", 5.0) if bars.broken(row) else (ACCENT, "o", 2.8)
         spread = k * (row.u_mm or 0.0)
         axes.plot([x, x], [row.error_mm - spread, row.error_mm + spread], color=colour, linewidth=0.7, alpha=0.75)
         axes.plot(x, row.error_mm, marker=mark, markersize=size, color=colour, markeredgewidth=0)

@@ -198,10 +198,9 @@ def _measured(bars: verification_file.BarReport) -> Section:
     rows: list[tuple[Cell, ...]] = []
     for row in bars.measured:
         error = number(row.error_mm, 4, sign=True)
-        broken = (row.pose, row.start, row.end) in bars.exceeding
         ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else NONE
         lengths = number(row.length_mm, 4), number(row.reference_mm, 4)
-        shown = Strong(error, BAD) if broken else error
+        shown = Strong(error, BAD) if bars.broken(row) else error
         rows.append((row.pose, name_of(row.key), *lengths, shown, number(row.u_mm, 4), ratio, str(row.views)))
     heads = columns("pose length measured-mm reference-mm error-mm")
     table = Table((*heads, "u (k = 1)\nmm", *columns("error-u views")), tuple(rows), 2)

@@ -90,12 +90,12 @@ def _session_readers(folder: Path) -> list[Reader]:
 def _result_readers(folder: Path) -> list[Reader]:
     from spherecal.files.ball_file import read_ball
     from spherecal.files.rig_file import read_rig
-    from spherecal.geometry.user_frame import FrameDefinition
     from spherecal_documents.report.write_report import make_report
     from spherecal_rigs.check_rig import read_known_ball
     from spherecal_rigs.framed_rig import define_frame, read_frame, write_frame
     from spherecal_rigs.result_folder import read_bar_report, read_result
     from spherecal_rigs.save_entry import prepare
+    from spherecal_rigs.user_frame import FrameDefinition
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=12, placements=3, bar_poses=1))
     done = calibrate(session)

@@ -40,7 +40,6 @@ from spherecal.files.rig_file import COVARIANCE_FILE, check_rig_bytes, covarianc
 from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import LensModel
-from spherecal.geometry.user_frame import FrameDefinition, UserFrame
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings, Method
 from spherecal.targets.detection import Detections, DetectionSettings, detect
@@ -48,7 +47,6 @@ from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.limit import LengthLimit, parse_limit
-from spherecal.verify.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal.verify.verification import Verification
 from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal.verify.write_verification import write_verification
@@ -77,11 +75,13 @@ from spherecal_rigs.compare_rigs import Comparison, compare
 from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.framed_rig import read_frame, write_frame
 from spherecal_rigs.next_placement import Guidance, advise
+from spherecal_rigs.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
 from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile
 from spherecal_rigs.store import apply as put_to_use
+from spherecal_rigs.user_frame import FrameDefinition, UserFrame
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session as simulate
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth

@@ -15,7 +15,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
-from spherecal.data.observations import Features, find_features
+from spherecal.data.observations import find_features
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Placement, Session
 from spherecal.detect.session_images import observed
@@ -63,31 +63,30 @@ def calibrate_bar(
     seen_twice = np.bincount(recording.point, minlength=recording.n_points) >= 2
     start = start_from_pairs(recording, known_lengths(session, recording, seen_twice), known, settings.seed, context)
     watch.lap("pairs of cameras")
-    features = find_features(o)
     linking = [*about, *late, *unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)]
     if not start.placed.any():
         lost = Finding("nothing-reconstructed", "error", {"least": LEAST_COMMON}, kind="bar")
-        return unsolved(session, o, features, [lost, *linking], METHOD, watch.seconds)
+        return unsolved(session, o, find_features(o), [lost, *linking], METHOD, watch.seconds)
     work = BarNetwork(session, recording, network, known, start.reference, start.placed)
     rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
     translation = np.where(start.placed[:, None], start.translation, 0.0)
     state = State(rotation, translation, known.copy(), np.full((recording.n_points, 3), np.nan))
     adjusted = adjust_bar(work, state, context) if settings.joint else chain_pairs(work, state, start.parents, context)
     watch.lap("joint adjustment")
-    return _result(work, start, adjusted, features, linking, watch, context)
+    return _result(work, start, adjusted, linking, watch, context)
 
 
 def _result(
     work: BarNetwork,
     start: BarStart,
     adjusted: BarAdjusted,
-    features: Features,
     findings: list[Finding],
     watch: Stopwatch,
     context: Context,
 ) -> Calibration:
     recording, network, session = work.recording, work.network, work.session
     o = recording.observations
+    features = find_features(o)
     at = np.empty(len(features), dtype=np.int64)  # the problem's point of every feature
     at[features.of_observation] = recording.point
     cofactor = np.full((recording.n_points, 3, 3), np.nan)

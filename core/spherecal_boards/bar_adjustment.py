@@ -16,7 +16,7 @@ from spherecal.data.session import Session
 from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal_boards.bar_marks import BarRecording, known_lengths
 from spherecal_boards.bar_model import BarModel, Lengths
-from spherecal_boards.board_intrinsic_priors import poorly_observed, priors_of
+from spherecal_boards.board_intrinsic_priors import poorly_observed
 from spherecal_boards.frame_network import minimise, redundancy
 from spherecal_boards.frames_adjustment import (
     Adjusted,
@@ -57,13 +57,13 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
     has_prior = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
-    priors = priors_of(network.group, work.known, has_prior, 1.0)
-    adjusted = _refine(work, state, used, priors, has_prior, _usual_noise(work, state, used), context)
 
-    def again(last: BarAdjusted, priors: Priors) -> BarAdjusted:
-        return _refine(work, last.state, last.used, priors, has_prior, last.sigma0, context)
+    def refine(last: BarAdjusted | None, priors: Priors) -> BarAdjusted:
+        if last is None:
+            return _refine(work, state, used, priors, _usual_noise(work, state, used), context)
+        return _refine(work, last.state, last.used, priors, last.sigma0, context)
 
-    return with_priors(adjusted, network.group, work.known, network.free, again)
+    return with_priors(refine, network.group, work.known, network.free, has_prior)
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
@@ -106,8 +106,7 @@ def _adjusted_pair(work: BarNetwork, state: State, context: Context) -> State:
     candidates &= (network.views(candidates) >= 2)[network.feature]
     state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
-    noise = _usual_noise(work, state, used)
-    return _gated(work, state, used, NO_PRIORS, noise, context, Settings(max_iterations=60), False)[0]
+    return _gated(work, state, used, NO_PRIORS, _usual_noise(work, state, used), context, alone=True)[0]
 
 
 def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context: Context) -> tuple[State, BoolArray]:
@@ -131,22 +130,16 @@ def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
 
 
 def _refine(
-    work: BarNetwork,
-    state: State,
-    used: BoolArray,
-    priors: Priors,
-    has_prior: BoolArray,
-    noise: float,
-    context: Context,
+    work: BarNetwork, state: State, used: BoolArray, priors: Priors, noise: float, context: Context
 ) -> BarAdjusted:
-    state, model, rows, gated, minimum = _gated(work, state, used, priors, noise, context, Settings(), True)
+    state, model, rows, gated, minimum = _gated(work, state, used, priors, noise, context)
     context.report("uncertainty", 0.0)
     points = np.flatnonzero(work.network.views(gated) >= 2)
     covariance = None
     if len(points) and len(model.lengths.frame):
         covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
-    count = redundancy(model, minimum.state)
-    return BarAdjusted(state, model, gated, minimum, count, covariance, has_prior, points=points, rows=rows)
+    count, nobody = redundancy(model, minimum.state), np.zeros(len(work.placed), dtype=bool)
+    return BarAdjusted(state, model, gated, minimum, count, covariance, nobody, points=points, rows=rows)
 
 
 def _gated(
@@ -156,14 +149,13 @@ def _gated(
     priors: Priors,
     noise: float,
     context: Context,
-    settings: Settings,
-    locate: bool,
+    alone: bool = False,
 ) -> tuple[State, BarModel, IntArray, BoolArray, Minimum]:
-    """Gate and least squares in turns until the gate stays; `locate` points that have none before each."""
-    network, rounds = work.network, 0
+    """Gate and least squares in turns until the gate stays; points without a place get one, but of a pair `alone`."""
+    network, rounds, settings = work.network, 0, Settings(max_iterations=60) if alone else Settings()
     while True:
         rounds += 1
-        state = _located(network, state, work.placed, used) if locate else state
+        state = state if alone else _located(network, state, work.placed, used)
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)

@@ -4,11 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust import engine
-from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal_boards.frame_network import Ties
+from spherecal_boards.frame_network import FrameModel, Ties
 from spherecal_boards.frames_covariance import PointRows
 
 
@@ -28,36 +26,10 @@ class Lengths:
 
 
 @dataclass(frozen=True)
-class BarModel:
-    """The frames of a bar (see frames.FrameModel): point `frame * slots + slot`, three unknowns a slot."""
+class BarModel(FrameModel):
+    """The frames of a bar: point `frame * parts + slot`, three unknowns a slot."""
 
-    problem: Problem
-    slots: int
     lengths: Lengths
-
-    @property
-    def part(self) -> IntArray:
-        """The point of every observation."""
-        return self.problem.point
-
-    @property
-    def n_frames(self) -> int:
-        """How many frames."""
-        return self.problem.n_points // self.slots
-
-    @property
-    def parts(self) -> int:
-        """The slots of a frame."""
-        return self.slots
-
-    def residuals(self, state: State) -> FloatArray:
-        """Weighted residuals (n,2)."""
-        return engine.residuals(self.problem, state)
-
-    def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and point (n,2,3), rows times `robust` (n,)."""
-        linear = engine.linearise(self.problem, state, robust)
-        return linear.residual, linear.by_camera, linear.by_point
 
     def ties(self, state: State) -> Ties:
         """The lengths' rows, over their standard uncertainties."""
@@ -69,7 +41,7 @@ class BarModel:
 
     def differences(self, state: State) -> FloatArray:
         """From each length's first end to its second, (m,3)."""
-        points = state.points.reshape(-1, self.slots, 3)[self.lengths.frame]
+        points = state.points.reshape(-1, self.parts, 3)[self.lengths.frame]
         return np.einsum("ms,msi->mi", self.lengths.coefficient, points)
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
@@ -78,7 +50,7 @@ class BarModel:
 
     def point_rows(self, state: State, points: IntArray) -> PointRows:
         """Points (p,) of the problem in the world, and how they follow their frames; all define the datum."""
-        by_frame = np.zeros((len(points), self.slots, 3, 3))
-        by_frame[np.arange(len(points)), points % self.slots] = np.eye(3)
+        by_frame = np.zeros((len(points), self.parts, 3, 3))
+        by_frame[np.arange(len(points)), points % self.parts] = np.eye(3)
         by_frame = by_frame.transpose(0, 2, 1, 3).reshape(len(points), 3, -1)
-        return PointRows(points // self.slots, state.points[points], by_frame, np.ones(len(points), dtype=bool))
+        return PointRows(points // self.parts, state.points[points], by_frame, np.ones(len(points), dtype=bool))

@@ -13,7 +13,7 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
-from spherecal_boards.board_intrinsic_priors import poorly_observed, priors_of
+from spherecal_boards.board_intrinsic_priors import poorly_observed
 from spherecal_boards.board_model import BoardModel, BoardViews
 from spherecal_boards.board_start import LEAST_POINTS, BoardPose
 from spherecal_boards.frame_network import cameras_only, minimise, redundancy
@@ -104,13 +104,11 @@ def adjust_boards(
     state = robust_start(network, start, first, context)
     group, views = network.group, network.views
     has_prior = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
-    priors = priors_of(group, network.known, has_prior, 1.0)
-    adjusted = _refine(network, state, candidates, priors, has_prior, context)
 
-    def again(last: BoardAdjusted, priors: Priors) -> BoardAdjusted:
-        return _refine(network, last.state, candidates, priors, has_prior, context)
+    def refine(last: BoardAdjusted | None, priors: Priors) -> BoardAdjusted:
+        return _refine(network, state if last is None else last.state, candidates, priors, context)
 
-    return with_priors(adjusted, group, network.known, network.free, again)
+    return with_priors(refine, group, network.known, network.free, has_prior)
 
 
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
@@ -125,7 +123,7 @@ def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, co
 
 
 def _refine(
-    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, has_prior: BoolArray, context: Context
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors, context: Context
 ) -> BoardAdjusted:
     used, rounds = candidates, 0
     while True:
@@ -140,7 +138,8 @@ def _refine(
     context.report("uncertainty", 0.0)
     views = network.views
     covariance = frame_covariance(model, state, model.point_rows(state, *board_points(views, gated)))
-    return BoardAdjusted(state, model, gated, minimum, redundancy(model, state), covariance, has_prior, rows=rows)
+    nobody = np.zeros(views.n_cameras, dtype=bool)
+    return BoardAdjusted(state, model, gated, minimum, redundancy(model, state), covariance, nobody, rows=rows)
 
 
 def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
@@ -171,7 +170,7 @@ def _model(
         priors=priors,
         ball=Rigid(views.placement[rows], np.ones(views.n_placements, dtype=bool)),
     )
-    return BoardModel(problem, cameras_only(problem)), rows[order]
+    return BoardModel(cameras_only(problem), 1, problem), rows[order]
 
 
 def residuals_px(views: BoardViews, state: State) -> FloatArray:

@@ -5,14 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.adjust import engine
-from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal_boards.frame_network import Ties
+from spherecal_boards.frame_network import FrameModel
 from spherecal_boards.frames_covariance import PointRows
 
 
@@ -63,39 +61,15 @@ def board_views(observations: Observations, points_mm: FloatArray, point: IntArr
 
 
 @dataclass(frozen=True)
-class BoardModel:
-    """The frames of a board (see frames.FrameModel); `rigid` has the placements, `problem` only the cameras."""
+class BoardModel(FrameModel):
+    """The frames of a board; `rigid` has the placements, `problem` only the cameras."""
 
     rigid: Problem
-    problem: Problem
 
     @property
-    def part(self) -> IntArray:
-        """The placement of every observation."""
-        return self.rigid.placement
-
-    @property
-    def n_frames(self) -> int:
-        """How many placements."""
-        return self.rigid.n_placements
-
-    @property
-    def parts(self) -> int:
-        """One: the pose."""
-        return 1
-
-    def residuals(self, state: State) -> FloatArray:
-        """Weighted residuals (n,2)."""
-        return engine.residuals(self.rigid, state)
-
-    def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and placement (n,2,6), rows times `robust` (n,)."""
-        linear = engine.linearise(self.rigid, state, robust)
-        return linear.residual, linear.by_camera, linear.by_placement
-
-    def ties(self, state: State) -> Ties:
-        """None: a board's points are fixed."""
-        return Ties(np.zeros(0, dtype=np.int64), np.zeros((0, POSE)), np.zeros(0))
+    def observed(self) -> Problem:
+        """The problem with the placements."""
+        return self.rigid
 
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """The state with its placements turned (rad) about the board's origin, and shifted (mm), by steps (f,6)."""

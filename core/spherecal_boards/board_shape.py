@@ -114,7 +114,7 @@ def estimated_solution(
         tested = Tested(make_score_test(problem, at_first, cofactors, minimum.cost, redundancy), cofactors)
     found = BoardAdjusted(
         replace(state, points=np.where(seen[:, None], state.points, nominal)),
-        BoardModel(problem, cameras_only(problem)),
+        BoardModel(cameras_only(problem), 1, problem),
         used,
         minimum,
         redundancy,

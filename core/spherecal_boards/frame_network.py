@@ -5,17 +5,20 @@ by block. Known lengths inside a frame tie its points without leaving its block,
 thousands of points do. Cameras, their columns and their derivatives are those of `adjust/` (decision 0017).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Free
 from spherecal.adjust.least_squares import assembled, predicted_decrease
 from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
 from spherecal.adjust.linear import Reduced
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem, moved, prior_residuals
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
@@ -37,47 +40,48 @@ class Ties:
     residual: FloatArray
 
 
-class FrameModel(Protocol):
-    """The structure of frames: `parts` of a few unknowns each; every observation depends on one part.
+@dataclass(frozen=True)
+class FrameModel(ABC):
+    """Frames of `parts` parts, each of a few unknowns; every observation depends on one part.
 
     `problem` has the cameras' layout and no placements. A board's frame is one part of six, a bar's has three a point.
     """
 
+    problem: Problem
+    parts: int
+
     @property
-    def problem(self) -> Problem:
-        """Observations, cameras, priors."""
-        ...
+    def observed(self) -> Problem:
+        """The problem with the placements, if there are any."""
+        return self.problem
 
     @property
     def part(self) -> IntArray:
         """The part of every observation, (n,): frame * parts + part of the frame."""
-        ...
-
-    @property
-    def parts(self) -> int:
-        """Parts of a frame, s."""
-        ...
+        return self.observed.placement if self.observed.n_placements else self.observed.point
 
     @property
     def n_frames(self) -> int:
         """How many frames."""
-        ...
+        return self.observed.n_placements or self.observed.n_points // self.parts
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
-        ...
+        return engine.residuals(self.observed, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> Linearised:
         """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k), rows times `robust` (n,)."""
-        ...
+        linear = engine.linearise(self.observed, state, robust)
+        by_part = linear.by_placement if self.observed.n_placements else linear.by_point
+        return linear.residual, linear.by_camera, by_part
 
     def ties(self, state: State) -> Ties:
-        """Rows inside frames."""
-        ...
+        """Rows inside frames; none where their points are fixed."""
+        return Ties(np.zeros(0, dtype=np.int64), np.zeros((0, POSE)), np.zeros(0))
 
+    @abstractmethod
     def moved_frames(self, state: State, step: FloatArray) -> State:
         """The state after a step (f,q) of the frames."""
-        ...
 
 
 @dataclass(frozen=True)

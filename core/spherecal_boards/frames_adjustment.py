@@ -24,8 +24,7 @@ START_ITERATIONS = 60
 class Adjusted:
     """An adjusted network: state, model, used observations (n,), cameras whose intrinsics have a prior (c,).
 
-    `rows`: the observation of each row. `noise_known`: the priors are weighed by the sigma0 of an adjustment. `joint`
-    False: cameras are as they were chained.
+    `rows`: the observation of each row. `joint` False: cameras are as they were chained.
     """
 
     state: State
@@ -35,7 +34,6 @@ class Adjusted:
     redundancy: int
     covariance: FrameCovariance | None
     has_prior: BoolArray
-    noise_known: bool = False
     joint: bool = True
     rows: IntArray = field(kw_only=True)
 
@@ -53,19 +51,21 @@ class Adjusted:
 A = TypeVar("A", bound=Adjusted)
 
 
-def with_priors(adjusted: A, group: IntArray, known: FloatArray, free: BoolArray, again: Callable[[A, Priors], A]) -> A:
-    """The network adjusted `again` until intrinsics (c,16) that the data do not determine have a prior, `known`.
+def with_priors(
+    refine: Callable[[A | None, Priors], A], group: IntArray, known: FloatArray, free: BoolArray, has_prior: BoolArray
+) -> A:
+    """The network refined from its start, and from its last result until intrinsics left open have a prior, `known`.
 
     The priors are weighed with the noise that only an adjustment tells.
     """
-    has_prior = adjusted.has_prior
+    adjusted, noise_known = refine(None, priors_of(group, known, has_prior, 1.0)), False
     for _ in range(1 + len(group)):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
         more = has_prior | weak
-        if not more.any() or ((more == has_prior).all() and adjusted.noise_known):
+        if not more.any() or ((more == has_prior).all() and noise_known):
             break
         has_prior = more
-        adjusted = replace(again(adjusted, priors_of(group, known, has_prior, adjusted.sigma0)), noise_known=True)
+        adjusted, noise_known = refine(adjusted, priors_of(group, known, has_prior, adjusted.sigma0)), True
     return replace(adjusted, has_prior=has_prior & free.any(axis=1))
 
 

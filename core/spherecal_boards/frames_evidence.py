@@ -90,8 +90,7 @@ def frame_test(model: FrameModel, state: State, minimum: Minimum, redundancy: in
     if found is None:
         return None
     normal, inverse = found
-    rigid = getattr(model, "rigid", model.problem)  # a board's has its placements
-    linear = engine.linear_model(rigid, state, None)
+    linear = engine.linear_model(model.observed, state, None)
     frames, q = normal.gradient_own.shape
     shift = np.concatenate(
         [

@@ -78,24 +78,7 @@ class InProcessSource(ABC):
     def take_image(
         self, serial: str, settings: protocol.CameraSettings, number: int, attempt: int, timeout_s: float
     ) -> protocol.Frame:
-        """An image of a camera for a set or for the live view.
-
-        Parameters
-        ----------
-        serial, settings
-            The camera, and its settings.
-        number
-            Number of the set; 0 is the live view.
-        attempt
-            Number of the try, from 1.
-        timeout_s
-            How long the caller waits for the image, s.
-
-        Raises
-        ------
-        NoImage
-            Where the camera does not deliver.
-        """
+        """An image for set `number` (0: the live view), at try `attempt`, from 1; NoImage where there is none."""
 
     def triggered(self, exposed_s: Mapping[str, float]) -> None:  # noqa: B027 - a scene at rest needs nothing
         """A set is to be taken, each image exposed at a moment of perf_counter (s): for sources whose scene moves."""

@@ -12,7 +12,7 @@ from spherecal.base.errors import MissingPackage
 from spherecal.base.filesystem import create, new_file
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import Marker, write_folder_whole
-from spherecal.files.json_file import finite, json_bytes, software_entry
+from spherecal.files.json_file import finite, json_bytes, plain, plain_fields, software_entry
 from spherecal.files.write_result import place_cell
 from spherecal_measuring.measured_sets import BodyPose, Health, MeasuredSet
 from spherecal_measuring.measurer import Measurer
@@ -103,29 +103,11 @@ def set_json(measured: MeasuredSet, health: Health | None = None) -> dict[str, A
             }
             for i, name in enumerate(measured.names)
         ],
-        "values": [
-            {
-                "kind": v.kind, "name": v.name, "value": v.value, "unit": v.unit, "u": v.u, "nominal": v.nominal,
-                "deviation": v.deviation, "u_deviation": v.u_deviation,
-            }
-            for v in measured.values
-        ],
-        "bodies": [
-            {
-                "name": b.name, "rotation": finite(b.rotation), "translation_mm": finite(b.translation_mm),
-                "covariance": finite(b.covariance), "points": b.points, "left_out": [str(n) for n in b.left_out],
-                "rms_mm": b.rms_mm,
-            }
-            for b in measured.bodies
-        ],
+        "values": [plain_fields(v, "kind name value unit u nominal deviation u_deviation") for v in measured.values],
+        "bodies": [plain_fields(b) | {"left_out": [str(n) for n in b.left_out]} for b in measured.bodies],
         "missing": [{"name": name, "reason": reason} for name, reason in measured.missing],
-        "contradictions": [
-            {"target": c.target, "camera": c.camera, "views": c.views, "of": c.of} for c in measured.contradictions
-        ],
-        "cameras": [
-            {"id": c.camera, "observations": c.observations, "left_out": c.left_out, "rms_px": finite(c.rms_px)}
-            for c in measured.cameras
-        ],
+        "contradictions": plain(measured.contradictions),
+        "cameras": [{"id": c.camera, **plain_fields(c, "observations left_out rms_px")} for c in measured.cameras],
         "skew_s": finite(measured.skew_s),
         "latency_s": finite(measured.latency_s),
     }  # fmt: skip
@@ -141,10 +123,7 @@ def health_json(health: Health) -> dict[str, Any]:
         "cameras": [
             {
                 "id": one.camera,
-                "observations": one.observations,
-                "rms_px": finite(one.rms_px),
-                "calibrated_rms_px": finite(one.calibrated_rms_px),
-                "left_out": one.left_out,
+                **plain_fields(one, "observations rms_px calibrated_rms_px left_out"),
                 "moved": one.moved is not None,
                 "named_at_set": one.named_at,
                 "move_px": None if one.moved is None else finite(one.moved.move_px),

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.files.findings_file import FINDING
-from spherecal.files.json_file import finite, software_entry
+from spherecal.files.json_file import finite, plain, plain_fields, software_entry
 from spherecal_rigs.check_rig import Check, CheckedCamera
 from spherecal_rigs.kept_checks import keep_check
 from spherecal_rigs.store import is_profile, open_profile
@@ -26,26 +26,13 @@ def check_json(found: Check) -> dict[str, object]:
         "tolerance_mm": finite(found.tolerance_mm),
         "cameras": [camera_entry(one) for one in found.cameras],
         "untested": list(found.untested),
-        "balls": [
-            {
-                "placement": b.placement,
-                "dots": b.dots,
-                "scale_ppm": finite(b.scale_ppm),
-                "scale_sd_ppm": finite(b.scale_sd_ppm),
-                "shape_rms_mm": finite(b.shape_rms_mm),
-                "changed": b.changed,
-            }
-            for b in found.balls
-        ],
+        "balls": plain(found.balls),
         "lengths": [
             {
-                "bar": m.bar,
-                "pose": m.pose,
+                **plain_fields(m, "bar pose"),
                 "from": m.from_mark,
                 "to": m.to_mark,
-                "length_mm": finite(m.length_mm),
-                "reference_mm": finite(m.reference_mm),
-                "error_mm": finite(m.error_mm),
+                **plain_fields(m, "length_mm reference_mm error_mm"),
                 "u_mm": finite(m.budget.combined_mm),
             }
             for m in found.lengths

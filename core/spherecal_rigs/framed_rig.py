@@ -16,13 +16,14 @@ from spherecal.files.atomic import write_file_whole
 from spherecal.files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
 from spherecal.files.json_file import JsonValue, printable, read_json
 from spherecal.files.rig_file import read_rig, rotation
+from spherecal.files.table_file import Table
 from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
-from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 from spherecal.geometry.volume_map import LengthMap
 from spherecal.verify.verification_file import VERIFICATION
-from spherecal_rigs.result_folder import CsvTable, read_csv
+from spherecal_rigs.result_folder import read_csv
+from spherecal_rigs.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 
 
 def _check_places(made: FrameDefinition, value: JsonValue) -> None:
@@ -112,7 +113,7 @@ def result_places(folder: Path, requested: Collection[str] = ()) -> dict[str, Pl
     return found
 
 
-def _spheres(table: CsvTable) -> dict[str, Place]:
+def _spheres(table: Table) -> dict[str, Place]:
     """The centres of the fitted spheres.
 
     A ball out of round moves its sphere's centre with the side that is seen, by no part of what many dots average out.

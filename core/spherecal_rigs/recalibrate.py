@@ -33,8 +33,8 @@ from spherecal.steps.fit_ball import ball_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import describe_network
 from spherecal.verify.consistency import camera_normal
+from spherecal.verify.measuring_volume import volume_box
 from spherecal.verify.outlying_views import triangulate_checked
-from spherecal.verify.pose_plan import volume_box
 from spherecal.verify.verify_bars import views_of
 
 What = Literal["all", "pose", "intrinsics"]

@@ -13,12 +13,12 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_file, write_below
 from spherecal.base.messages.values import Phrase
-from spherecal.data.observations import name_problem
 from spherecal.data.rig import PlacedSphere, Rig
 from spherecal.files.atomic import read_unchanged
 from spherecal.files.findings_file import with_values
-from spherecal.files.json_file import JsonValue, check_lines, decode, json_bytes, printable, read_bytes, read_json
+from spherecal.files.json_file import JsonValue, json_bytes, read_json
 from spherecal.files.rig_file import RIG, read_rig
+from spherecal.files.table_file import Table, read_table
 from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.camera import project
 from spherecal.verify.verification_file import VERIFICATION, BarReport, BarRow, Override
@@ -27,86 +27,13 @@ from spherecal.verify.write_verification import BAR_COLUMNS
 _MOST_BYTES = 128 << 20  # two million residuals
 
 
-@dataclass(frozen=True)
-class CsvTable:
-    """A table's cells by column; its methods give checked columns, or InputError with file, line and column."""
+def read_csv(path: Path, header: str) -> Table:
+    """The table in a file of a result with exactly this header."""
 
-    path: Path
-    columns: dict[str, list[str]]
+    def problem(path: Path, found: str) -> Phrase:
+        return Phrase("error-csv-header", {"file": path, "header": header, "found": found})
 
-    def __len__(self) -> int:
-        return len(next(iter(self.columns.values())))
-
-    def error(self, row: int, column: str, problem: Phrase) -> InputError:
-        """An InputError about one cell, to be raised by the caller."""
-        cell = printable(self.columns[column][row])
-        values = {"file": self.path, "line": row + 2, "column": column, "field": cell, "problem": problem}
-        return InputError(Phrase("error-in-table", values))
-
-    def names(self, column: str) -> list[str]:
-        """A column of names; none may be empty or hold commas or quotation marks."""
-        cells = self.columns[column]
-        for cell in dict.fromkeys(cells):
-            if problem := name_problem(cell):
-                raise self.error(cells.index(cell), column, Phrase("problem-csv-name", {"problem": problem}))
-        return cells
-
-    def numbers(self, column: str, may_be_empty: bool = False) -> FloatArray:
-        """A column of finite numbers; NaN where a cell is empty, if it may be."""
-        cells = self.columns[column]
-        values = np.empty(len(cells))
-        for row, cell in enumerate(cells):
-            values[row] = np.nan if may_be_empty and not cell else self._number(row, column, cell)
-        return values
-
-    def _number(self, row: int, column: str, cell: str) -> float:
-        try:
-            value = float(cell) if "_" not in cell else np.nan
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise self.error(row, column, Phrase("problem-not-number"))
-        return value
-
-    def lengths(self, column: str, may_be_empty: bool = False) -> FloatArray:
-        """A column of finite numbers none of which is negative; NaN where a cell is empty, if it may be."""
-        values = self.numbers(column, may_be_empty)
-        if (values < 0).any():
-            raise self.error(int(np.argmax(values < 0)), column, Phrase("problem-negative"))
-        return values
-
-    def whole_numbers(self, column: str) -> IntArray:
-        """A column of whole numbers."""
-        values = self.numbers(column)
-        wrong = (values != np.round(values)) | (np.abs(values) > 2**53)
-        if wrong.any():
-            raise self.error(int(np.argmax(wrong)), column, Phrase("problem-not-whole"))
-        return values.astype(np.int64)
-
-    def flags(self, column: str) -> BoolArray:
-        """A column of 0 and 1."""
-        cells = self.columns[column]
-        for row, cell in enumerate(cells):
-            if cell not in ("0", "1"):
-                raise self.error(row, column, Phrase("problem-no-flag"))
-        return np.array([cell == "1" for cell in cells], dtype=bool)
-
-
-def read_csv(path: Path, header: str) -> CsvTable:
-    """The table in a file with exactly this header."""
-    data = read_bytes(path, _MOST_BYTES)
-    check_lines(path, data)
-    lines = decode(path, data).replace("\r\n", "\n").removesuffix("\n").split("\n")
-    if lines[0] != header:
-        raise InputError(Phrase("error-csv-header", {"file": path, "header": header, "found": printable(lines[0])}))
-    names = header.split(",")
-    rows = [line.split(",") for line in lines[1:]]
-    for i, row in enumerate(rows):
-        if len(row) != len(names):
-            values = {"file": path, "line": i + 2, "found": len(row), "n": len(names)}
-            raise InputError(Phrase("error-field-count" if lines[i + 1] else "error-empty-line", values))
-    cells = zip(*rows, strict=True) if rows else ([] for _ in names)
-    return CsvTable(path, {name: list(column) for name, column in zip(names, cells, strict=True)})
+    return read_table(path, _MOST_BYTES, (tuple(header.split(",")),), problem)
 
 
 _MOST_FILE_BYTES = 1 << 30
@@ -128,9 +55,9 @@ def _read_rows(path: Path) -> tuple[BarRow, ...]:
     table = read_csv(path, BAR_COLUMNS)
     u = table.lengths("u_mm", may_be_empty=True)
     return tuple(
-        BarRow(bar, pose, start, end, length, reference, error, None if isnan(sigma) else sigma, views)
-        for bar, pose, start, end, length, reference, error, sigma, views in zip(
-            *(table.names(name) for name in ("bar", "pose", "from", "to")),
+        BarRow(bar, from_mark, to_mark, pose, length, reference, error, None if isnan(sigma) else sigma, views)
+        for bar, from_mark, to_mark, pose, length, reference, error, sigma, views in zip(
+            *(table.names(name) for name in ("bar", "from", "to", "pose")),
             *(table.numbers(name).tolist() for name in ("length_mm", "reference_mm", "error_mm")),
             u.tolist(),
             table.whole_numbers("views").tolist(),
@@ -267,7 +194,7 @@ def _read_software(path: Path) -> Software:
     return Software(name, version, tuple(sorted(texts.items())))
 
 
-def _columns(table: CsvTable, names: tuple[str, ...], may_be_empty: bool = False) -> FloatArray:
+def _columns(table: Table, names: tuple[str, ...], may_be_empty: bool = False) -> FloatArray:
     return np.column_stack([table.numbers(name, may_be_empty) for name in names])
 
 

@@ -17,10 +17,10 @@ from spherecal_gui.texts import error_line
 
 if TYPE_CHECKING:  # planning, ghosts and live images need scipy, for which the window does not wait
     from spherecal.data.session import Bar
-    from spherecal.verify.pose_plan import PlannedPose, PosePlan
     from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.ghost import Drawn
     from spherecal_gui.tasks.live_detection import Sight
+    from spherecal_rigs.pose_plan import PlannedPose, PosePlan
 
 _PATIENCE_MS = 5000
 

@@ -17,8 +17,8 @@ from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # rotations need scipy, for which the window does not wait
-    from spherecal.geometry.user_frame import FrameDefinition, UserFrame
     from spherecal_gui.controllers.controller import Controller
+    from spherecal_rigs.user_frame import FrameDefinition, UserFrame
 
 FRAME = "frame.json"
 
@@ -93,8 +93,8 @@ class FrameController(ControllerPart):
         path = self.file
         if path is None or self.project is None or self.main.outcome is None or self.runner.running:
             return False
-        from spherecal.geometry.user_frame import FrameDefinition
         from spherecal_rigs.framed_rig import frame_of, write_frame  # needs scipy
+        from spherecal_rigs.user_frame import FrameDefinition
 
         if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))

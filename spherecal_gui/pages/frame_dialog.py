@@ -8,7 +8,6 @@ from PySide6.QtCore import QLineF, QPointF, QSignalBlocker, Qt
 from PySide6.QtGui import QColor, QPainter, QPen
 from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
-from spherecal.geometry.user_frame import TURNS
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData
 from spherecal_gui import theme
@@ -16,6 +15,7 @@ from spherecal_gui.presenters.frame_presenter import FrameChoice, Role, turn_wor
 from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_rigs.user_frame import TURNS
 
 _MOST_MM = 100_000.0
 _ROLES: tuple[Role, ...] = get_args(Role)

@@ -12,7 +12,7 @@ from spherecal_gui.languages import translate
 from spherecal_gui.rig_scenes import RigPlanes
 
 if TYPE_CHECKING:
-    from spherecal.verify.pose_plan import PlannedPose, PoseAnswer
+    from spherecal_rigs.pose_plan import PlannedPose, PoseAnswer
 
 # The part of a way that must be upright for "up" or "down" to say it better than a camera's name.
 _UPRIGHT = 0.7
@@ -34,7 +34,7 @@ def bar_guide(planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None
     `ends_mm`: first and last mark (2, 3), mm in the rig's world; None where they were not found; `still` None: none
     sees it.
     """
-    from spherecal.verify.pose_plan import judge_pose  # imports scipy
+    from spherecal_rigs.pose_plan import judge_pose  # imports scipy
 
     answer = judge_pose(pose, ends_mm)
     text, level = _text(planes, pose, ends_mm, answer, still)
@@ -44,7 +44,7 @@ def bar_guide(planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None
 def _text(
     planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, answer: "PoseAnswer", still: bool | None
 ) -> tuple[str, Level]:
-    from spherecal.verify.pose_plan import ACCEPT_MM  # imports scipy
+    from spherecal_rigs.pose_plan import ACCEPT_MM  # imports scipy
 
     if ends_mm is None or not np.isfinite(ends_mm).all():
         return lay_text(pose), "caution"

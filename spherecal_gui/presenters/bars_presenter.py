@@ -11,7 +11,8 @@ from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
-    from spherecal.verify.verification_file import AcceptanceReport, BarReport
+    from spherecal.verify.limit import Acceptance
+    from spherecal.verify.verification_file import BarReport
 
 
 def pose_name(pose: str, poses: Sequence[str]) -> str:
@@ -43,20 +44,19 @@ class Errors:
 def errors_of(bars: "BarReport") -> Errors:
     """The errors of a verification (report.verification_file)."""
     factor = bars.coverage_factor or 2.0
-    names = tuple(f"{bar.pose}\n{bar.start}-{bar.end}" for bar in bars.measured)
+    names = tuple(f"{bar.pose}\n{bar.from_mark}-{bar.to_mark}" for bar in bars.measured)
     errors = np.array([bar.error_mm for bar in bars.measured])
     allowed = np.array([factor * (bar.u_mm or 0.0) for bar in bars.measured])
     acceptance = _acceptance(bars)
     if acceptance is None:
-        exceeding = tuple((bar.pose, bar.start, bar.end) in bars.exceeding for bar in bars.measured)
-        return Errors(names, errors, allowed, exceeding)
-    permitted = np.array([acceptance.at(bar.reference_mm) for bar in bars.measured])
+        return Errors(names, errors, allowed, tuple(map(bars.broken, bars.measured)))
+    permitted = np.array([acceptance.limit.at(bar.reference_mm) for bar in bars.measured])
     expanded = {row.key: row.expanded_uncertainty_mm for row in acceptance.lengths}
     guard = np.array([expanded.get(bar.key, 0.0) for bar in bars.measured])
     return Errors(names, errors, allowed, tuple((np.abs(errors) - guard > permitted).tolist()), permitted, guard)
 
 
-def _acceptance(bars: "BarReport") -> "AcceptanceReport | None":
+def _acceptance(bars: "BarReport") -> "Acceptance | None":
     return bars.procedure.acceptance if bars.procedure is not None else None
 
 
@@ -75,7 +75,8 @@ def length_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     for row in bars.lengths:
         own = decided.get(row.key)
         limit, word = (own.limit_mm, decision_word(own.verdict)) if own is not None else (None, "-")
-        name, figures = f"{row.bar} {row.start}-{row.end}", (row.sd_mm, row.max_abs_error_mm, row.expanded_mm, limit)
+        name = f"{row.bar} {row.from_mark}-{row.to_mark}"
+        figures = (row.sd_mm, row.max_abs_error_mm, row.expanded_uncertainty_mm, limit)
         rows.append((name, str(row.n), cell(row.mean_error_mm, sign=True), *map(cell, figures), word))
     return rows
 
@@ -115,7 +116,7 @@ def rule_text(bars: "BarReport") -> str:
     if acceptance is None:
         return grey
     limit = translate("Verify", "Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.")
-    return f"{limit.format(limit=acceptance.words)} {grey}"
+    return f"{limit.format(limit=acceptance.limit.words())} {grey}"
 
 
 def budget_cells(bars: "BarReport") -> list[tuple[str, ...]]:
@@ -123,7 +124,7 @@ def budget_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     rows = []
     for budget in bars.procedure.budgets if bars.procedure is not None else ():
         message = translate("Verify", "all together (k = {k:.1f}: U = {u:.3f} mm)")
-        name = f"{budget.bar} {budget.start}-{budget.end}"
+        name = f"{budget.bar} {budget.from_mark}-{budget.to_mark}"
         parts = sorted((one for one in budget.contributions if one.share > 0), key=lambda one: -one.share)
         remedy = remedy_text(parts[0].name) if parts else ""
         whole = message.format(k=budget.coverage_factor, u=budget.expanded_mm)

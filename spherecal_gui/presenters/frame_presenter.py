@@ -8,10 +8,10 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
 from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.languages import translate
 from spherecal_gui.texts import error_line
+from spherecal_rigs.user_frame import FrameDefinition, UserFrame, turn_matrix
 
 if TYPE_CHECKING:  # imports scipy.optimize
     from spherecal_rigs.framed_rig import Place

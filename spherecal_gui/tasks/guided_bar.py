@@ -14,15 +14,15 @@ from spherecal_gui.tasks.placement_advice import observations_of
 if TYPE_CHECKING:
     from spherecal.data.rig import Rig
     from spherecal.data.session import Bar
-    from spherecal.verify.pose_plan import PlannedPose, PosePlan
     from spherecal_cameras.simulated.stage import Stage
+    from spherecal_rigs.pose_plan import PlannedPose, PosePlan
 
 # Imported inside functions: scipy, for which the window does not wait.
 
 
 def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "PosePlan | None":
     """The plan for the check bars among `bars`; None without a scale, a volume or such a bar."""
-    from spherecal.verify.pose_plan import BarMarks, plan_poses
+    from spherecal_rigs.pose_plan import BarMarks, plan_poses
     from spherecal_rigs.save_entry import points_box
 
     marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
@@ -35,7 +35,7 @@ def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "Po
 
 def lying_ends(rig: "Rig", bar: "Bar", target_set: TargetSet | None, dots: Mapping[str, Dots]) -> FloatArray | None:
     """Where the first and the last mark of a bar are, (2, 3) mm in the rig's world; None where not found."""
-    from spherecal.verify.live_pose import measured_ends
+    from spherecal_rigs.live_pose import measured_ends
 
     return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}, target_set))
 
@@ -44,7 +44,7 @@ def lay_bar(stage: "Stage", rig: "Rig", pose: "PlannedPose", bar: "Bar") -> None
     """Lay a bar of a simulated rig as the plan asks, as somebody would do by hand."""
     from scipy.spatial.transform import Rotation
 
-    from spherecal.verify.pose_plan import BarMarks
+    from spherecal_rigs.pose_plan import BarMarks
 
     reference = rig.camera(rig.reference_camera or "")
     assert reference is not None

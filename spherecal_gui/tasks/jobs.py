@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from spherecal.data.session import Bar, Session
-    from spherecal.geometry.user_frame import UserFrame
     from spherecal.targets.detection import Detector
     from spherecal.verify.verification_file import BarReport
     from spherecal_boards.board_detector import BoardDetector
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet, SetupReport
     from spherecal_gui.tasks.live_detection import Connection
     from spherecal_rigs.check_rig import Check
+    from spherecal_rigs.user_frame import UserFrame
 
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.

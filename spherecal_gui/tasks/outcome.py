@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from spherecal.data.rig import Rig
     from spherecal.data.session import Bar
-    from spherecal.verify.pose_plan import PosePlan
     from spherecal_rigs.compare_rigs import Comparison
     from spherecal_rigs.framed_rig import Place
+    from spherecal_rigs.pose_plan import PosePlan
     from spherecal_rigs.result_folder import Result
 
 # Imported inside functions: scipy and the kernels, for which the window does not wait.
@@ -41,7 +41,7 @@ class Compared:
 class Outcome:
     """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name.
 
-    `plan` (verify.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
+    `plan` (rigs.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
     `places` (export.frame) are those that a user's frame may be defined by, `images` the last image of each camera,
     small, (height, width) uint8. `effects` of lenses and mounts, () where none were estimated.
     """

@@ -273,7 +273,7 @@ def test_the_certificate_keeps_the_content_model(result: Path, tmp_path: Path) -
     quantity = root.findall(f".//{dcc}measurementResult")[1].findall(f".//{dcc}result//{dcc}quantity")[0]
     length = read.bars.lengths[0]
     assert float(quantity.findtext(f".//{si}value") or "nan") == pytest.approx(length.mean_error_mm)
-    assert float(quantity.findtext(f".//{si}uncertainty") or "nan") == pytest.approx(length.expanded_mm)
+    assert float(quantity.findtext(f".//{si}uncertainty") or "nan") == pytest.approx(length.expanded_uncertainty_mm)
     assert root.findtext(f".//{dcc}conformity") == "pass"
     assert root.findtext(f".//{dcc}customer/{dcc}name/{dcc}content") == "Works & Sons <Ltd>"
     again = dcc_bytes(read, read_issuer(tmp_path / "issuer.json"))

@@ -16,7 +16,6 @@ from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from spherecal.base.context import Context
 from spherecal.files.write_result import write_result
-from spherecal.geometry.user_frame import FrameDefinition
 from spherecal_app.cli.main import main
 from spherecal_gui import languages, theme
 from spherecal_gui import project as changes
@@ -30,6 +29,7 @@ from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
 from spherecal_rigs.framed_rig import read_frame, write_frame
+from spherecal_rigs.user_frame import FrameDefinition
 from spherecal_sim.session_folder import write_session
 from tests.gui_walking import settle
 from tests.networks import calibrated, one_thread

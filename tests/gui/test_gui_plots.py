@@ -2,8 +2,6 @@
 
 import os
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,9 @@ from PySide6.QtGui import QTextLayout
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from spherecal.verify.limit import LengthConformity, parse_limit
+from spherecal.files.written_phrase import Sentence
+from spherecal.verify.limit import Acceptance, LengthConformity, parse_limit
+from spherecal.verify.verification_file import BarReport, BarRow, ProcedureReport
 from spherecal_gui import languages
 from spherecal_gui.presenters.bars_presenter import Errors
 from spherecal_gui.presenters.bars_presenter import errors_of as verification_errors
@@ -189,9 +189,9 @@ def test_a_larger_screen_is_the_scenes(qtbot: QtBot) -> None:
 def test_the_errors_of_a_verification_with_a_limit_have_its_guard_band() -> None:
     """The page read another name of the field and ended with an error."""
     row = LengthConformity("A", "A1", "A2", "L1", 0.004, 0.03, 0.008, "pass")
-    acceptance = SimpleNamespace(lengths=(row,), at=parse_limit("0.03+L/20000").at)
-    bar = SimpleNamespace(pose="L1", start="A1", end="A2", error_mm=0.004, u_mm=0.003, reference_mm=500.0, key=row.key)
-    procedure = SimpleNamespace(acceptance=acceptance)
-    report: Any = SimpleNamespace(measured=(bar,), coverage_factor=2.0, procedure=procedure)
+    acceptance = Acceptance(parse_limit("0.03+L/20000"), "pass", (row,))
+    bar = BarRow("A", "A1", "A2", "L1", 500.004, 500.0, 0.004, 0.003, 4)
+    procedure = ProcedureReport("", (), (), (), (), acceptance=acceptance)
+    report = BarReport((), 1, "consistent", Sentence("r"), coverage_factor=2.0, procedure=procedure, measured=(bar,))
     shown = verification_errors(report)
     assert shown.guard is not None and shown.guard.tolist() == [0.008]

@@ -17,6 +17,11 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
+from spherecal.files.written_phrase import Sentence
+from spherecal.verify.budget import Budget, Contribution
+from spherecal.verify.limit import Acceptance, Conformity, LengthConformity, LengthLimit
+from spherecal.verify.verification import LengthStatistics
+from spherecal.verify.verification_file import BarReport, BarRow, ProcedureReport
 from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
@@ -359,51 +364,22 @@ def test_a_bar_needs_cameras(targets, level):
     assert bar_says(BarFacts("A-01", seeing(targets))).level == level
 
 
-def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()) -> Any:
-    row = SimpleNamespace(pose="A-01", start="A1", end="A2", error_mm=-0.02, u_mm=0.01)
-    length = SimpleNamespace(
-        bar="A", start="A1", end="A2", n=1, mean_error_mm=-0.02, sd_mm=None, max_abs_error_mm=0.02, expanded_mm=0.03
-    )
-    row.key = length.key = ("A", "A1", "A2")
-    return SimpleNamespace(
-        measured=(row,),
-        lengths=(length,),
-        coverage_factor=2.5,
-        exceeding=exceeding,
-        verdict=verdict,
-        rule="r",
-        procedure=None,
-        cameras=(),
-        contradicting=(),
-        findings=(),
-        failed=verdict == "inconsistent",
-        override=None,
-    )
+def bars(verdict: str = "consistent", **others: Any) -> BarReport:
+    row = BarRow("A", "A1", "A2", "A-01", 499.98, 500.0, -0.02, 0.01, 4)
+    length = LengthStatistics("A", "A1", "A2", 1, -0.02, None, 0.02, 0.03, 2.0)
+    return BarReport((length,), 1, verdict, Sentence("r"), coverage_factor=2.5, measured=(row,), **others)
 
 
-def judged_by(limit_mm: float, decision: str) -> Any:
+def judged_by(limit_mm: float, decision: Conformity) -> BarReport:
     """The same with somebody's limit."""
-    found = bars()
-    conformity = SimpleNamespace(
-        key=("A", "A1", "A2"), limit_mm=limit_mm, expanded_uncertainty_mm=0.03, verdict=decision
-    )
-    found.measured[0].reference_mm = 500.0
-    acceptance = SimpleNamespace(lengths=(conformity,), verdict=decision, words="E", at=lambda _: limit_mm)
+    conformity = LengthConformity("A", "A1", "A2", "A-01", -0.02, limit_mm, 0.03, decision)
+    acceptance = Acceptance(LengthLimit(limit_mm), decision, (conformity,))
     contributions = (
-        SimpleNamespace(name="scale", share=0.1, standard_mm=0.003),
-        SimpleNamespace(name="calibration", share=0.9, standard_mm=0.009),
+        Contribution("scale", "B", "normal", 0.003, share=0.1),
+        Contribution("calibration", "B", "normal", 0.009, share=0.9),
     )
-    budget = SimpleNamespace(
-        bar="A",
-        start="A1",
-        end="A2",
-        combined_mm=0.0095,
-        coverage_factor=2.0,
-        expanded_mm=0.019,
-        contributions=contributions,
-    )
-    found.procedure = SimpleNamespace(acceptance=acceptance, budgets=(budget,))
-    return found
+    budget = Budget("A", "A1", "A2", contributions, 0.0095, 2.0, 0.019)
+    return bars(procedure=ProcedureReport("", (), (), (), (budget,), acceptance=acceptance))
 
 
 def test_errors_carry_their_limits():
@@ -439,8 +415,8 @@ def test_the_budget_names_the_largest_part_first_and_what_helps():
 
 def test_there_is_no_negative_zero():
     found = bars()
-    found.lengths = (SimpleNamespace(**{**vars(found.lengths[0]), "mean_error_mm": -0.0002}),)
-    assert length_cells(found)[0][2] == "+0.000"
+    rounded = replace(found, lengths=(replace(found.lengths[0], mean_error_mm=-0.0002),))
+    assert length_cells(rounded)[0][2] == "+0.000"
 
 
 def test_absent_numbers_are_dashes_never_zero():
@@ -459,7 +435,6 @@ def test_the_verdict_is_one_word(verdict, word, level):
 
 
 def test_a_verdict_that_is_bad_says_what_to_do():
-    found = bars("inconsistent")
     values = {
         "exceeding": 1,
         "n": 3,
@@ -470,10 +445,10 @@ def test_a_verdict_that_is_bad_says_what_to_do():
         "chi_limit": 0.0,
         "percent": 1.0,
     }
-    found.findings = (Finding("lengths-contradict", "error", values, ("A-01",), kind="scale"),)
+    found = bars("inconsistent", findings=(Finding("lengths-contradict", "error", values, ("A-01",), kind="scale"),))
     told = bar_verdict(found).sentence
     assert "+1.00 %: the scale is wrong. Do not use the rig." in told
-    found.findings = (Finding("lengths-contradict", "error", values, ("A-01",), kind="each"),)
+    found = bars("inconsistent", findings=(Finding("lengths-contradict", "error", values, ("A-01",), kind="each"),))
     todo = "Check the bar's certificate, its temperature and its marks; then calibrate again."
     assert todo in bar_verdict(found).sentence.partition("largest")[0], "first"
 
@@ -485,9 +460,9 @@ CAMERAS = np.array([[-1000.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [0.0, 1000.0,
 
 def guided(ends: np.ndarray | None, still: bool | None = True):
     """What is said of a bar that should lie along x from -250 to 250 mm."""
-    from spherecal.verify.pose_plan import PlannedPose
     from spherecal_gui.presenters.bar_guide import bar_guide
     from spherecal_gui.rig_scenes import RigPlanes
+    from spherecal_rigs.pose_plan import PlannedPose
 
     planes = RigPlanes(np.eye(3), ("C01", "C02", "C03"), CAMERAS)
     pose = PlannedPose(

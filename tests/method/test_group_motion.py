@@ -9,8 +9,7 @@ import pytest
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.context import Context
-from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
-from spherecal.diagnose.group_search import GroupSearch
+from spherecal.diagnose.group_motion import GroupMotion, GroupSearch, find_group_motion, unstable_camera
 from spherecal.diagnose.pose_graph import PoseComposition, explain, fit_layout
 from spherecal.geometry.rotation import exp_rotation
 

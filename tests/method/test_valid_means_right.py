@@ -27,11 +27,11 @@ from spherecal.steps.automatic_repairs import most_wrong, ways
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.limit import parse_limit
-from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
 from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.main import main
 from spherecal_rigs.check_rig import check
+from spherecal_rigs.pose_plan import BarMarks, facing_cameras, plan_poses
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session_folder import write_session

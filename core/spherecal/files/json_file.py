@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -55,6 +55,27 @@ def finite(value: ArrayLike | None) -> Any:
     if array.ndim:
         return [finite(item) for item in array]
     return float(array) if np.isfinite(array) else None
+
+
+def plain(value: object) -> object:
+    """Dataclasses, arrays, paths, dates as JSON knows them; a number that is not finite is null."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain_fields(value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Path | date):
+        return value.isoformat() if isinstance(value, date) else str(value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def plain_fields(record: Any, names: str = "") -> dict[str, object]:
+    """The fields of a dataclass by name, or only those of a text of names, each as `plain` makes it."""
+    wanted = names.split() or [field.name for field in fields(record)]
+    return {name: plain(getattr(record, name)) for name in wanted}
 
 
 def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.special import ndtri, stdtrit
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength
+from spherecal.verify.limit import OfLength
 from spherecal.verify.uncertainty import COVERAGE, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import MeasuredLength
 
@@ -29,35 +30,31 @@ _REMEDY = {
 
 @dataclass(frozen=True)
 class Contribution:
-    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact)."""
+    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact).
+
+    `share` is that of the variance of the budget that it belongs to.
+    """
 
     name: str
     evaluation: Literal["A", "B"]
     distribution: str
     standard_mm: float
     freedom: float = math.inf
+    share: float = 0.0
 
 
 @dataclass(frozen=True)
-class Budget:
+class Budget(OfLength):
     """The uncertainty of the test value of one certified length (ISO 14253-5, 95.45 %), in mm.
 
     `freedom` are the effective degrees of freedom; `expanded_mm` is `coverage_factor` times `combined_mm`.
     """
 
-    bar: str
-    from_mark: str
-    to_mark: str
     contributions: tuple[Contribution, ...]
     combined_mm: float
-    freedom: float
     coverage_factor: float
     expanded_mm: float
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """Bar and marks."""
-        return self.bar, self.from_mark, self.to_mark
+    freedom: float = math.inf
 
     def guard_mm(self, n: int = 1) -> float:
         """By how much n errors must all be within (n = 1), or one of n beyond its limit, to be so with 95 %.
@@ -69,14 +66,12 @@ class Budget:
 
     def shares(self) -> list[tuple[str, float]]:
         """The Pareto: contributions that count with their share of the variance, largest first."""
-        total = self.combined_mm**2
-        found = [(c.name, c.standard_mm**2 / total) for c in self.contributions if c.standard_mm > 0 and total > 0]
-        return sorted(found, key=lambda one: -one[1])
+        return sorted([(c.name, c.share) for c in self.contributions if c.share > 0], key=lambda one: -one[1])
 
     def remedy(self) -> Phrase | None:
         """The first step to a smaller uncertainty; None if there is none."""
         shares = self.shares()
-        return _REMEDY[shares[0][0]] if shares else None
+        return _REMEDY.get(shares[0][0]) if shares else None
 
 
 def length_budgets(
@@ -129,7 +124,9 @@ def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) ->
     # k for a million degrees of freedom and for infinitely many agree to 2 in a million
     freedom = combined**4 / spread if spread * _AS_GOOD_AS_EXACT > combined**4 else math.inf
     factor = float(stdtrit(freedom, (1 + COVERAGE) / 2)) if math.isfinite(freedom) else float(ndtri((1 + COVERAGE) / 2))
-    return Budget(*key, tuple(contributions), combined, freedom, factor, factor * combined)
+    total = combined**2 or math.inf
+    shared = tuple(replace(c, share=c.standard_mm**2 / total) for c in contributions)
+    return Budget(*key, shared, combined, factor, factor * combined, freedom)
 
 
 def certificate_freedom(coverage_factor: float) -> float:

@@ -1,14 +1,32 @@
 """How a verification departs from VDI/VDE 2634 part 1: computed from what was measured, listed in its report."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.verify.limit import LengthLimit
-from spherecal.verify.pose_plan import LEAST_LENGTHS, LINES, MeasuringVolume
+from spherecal.verify.budget import Budget
+from spherecal.verify.limit import Acceptance, LengthLimit
+from spherecal.verify.measuring_volume import LEAST_LENGTHS, LINES, MeasuringVolume
 from spherecal.verify.verification import MeasuredLength
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """Title, departures from the guideline, a budget of each length, the decision against the user's limit, the bars.
+
+    `volume_mm` is the volume's three sides and its space diagonal, where the rig states it.
+    """
+
+    title: str
+    departures: tuple[Phrase, ...]
+    budgets: tuple[Budget, ...]
+    acceptance: Acceptance | None
+    bars: tuple[Bar, ...]
+    volume_mm: tuple[tuple[float, ...], float] | None
+
 
 TITLE = "Verification based on VDI/VDE 2634 part 1 (reduced)"
 # Half the least angle between two neighbouring lines of a cube (edge and diagonal: 54.7 degrees).

@@ -24,6 +24,20 @@ RULE = (
 
 
 @dataclass(frozen=True)
+class OfLength:
+    """What is said of one certified length."""
+
+    bar: str
+    from_mark: str
+    to_mark: str
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Bar and marks."""
+        return self.bar, self.from_mark, self.to_mark
+
+
+@dataclass(frozen=True)
 class LengthLimit:
     """The largest permissible |E| of a length L: `constant_mm` + L / `divisor`; divisor None: the constant alone."""
 
@@ -53,22 +67,14 @@ def parse_limit(text: str) -> LengthLimit:
 
 
 @dataclass(frozen=True)
-class LengthConformity:
+class LengthConformity(OfLength):
     """One certified length against the limit: the pose with the largest |E|, the limit there, U of the test value."""
 
-    bar: str
-    from_mark: str
-    to_mark: str
     worst_pose: str
     worst_error_mm: float
     limit_mm: float
     expanded_uncertainty_mm: float
     verdict: Conformity
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """Bar and marks."""
-        return self.bar, self.from_mark, self.to_mark
 
 
 @dataclass(frozen=True)

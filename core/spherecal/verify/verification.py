@@ -9,11 +9,12 @@ from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
 from spherecal.data.findings import Finding
+from spherecal.verify.limit import OfLength
 
 if TYPE_CHECKING:
     from spherecal.verify.consistency import Consistency
+    from spherecal.verify.departures import Procedure
     from spherecal.verify.participation import CameraViews
-    from spherecal.verify.procedure import Procedure
 
 Verdict = Literal["consistent", "inconsistent", "no data"]
 
@@ -74,24 +75,21 @@ class MeasuredLength:
 
 
 @dataclass(frozen=True)
-class LengthStatistics:
-    """One certified length over all its poses; `sd_mm` is None for a single pose.
+class LengthStatistics(OfLength):
+    """One certified length over all its poses; None is what a single pose or a file does not say.
 
     `expanded_uncertainty_mm` is that of the mean error (GUM, 95.45 %), `repeatability_mm` its type A part; `budget`
-    holds the type B parts.
+    holds the type B parts. A file's parts are not read.
     """
 
-    bar: str
-    from_mark: str
-    to_mark: str
     n: int
-    mean_error_mm: float
+    mean_error_mm: float | None
     sd_mm: float | None
-    max_abs_error_mm: float
-    repeatability_mm: float
-    budget: LengthBudget
-    expanded_uncertainty_mm: float
-    coverage_factor: float
+    max_abs_error_mm: float | None
+    expanded_uncertainty_mm: float | None
+    coverage_factor: float | None
+    repeatability_mm: float | None = None
+    budget: LengthBudget | None = None
 
 
 @dataclass(frozen=True)

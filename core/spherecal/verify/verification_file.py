@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from operator import itemgetter
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding
+from spherecal.data.session import BarPose
 from spherecal.files.bar_registry import CERTIFICATE, LENGTH
 from spherecal.files.codec import (
-    Field,
     FileFormat,
     Kind,
     choice,
@@ -33,58 +33,13 @@ from spherecal.files.codec import (
 from spherecal.files.findings_file import FINDING
 from spherecal.files.json_file import finite
 from spherecal.files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
-from spherecal.verify.budget import Budget
-from spherecal.verify.limit import RULE, Conformity, LengthConformity
+from spherecal.verify.budget import Budget, Contribution
+from spherecal.verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit, OfLength
 from spherecal.verify.participation import CameraViews, State
-from spherecal.verify.verification import MeasuredLength, Verification, is_failed
+from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification, is_failed
 
-BUDGET_PARTS = ("repeatability", "calibration", "scale", "certificate", "temperature")
 _MOST_MM = 1e9
-
-
-@dataclass(frozen=True)
-class AcceptanceReport:
-    """The limit E = A + L/K (`divisor` None: A alone), the decision, its rule, and what cast doubt on a pass."""
-
-    rule: str
-    words: str
-    constant_mm: float
-    divisor: float | None
-    lengths: tuple[LengthConformity, ...]
-    verdict: Conformity | Literal["no data"] = "no data"
-    doubts: tuple[str, ...] = ()
-
-    def at(self, length_mm: float) -> float:
-        """The limit of a length in mm."""
-        return self.constant_mm + (0.0 if self.divisor is None else length_mm / self.divisor)
-
-
-@dataclass(frozen=True)
-class ContributionRow:
-    """One contribution of a budget; `freedom` None: infinite."""
-
-    name: str
-    evaluation: str
-    distribution: str
-    standard_mm: float
-    freedom: float | None
-    share: float
-    contained_mm: float | None
-
-
-@dataclass(frozen=True)
-class BudgetReport:
-    """The budget of one length's error."""
-
-    bar: str
-    start: str
-    end: str
-    combined_mm: float
-    coverage_factor: float
-    expanded_mm: float
-    remedy: Sentence
-    contributions: tuple[ContributionRow, ...]
-    freedom: float | None = None
+_PARTS = ("calibration", "scale", "certificate", "temperature")
 
 
 @dataclass(frozen=True)
@@ -103,67 +58,29 @@ class ArtefactRow:
 
 
 @dataclass(frozen=True)
-class PoseRow:
-    """A pose of a bar with its temperature."""
-
-    id: str
-    bar: str
-    temperature_c: float | None
-
-
-@dataclass(frozen=True)
 class ProcedureReport:
     """The procedure as read from verification.json: departures, bars, poses, budgets, and the limit if one was set."""
 
     title: str
     departures: tuple[Sentence, ...]
     bars: tuple[ArtefactRow, ...]
-    poses: tuple[PoseRow, ...]
-    budgets: tuple[BudgetReport, ...]
+    poses: tuple[BarPose, ...]
+    budgets: tuple[Budget, ...]
     volume: tuple[tuple[float, ...], float] | None = None
-    acceptance: AcceptanceReport | None = None
+    acceptance: Acceptance | None = None
     cameras_moved: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class BarRow:
+class BarRow(OfLength):
     """One measured length of bars.csv; error = measured - reference, `u_mm` its standard uncertainty."""
 
-    bar: str
     pose: str
-    start: str
-    end: str
     length_mm: float
     reference_mm: float
     error_mm: float
     u_mm: float | None
     views: int
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """The certified length that was measured."""
-        return self.bar, self.start, self.end
-
-
-@dataclass(frozen=True)
-class LengthRow:
-    """One certified length over its poses; `budget_mm` has standard uncertainties by BUDGET_PARTS, if given."""
-
-    bar: str
-    start: str
-    end: str
-    n: int
-    mean_error_mm: float | None
-    sd_mm: float | None
-    max_abs_error_mm: float | None
-    expanded_mm: float | None
-    coverage_factor: float | None
-    budget_mm: tuple[float | None, ...] = (None,) * len(BUDGET_PARTS)
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """The certified length."""
-        return self.bar, self.start, self.end
 
 
 @dataclass(frozen=True)
@@ -182,7 +99,7 @@ class BarReport:
     `contradicting` are cameras that are not where the calibration has them.
     """
 
-    lengths: tuple[LengthRow, ...]
+    lengths: tuple[LengthStatistics, ...]
     n: int
     verdict: str
     rule: Sentence
@@ -198,15 +115,15 @@ class BarReport:
     measured: tuple[BarRow, ...] = ()
     override: Override | None = None
 
+    def broken(self, row: BarRow) -> bool:
+        """Whether a measured length breaks the rule."""
+        return (row.pose, row.from_mark, row.to_mark) in self.exceeding
+
     @property
     def failed(self) -> bool:
         """Whether the rig is shown to be wrong, as `Verification.failed`."""
         acceptance = None if self.procedure is None else self.procedure.acceptance
         return is_failed(self.verdict, None if acceptance is None else acceptance.verdict, self.findings)
-
-
-def _parts(**parts: float) -> tuple[float | None, ...]:
-    return tuple(parts.get(f"{part}_mm") for part in BUDGET_PARTS)
 
 
 def _bar_report(
@@ -234,16 +151,9 @@ def _certified(from_mark: str, to_mark: str, length_mm: float, **others: float) 
     return from_mark, to_mark, length_mm, others.get("expanded_uncertainty_mm"), others.get("coverage_factor")
 
 
-def _budget(remedy: str = "", remedy_phrase: Mapping[str, Any] | None = None, **others: Any) -> BudgetReport:
-    return BudgetReport(remedy=sentence(remedy, remedy_phrase), **others)
-
-
-def _contributions(budget: Budget) -> list[ContributionRow]:
-    shares = dict(budget.shares())
-    return [
-        ContributionRow(c.name, c.evaluation, c.distribution, c.standard_mm, c.freedom, shares.get(c.name, 0.0), None)
-        for c in budget.contributions
-    ]
+def _remedy(budget: Budget) -> str:
+    said = budget.remedy()
+    return "" if said is None else phrase(said)
 
 
 def _poses(verification: Verification) -> list[MeasuredLength]:
@@ -255,44 +165,34 @@ def _poses(verification: Verification) -> list[MeasuredLength]:
     return list(poses.values())
 
 
-def _ends(start: str = "from_mark", end: str = "to_mark") -> tuple[Field, ...]:
-    """The bar and marks of a length, and the attributes that take them."""
-    return (
-        field("bar", name("The bar.")),
-        field("from", name("The mark at which the length begins."), "from_mark", start),
-        field("to", name("The mark at which it ends."), "to_mark", end),
-    )
-
-
 def _mm(about: str, least: float = 0) -> Kind[float]:
     return number(about, least, _MOST_MM)
 
 
+_ENDS = (
+    field("bar", name("The bar.")),
+    field("from", name("The mark at which the length begins."), "from_mark"),
+    field("to", name("The mark at which it ends."), "to_mark"),
+)
 _LENGTH = record(
     "",
-    LengthRow,
-    *_ends("start", "end"),
+    LengthStatistics,
+    *_ENDS,
     field("n", integer("How often it was measured.", 0)),
     optional("mean_error_mm", number("Mean error.")),
     optional("sd_mm", number("Standard deviation of the errors.", 0)),
     optional("max_abs_error_mm", number("Largest error, without its sign.", 0)),
-    optional(
-        "expanded_uncertainty_mm",
-        number("Expanded uncertainty of an error.", 0),
-        "expanded_uncertainty_mm",
-        "expanded_mm",
-    ),
+    optional("expanded_uncertainty_mm", number("Expanded uncertainty of an error.", 0)),
     optional("coverage_factor", number("The factor k.", 0)),
     optional(
         "standard_uncertainties_mm",
         record(
             "Standard uncertainties by source.",
-            _parts,
+            dict,
             optional("repeatability", number("", 0), "repeatability_mm"),
-            *(optional(part, number("", 0), f"budget.{part}_mm") for part in BUDGET_PARTS[1:]),
+            *(optional(part, number("", 0), f"budget.{part}_mm") for part in _PARTS),
         ),
         lambda length: length,
-        "budget_mm",
     ),
 )
 _OVERALL = group(
@@ -369,7 +269,7 @@ _BAR = record(
 )
 _POSE = record(
     "",
-    PoseRow,
+    BarPose,
     field("id", name("Its id."), "pose", "id"),
     field("bar", name("The bar.")),
     optional("temperature_c", number("The bar's temperature.", -300, 1000)),
@@ -384,51 +284,51 @@ _POSE = record(
 _CONFORMITY = record(
     "",
     LengthConformity,
-    *_ends(),
+    *_ENDS,
     field("worst_pose", name("The pose with the largest error.")),
     field("worst_error_mm", _mm("That error.", -_MOST_MM)),
     field("limit_mm", _mm("The limit of this length.")),
     field("expanded_uncertainty_mm", _mm("Expanded uncertainty of an error.")),
     field("verdict", choice("The decision.", get_args(Conformity))),
 )
+_LIMIT = record(
+    "The limit.",
+    LengthLimit,
+    field("words", text("The limit as a formula."), LengthLimit.words),
+    field("constant_mm", _mm("A.")),
+    optional("divisor", number("K; absent: A alone.", 1e-9)),
+)
 _ACCEPTANCE = record(
     "The limit E = A + L/K and the decision.",
-    AcceptanceReport,
-    field("rule", prose("The decision rule in words."), lambda _: RULE, "rule"),
-    group(
-        "limit",
-        "The limit.",
-        field("words", text("The limit as a formula."), lambda of: of.limit.words(), "words"),
-        field("constant_mm", _mm("A."), "limit.constant_mm"),
-        optional("divisor", number("K; absent: A alone.", 1e-9), "limit.divisor"),
-    ),
+    Acceptance,
+    field("rule", prose("The decision rule in words."), lambda _: RULE),
+    field("limit", _LIMIT),
     optional("verdict", choice("The decision; absent where nothing was measured.", get_args(Conformity))),
     optional("doubts", items("Doubts that prevent a pass.", text(""))),
     field("lengths", items("Each certified length.", _CONFORMITY)),
 )
 _CONTRIBUTION = record(
     "",
-    ContributionRow,
+    Contribution,
     field("name", text("What it is.")),
     field("evaluation", choice("Type of evaluation (GUM).", ("A", "B"))),
     field("distribution", text("Its distribution.")),
     field("standard_uncertainty_mm", _mm("Standard uncertainty."), "standard_mm"),
     optional("degrees_of_freedom", number("Absent: infinite.", 0), "freedom"),
     field("share", number("Share of the combined variance.", 0, 1.0001)),
-    optional("contained_in_repeatability_mm", _mm("The part that is included in the repeatability."), "contained_mm"),
+    optional("contained_in_repeatability_mm", _mm("The part that is included in the repeatability."), lambda _: None),
 )
 _BUDGET = record(
     "The uncertainty budget of a length's error.",
-    _budget,
-    *_ends("start", "end"),
+    Budget,
+    *_ENDS,
     field("combined_mm", _mm("Combined standard uncertainty.")),
     optional("effective_degrees_of_freedom", number("Absent: infinite.", 0), "freedom"),
     field("coverage_factor", number("The factor k.", 0, 100)),
     field("expanded_uncertainty_mm", _mm("Expanded uncertainty."), "expanded_mm"),
-    *sentence_fields(
-        "remedy", "What would reduce it; empty where nothing would.", lambda of: of.remedy(), is_needed=False
-    ),
-    field("contributions", items("The contributions.", _CONTRIBUTION), _contributions, "contributions"),
+    optional("remedy", prose("What would reduce it; empty where nothing would."), _remedy),
+    optional("remedy_phrase", PHRASE, Budget.remedy),
+    field("contributions", items("The contributions.", _CONTRIBUTION)),
 )
 _VOLUME = record(
     "The measuring volume.",

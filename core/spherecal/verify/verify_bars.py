@@ -21,7 +21,7 @@ from spherecal.files.assumed import assumed_of_bars
 from spherecal.verify.agreement import decide, mean_uncertainty
 from spherecal.verify.budget import length_budgets
 from spherecal.verify.consistency import examine_cameras, noise_alone
-from spherecal.verify.departures import TITLE, departures
+from spherecal.verify.departures import TITLE, Procedure, departures
 from spherecal.verify.doubts import (
     DOUBTS,
     bar_doubts,
@@ -34,10 +34,9 @@ from spherecal.verify.doubts import (
 )
 from spherecal.verify.limit import LengthLimit, judge_against, with_doubts
 from spherecal.verify.marks import MarkFinder, MarkPlace
+from spherecal.verify.measuring_volume import volume_box
 from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.participation import many_outlying, participation, participation_doubts
-from spherecal.verify.pose_plan import volume_box
-from spherecal.verify.procedure import Procedure
 from spherecal.verify.rig_cameras import cameras_in_rig
 from spherecal.verify.uncertainty import (
     PointErrors,

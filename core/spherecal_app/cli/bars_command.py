@@ -11,10 +11,11 @@ from spherecal.data.findings import counted
 from spherecal.files import bar_registry
 from spherecal.files.json_file import JsonValue
 from spherecal.files.read_session import read_session
-from spherecal.verify.pose_plan import LEAST_LENGTHS, LINE_NAMES, BarMarks, PosePlan, plan_poses
+from spherecal.verify.measuring_volume import LEAST_LENGTHS
 from spherecal_app.cli.console import answer, output_file, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
+from spherecal_rigs.pose_plan import LINE_NAMES, BarMarks, PosePlan, plan_poses
 from spherecal_rigs.rig_source import read_source, volume_of
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -18,6 +17,7 @@ from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import RESULT
 from spherecal.files.ball_file import read_ball
 from spherecal.files.findings_file import FINDING
+from spherecal.files.json_file import plain_fields
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import affected_entries
 from spherecal.files.write_result import write_result
@@ -28,10 +28,10 @@ from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import (
     answer,
     check_output_folder,
+    figures,
     log_findings,
     number,
     out,
-    plain_fields,
     say,
     show_findings,
 )
@@ -108,9 +108,7 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
     if quality.verdict == "use-with-care":
         say(f"With care: {named(quality.affected)}.")
     if rig.cameras:
-        table = Table("camera", box=None)
-        for heading in ("points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg"):
-            table.add_column(heading, justify="right")
+        table = figures("camera", "points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg")
         for c in rig.cameras:
             sd = (
                 ("-", "-", "-")

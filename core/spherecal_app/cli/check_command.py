@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import language
@@ -19,7 +18,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.verify.limit import parse_limit
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import answer, kept_in_profile, out, say, show_findings, to_output
+from spherecal_app.cli.console import answer, figures, kept_in_profile, out, say, show_findings, to_output
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_rigs.check_file import check_json, keep
@@ -108,10 +107,9 @@ def _show(found: Check, chip: str | None) -> None:
 
 
 def _print_cameras(found: Check) -> None:
-    table = Table("camera", box=None)
-    for heading in ("points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    table = figures(
+        "camera", "points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance", ""
+    )
     for one in found.cameras:
         t = one.test
         table.add_row(

@@ -1,31 +1,27 @@
 """What commands tell and write: words on standard output (rich's console), JSON for other programs, findings, files."""
 
 import argparse
-import dataclasses
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import date
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
 from rich.console import Console
+from rich.table import Table
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.files.atomic import Marker, check_folder, write_file_whole
+from spherecal.files.json_file import plain
 from spherecal_app.cli.parsing import is_standard_output
 from spherecal_app.cli.progress import log
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 
 class _Output(Console):
@@ -61,6 +57,14 @@ def say(*lines: str) -> None:
         out.print(line, markup=False)
 
 
+def figures(first: str, *headings: str) -> Table:
+    """A table without lines whose columns after the first hold figures, those without a heading words."""
+    table = Table(first, box=None)
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading else "left")
+    return table
+
+
 def number(value: float | None, digits: int) -> str:
     """A number with so many decimals; "-" where there is none or it is not finite."""
     return "-" if value is None or not isfinite(value) else f"{value:.{digits}f}"
@@ -75,27 +79,6 @@ def answer(options: argparse.Namespace, document: object) -> None:
             raise
         except OSError as error:
             out.lose(error)
-
-
-def plain(value: object) -> object:
-    """Dataclasses, arrays, paths and dates as JSON knows them; a number that is not finite is null."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return plain_fields(value)
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, Path | date):
-        return value.isoformat() if isinstance(value, date) else str(value)
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def plain_fields(record: "DataclassInstance", names: str = "") -> dict[str, object]:
-    """The fields of a dataclass by name, or only those of a text of names, each as `plain` makes it."""
-    wanted = names.split() or [field.name for field in dataclasses.fields(record)]
-    return {name: plain(getattr(record, name)) for name in wanted}
 
 
 _COLOUR = {"error": "red", "warning": "yellow", "info": "blue"}

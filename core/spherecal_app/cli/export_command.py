@@ -8,10 +8,10 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import SESSION
+from spherecal.files.json_file import plain_fields
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig, rig_bytes
-from spherecal.geometry.user_frame import FrameDefinition, UserFrame
-from spherecal_app.cli.console import answer, check_output_folder, out, output_file, plain_fields, say, to_output
+from spherecal_app.cli.console import answer, check_output_folder, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_documents.export.import_rig import Imported
 from spherecal_documents.export.import_rig import import_rig as run
@@ -21,6 +21,7 @@ from spherecal_documents.export.scene_formats import SceneFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
 from spherecal_rigs.framed_rig import define_frame, frame_entry, read_frame, write_frame
 from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
+from spherecal_rigs.user_frame import FrameDefinition, UserFrame
 
 
 def export(options: argparse.Namespace) -> int:

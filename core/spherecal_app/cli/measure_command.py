@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
@@ -23,7 +22,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.cameras_source import discovered, open_asking
-from spherecal_app.cli.console import check_output_folder, kept_in_profile, out, say
+from spherecal_app.cli.console import check_output_folder, figures, kept_in_profile, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import default_profile_path, read_profile
@@ -226,10 +225,7 @@ def _line(measured: MeasuredSet) -> str:
 
 
 def _summary(options: argparse.Namespace, health: Health, rig: Rig) -> None:
-    table = Table("camera", box=None)
-    for heading in ("image points", "rms px", "at calibration", "left out"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    table = figures("camera", "image points", "rms px", "at calibration", "left out", "")
     for one in health.cameras:
         rms, before = (("-" if px is None else f"{px:.4f}") for px in (one.rms_px, one.calibrated_rms_px))
         word = "" if one.moved is None else f"[bold red]MOVED[/] by {one.moved.move_px:.2f} px (set {one.named_at})"

@@ -4,11 +4,11 @@ import argparse
 from pathlib import Path
 
 from rich.markup import escape
-from rich.table import Table
 
 from spherecal.data.findings import counted
+from spherecal.files.json_file import plain_fields
 from spherecal_app.api import new_session
-from spherecal_app.cli.console import answer, out, plain_fields, say
+from spherecal_app.cli.console import answer, figures, out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_app.recordings.new_session import NewSession
@@ -53,9 +53,7 @@ def _show(made: NewSession, folder: Path) -> None:
         f"{counted(len(made.cameras), 'camera')}, {counted(len(places), 'placement')} ({span}), read as "
         f"{made.layout}: {made.pattern}"
     )
-    table = Table("camera", box=None)
-    for heading in ("images", "size px", "f px"):
-        table.add_column(heading, justify="right")
+    table = figures("camera", "images", "size px", "f px")
     for heading in ("from", "model", "serial"):
         table.add_column(heading)
     for c in made.cameras:

@@ -4,13 +4,13 @@ import argparse
 from pathlib import Path
 
 from rich.markup import escape
-from rich.table import Table
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
 from spherecal.detect.session_images import observed
 from spherecal.files.atomic import RESULT
 from spherecal.files.findings_file import FINDING
+from spherecal.files.json_file import plain_fields
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.verify.limit import parse_limit
@@ -21,10 +21,10 @@ from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.console import (
     answer,
     check_output_folder,
+    figures,
     log_findings,
     number,
     out,
-    plain_fields,
     say,
     show_findings,
 )
@@ -77,9 +77,7 @@ def show_verification(verification: Verification, folder: Path) -> None:
     out.print(
         f"{word.get(verification.decision.verdict, '[bold yellow]NO DATA[/]')}: {phrase(verification.decision.rule)}"
     )
-    table = Table("length", box=None)
-    for heading in ("n", "mean error mm", "sd mm", "max mm", "U mm", "k"):
-        table.add_column(heading, justify="right")
+    table = figures("length", "n", "mean error mm", "sd mm", "max mm", "U mm", "k")
     for length in verification.lengths:
         table.add_row(
             escape(f"{length.bar} {length.from_mark}-{length.to_mark}"), str(length.n),
@@ -101,10 +99,7 @@ def show_cameras_verified(verification: Verification) -> None:
     """How many views of the marks each camera had, and how they fit."""
     if not verification.cameras or not verification.measured:
         return
-    table = Table("camera", box=None)
-    for heading in ("views of marks", "used", "rms px"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    table = figures("camera", "views of marks", "used", "rms px", "")
     colour = {"verified": "green", "not seen": "yellow", "rejected": "bold red"}
     for c in verification.cameras:
         rms = number(c.rms_px, 4)

@@ -23,6 +23,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import cache_folder
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.codec import FileFormat, field, items, only, record, text, unread
+from spherecal.files.registry import settings_path
 
 _CHUNK = 1 << 20
 _MOST_BYTES = 1 << 30
@@ -349,10 +350,7 @@ def _is_own_group(number: int) -> bool:
 
 def default_trust_path() -> Path:
     """Where the list is kept: SPHERECAL_DRIVERS, else the user's configuration folder."""
-    from platformdirs import user_config_path
-
-    named = os.environ.get("SPHERECAL_DRIVERS")
-    return Path(named) if named else user_config_path("spherecal", appauthor=False) / "drivers.json"
+    return settings_path("SPHERECAL_DRIVERS", DRIVERS.file)
 
 
 def _read(path: Path) -> dict[str, str]:

@@ -19,7 +19,6 @@ from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
-from spherecal.geometry.user_frame import UserFrame
 from spherecal.verify.verification_file import Override
 from spherecal_documents.export.anipose import ANIPOSE, CALISCOPE
 from spherecal_documents.export.colmap import COLMAP
@@ -34,6 +33,7 @@ from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat
 from spherecal_documents.export.scene_formats import largest_difference_px as scene_difference_px
 from spherecal_rigs.framed_rig import frame_entry, in_frame
+from spherecal_rigs.user_frame import UserFrame
 
 _FORMATS = (OPENCV, ROS, KALIBR, COLMAP, METASHAPE, ANIPOSE, CALISCOPE, MC_CALIB, MULTICAL, MRCAL, CSV, MAPS)
 FORMATS: dict[str, Format] = {one.name: one for one in _FORMATS}

@@ -22,6 +22,7 @@ from spherecal.files.codec import FileFormat, Kind, choice, field, optional, rec
 from spherecal.files.codec import date as day
 from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
+from spherecal.verify.limit import RULE
 from spherecal.verify.verification_file import ArtefactRow
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
 from spherecal_rigs.result_folder import Result, refuse_failed
@@ -351,18 +352,18 @@ def _verification(results: Xml.Element, result: Result) -> None:
     data = _add(one, "data")
     for x in bars.lengths:
         if x.mean_error_mm is not None:
-            name = f"mean error of bar {x.bar}, {x.start} to {x.end}, {x.n} poses"
+            name = f"mean error of bar {x.bar}, {x.from_mark} to {x.to_mark}, {x.n} poses"
             k = x.coverage_factor or 0.0
-            sd = x.expanded_mm / k if x.expanded_mm is not None and k >= 1 else None
+            sd = x.expanded_uncertainty_mm / k if x.expanded_uncertainty_mm is not None and k >= 1 else None
             _quantity(data, name, x.mean_error_mm, r"\milli\metre", sd, k)
     if not len(data):
         _rich(data, "text", "No length was measured.")
     if procedure is not None and procedure.acceptance is not None and procedure.acceptance.verdict in _CONFORMITY:
         about = _add(_add(found, "measurementMetaData"), "metaData")
         _name(about, "Conformity with the user's limit")
-        _rich(about, "description", f"{procedure.acceptance.words}: {procedure.acceptance.verdict}")
+        _rich(about, "description", f"{procedure.acceptance.limit.words()}: {procedure.acceptance.verdict}")
         _add(about, "norm", "ISO 14253-1:2017")
-        _rich(about, "declaration", procedure.acceptance.rule)
+        _rich(about, "declaration", RULE)
         _add(about, "conformity", _CONFORMITY[procedure.acceptance.verdict])
 
 

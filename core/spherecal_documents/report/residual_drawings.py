@@ -11,7 +11,8 @@ from matplotlib.path import Path
 
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.verify.verification_file import BarReport, BarRow, LengthRow
+from spherecal.verify.verification import LengthStatistics
+from spherecal.verify.verification_file import BarReport, BarRow
 from spherecal_documents.report.language import label
 from spherecal_documents.report.model import TEXT_MM, Block, Figure, Panels, Paragraph
 from spherecal_documents.report.style import (
@@ -274,19 +275,20 @@ def _draw_limit(axes: Axes, at: int, key: tuple[str, str, str], bars: BarReport)
     return row.limit_mm + row.expanded_uncertainty_mm
 
 
-def _draw_length(axes: Axes, at: int, rows: list[BarRow], length: LengthRow | None, k: float, bars: BarReport) -> float:
+def _draw_length(
+    axes: Axes, at: int, rows: list[BarRow], length: LengthStatistics | None, k: float, bars: BarReport
+) -> float:
     """One certified length's errors; how far they reach from zero."""
     places = at + (np.linspace(-0.38, 0.14, len(rows)) if len(rows) > 1 else np.array([-0.1]))
     reach = 0.0
     for x, row in zip(places.tolist(), rows, strict=True):
-        broken = (row.pose, row.start, row.end) in bars.exceeding
-        colour, mark, size = (BAD, "X", 5.0) if broken else (ACCENT, "o", 2.8)
+        colour, mark, size = (BAD, "X", 5.0) if bars.broken(row) else (ACCENT, "o", 2.8)
         spread = k * (row.u_mm or 0.0)
         axes.plot([x, x], [row.error_mm - spread, row.error_mm + spread], color=colour, linewidth=0.7, alpha=0.75)
         axes.plot(x, row.error_mm, marker=mark, markersize=size, color=colour, markeredgewidth=0)
         reach = max(reach, abs(row.error_mm) + spread)
     if length is not None and length.mean_error_mm is not None:
-        spread = length.expanded_mm or 0.0
+        spread = length.expanded_uncertainty_mm or 0.0
         ends = [length.mean_error_mm - spread, length.mean_error_mm + spread]
         axes.plot([at + 0.33] * 2, ends, color=INK, linewidth=2.0, solid_capstyle="butt")
         axes.plot(at + 0.33, length.mean_error_mm, marker=MARKS[3], markersize=4.5, color=INK, markeredgecolor="white")

@@ -1,6 +1,11 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
+import math
+
 from spherecal.verify import verification_file
+from spherecal.verify.budget import Budget
+from spherecal.verify.limit import Acceptance
+from spherecal.verify.verification import LengthStatistics
 from spherecal_documents.report.language import columns, label, word, written
 from spherecal_documents.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
 from spherecal_documents.report.residual_drawings import error_figures, lengths_in_order, name_of
@@ -38,13 +43,10 @@ def bar_sections(result: Result, verdict: Verdict) -> tuple[Section, ...]:
     bars = result.bars
     if bars is None:
         return ()
-    procedure = bars.procedure
     found = [_statistics(bars, verdict), *_cameras(bars)]
-    if procedure is None or not procedure.budgets:
-        found += _sources(bars)
-    if procedure is not None:
+    if bars.procedure is not None:
         parts = (_conformity, _budgets, _artefacts, _temperatures, _departures)
-        found += [section for part in parts for section in part(procedure)]
+        found += [section for part in parts for section in part(bars.procedure)]
     if bars.findings:
         title = label("report-findings-of-the-verification")
         found.append(Section("bar-findings", title, finding_texts(bars.findings)))
@@ -71,7 +73,8 @@ def _statistics(bars: verification_file.BarReport, verdict: Verdict) -> Section:
     reference = {row.key: row.reference_mm for row in reversed(bars.measured)}
     rows: list[tuple[Cell, ...]] = [
         (name_of(x.key), number(reference.get(x.key), 3), str(x.n), number(x.mean_error_mm, 4, sign=True),
-         number(x.sd_mm, 4), number(x.max_abs_error_mm, 4), number(x.expanded_mm, 4), number(x.coverage_factor, 2))
+         number(x.sd_mm, 4), number(x.max_abs_error_mm, 4), number(x.expanded_uncertainty_mm, 4),
+         number(x.coverage_factor, 2))
         for x in _by_length(bars)
     ]  # fmt: skip
     mean, largest = number(bars.mean_error_mm, 4, sign=True), number(bars.max_abs_error_mm, 4)
@@ -83,7 +86,7 @@ def _statistics(bars: verification_file.BarReport, verdict: Verdict) -> Section:
     return Section("bar-errors", title, (verdict, *notes, *figures, Table(heads, tuple(rows))), new_page=True)
 
 
-def _by_length(bars: verification_file.BarReport) -> list[verification_file.LengthRow]:
+def _by_length(bars: verification_file.BarReport) -> list[LengthStatistics]:
     """The statistics in the order of the drawing."""
     place = {key: i for i, key in enumerate(lengths_in_order(bars))}
     return sorted(bars.lengths, key=lambda x: (place.get(x.key, len(place)), x.key))
@@ -99,22 +102,7 @@ def _cameras(bars: verification_file.BarReport) -> list[Section]:
     return _section("bar-cameras", label("report-cameras-in-the-verification"), text, table)
 
 
-def _sources(bars: verification_file.BarReport) -> list[Section]:
-    """The parts of the means' uncertainties, where the file has no budget."""
-    rows = []
-    for x in _by_length(bars):
-        known = [part for part in x.budget_mm if part is not None]
-        cells = [Strong(number(p, 4)) if p is not None and p == max(known) else number(p, 4) for p in x.budget_mm]
-        if known:
-            rows.append((name_of(x.key), *cells))
-    if not rows:
-        return []
-    table = Table((*columns("length"), *(f"{part}\nmm" for part in verification_file.BUDGET_PARTS)), tuple(rows))
-    text = label("report-standard-uncertainties-k-1-of")
-    return _section("budget", label("report-uncertainty-sources"), text, table)
-
-
-def doubts_in_words(acceptance: verification_file.AcceptanceReport) -> str:
+def doubts_in_words(acceptance: Acceptance) -> str:
     """What casts doubt on a pass, in words."""
     return ", ".join(word(_DOUBTS, code) for code in acceptance.doubts)
 
@@ -130,8 +118,8 @@ def _conformity(procedure: verification_file.ProcedureReport) -> list[Section]:
         for x in acceptance.lengths
     ]  # fmt: skip
     table = Table((*columns("length pose worst-error-mm"), "U\nmm", *columns("limit-mm verdict")), tuple(rows), 2)
-    verdict, rule = word(_VERDICTS, acceptance.verdict).upper(), label("report-iso-rule")
-    text = label("report-conformity", limit=acceptance.words, verdict=verdict, doubts=doubts, rule=rule)
+    verdict, rule = word(_VERDICTS, acceptance.verdict or "no data").upper(), label("report-iso-rule")
+    text = label("report-conformity", limit=acceptance.limit.words(), verdict=verdict, doubts=doubts, rule=rule)
     return _section("conformity", label("report-conformity-with-the-limit"), text, table)
 
 
@@ -142,27 +130,25 @@ def _budgets(procedure: verification_file.ProcedureReport) -> list[Section]:
     return _section("budget", label("report-uncertainty-budget"), text, *map(_budget, procedure.budgets))
 
 
-def _budget(budget: verification_file.BudgetReport) -> Table:
+def _budget(budget: Budget) -> Table:
     title = label(
-        "report-budget", length=name_of((budget.bar, budget.start, budget.end)), u=number(budget.combined_mm, 4),
+        "report-budget", length=name_of(budget.key), u=number(budget.combined_mm, 4),
         freedom=_freedom(budget.freedom), k=number(budget.coverage_factor, 2), expanded=number(budget.expanded_mm, 4),
     )  # fmt: skip
-    if budget.remedy.text:
-        title = label("report-to-lessen", budget=title, remedy=written(budget.remedy))
+    if (remedy := budget.remedy()) is not None:
+        title = label("report-to-lessen", budget=title, remedy=remedy)
     rows = []
     for c in sorted(budget.contributions, key=lambda c: -c.share):
-        within = number(c.contained_mm, 4)
-        note = "" if c.contained_mm is None else label("report-mm-within-repeatability", contained_mm=within)
         name, shape = word(_SHARES, c.name), word(_DISTRIBUTIONS, c.distribution)
         standard, share = number(c.standard_mm, 5), f"{100 * c.share:.0f} %"
-        rows.append((name, shape, c.evaluation, standard, _freedom(c.freedom), share, note))
-    heads = (*columns("contribution distribution type"), "u\nmm", *columns("degrees-of-freedom share"), "")
+        rows.append((name, shape, c.evaluation, standard, _freedom(c.freedom), share))
+    heads = (*columns("contribution distribution type"), "u\nmm", *columns("degrees-of-freedom share"))
     return Table(heads, tuple(rows), 2, title)
 
 
-def _freedom(value: float | None) -> str:
+def _freedom(value: float) -> str:
     """Degrees of freedom; k no longer depends on them above some hundred."""
-    if value is None:
+    if math.isinf(value):
         return "∞"
     return f"{value:.0f}" if value < _MANY else f"> {count(_MANY)}"
 
@@ -212,10 +198,9 @@ def _measured(bars: verification_file.BarReport) -> Section:
     rows: list[tuple[Cell, ...]] = []
     for row in bars.measured:
         error = number(row.error_mm, 4, sign=True)
-        broken = (row.pose, row.start, row.end) in bars.exceeding
         ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else NONE
         lengths = number(row.length_mm, 4), number(row.reference_mm, 4)
-        shown = Strong(error, BAD) if broken else error
+        shown = Strong(error, BAD) if bars.broken(row) else error
         rows.append((row.pose, name_of(row.key), *lengths, shown, number(row.u_mm, 4), ratio, str(row.views)))
     heads = columns("pose length measured-mm reference-mm error-mm")
     table = Table((*heads, "u (k = 1)\nmm", *columns("error-u views")), tuple(rows), 2)

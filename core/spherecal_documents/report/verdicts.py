@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from spherecal.data.rig import Affected
-from spherecal.verify.verification_file import AcceptanceReport, BarReport
+from spherecal.verify.limit import Acceptance
+from spherecal.verify.verification_file import BarReport
 from spherecal_documents.report.language import finding_words, label
 from spherecal_documents.report.model import KeyFigure, KeyFigures, Verdict
 from spherecal_documents.report.sections_bars import doubts_in_words, verdict_word
@@ -105,21 +106,25 @@ def _all_lengths(bars: BarReport) -> str:
     return label("report-all-n-lengths", n=bars.n, shown=count(bars.n))
 
 
-def _against_limit(acceptance: AcceptanceReport, bars: BarReport) -> tuple[str, str, str]:
+def _against_limit(acceptance: Acceptance, bars: BarReport) -> tuple[str, str, str]:
     """The decision after ISO 14253-1, where the user stated a limit."""
     largest = number(bars.max_abs_error_mm, 3)
     if acceptance.verdict == "pass":
-        kept = label("report-limit-kept", lengths=_all_lengths(bars), limit=acceptance.words, largest=largest)
+        kept = label("report-limit-kept", lengths=_all_lengths(bars), limit=acceptance.limit.words(), largest=largest)
         return label("report-pass"), GOOD, kept
     if acceptance.verdict == "fail":
         failed = [x for x in acceptance.lengths if x.verdict == "fail"]
         names = ", ".join(label("report-from-to", bar=x.bar, start=x.from_mark, end=x.to_mark) for x in failed[:4])
-        exceeded = label("report-the-limit-is-exceeded-beyond", words=acceptance.words, names=names)
+        exceeded = label("report-the-limit-is-exceeded-beyond", words=acceptance.limit.words(), names=names)
         return label("report-fail"), BAD, exceeded
     if acceptance.verdict == "cannot tell":
         key = "report-limit-open-why" if acceptance.doubts else "report-limit-open"
         doubts = doubts_in_words(acceptance)
-        return label("report-cannot-tell"), CAUTION, label(key, limit=acceptance.words, doubts=doubts, largest=largest)
+        return (
+            label("report-cannot-tell"),
+            CAUTION,
+            label(key, limit=acceptance.limit.words(), doubts=doubts, largest=largest),
+        )
     return label("report-no-data"), CAUTION, label("report-bars-not-judged")
 
 

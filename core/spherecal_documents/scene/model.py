@@ -341,7 +341,7 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
     """The scene with the measured bars whose marks are known; `bad` where the error is larger than U (k = 2)."""
     bars = []
     for row in report.measured if report is not None else ():
-        ends = [places.get(f"{row.pose}/{mark}") for mark in (row.start, row.end)]
+        ends = [places.get(f"{row.pose}/{mark}") for mark in (row.from_mark, row.to_mark)]
         if None in ends:
             continue
         start, end = (
@@ -349,7 +349,7 @@ def with_bars(data: SceneData, report: Any, places: Mapping[str, Any]) -> SceneD
         )
         expanded = None if row.u_mm is None else 2.0 * row.u_mm
         level = "none" if expanded is None else "good" if abs(row.error_mm) <= expanded else "bad"
-        bars.append(SceneBar(f"{row.pose} {row.start}-{row.end}", start, end, row.error_mm, expanded, level))
+        bars.append(SceneBar(f"{row.pose} {row.from_mark}-{row.to_mark}", start, end, row.error_mm, expanded, level))
     return replace(data, bars=tuple(bars))
 
 

@@ -9,8 +9,8 @@ from spherecal.data.session import Bar
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.marks import MarkFinder, MarkPlace
 from spherecal.verify.outlying_views import triangulate_checked
-from spherecal.verify.pose_plan import BarMarks
 from spherecal.verify.verify_bars import views_of
+from spherecal_rigs.pose_plan import BarMarks
 
 
 def measured_ends(

@@ -116,7 +116,7 @@ def _result(
     watch.lap("diagnosis")
     if scale.relative_uncertainty is not None:
         findings.append(scale_finding("waved-bar", scale.relative_uncertainty))
-    return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
+    return assemble_fit(evidence, session, fit, scale, findings, METHOD, watch.seconds)
 
 
 def _in_step(

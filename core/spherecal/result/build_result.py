@@ -112,11 +112,11 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
     turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
-    cameras, covariance = drifting(cameras, covariance, turns)
+    middle = np.nanmean(solution.state.points, axis=0)
+    cameras, covariance = drifting(cameras, covariance, turns, middle)
     cameras, covariance = _either_lens(cameras, covariance, evidence, findings)
     if ball_size is not None:
-        known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
-        from_middle = np.array([camera.centre_mm for camera in cameras]) - known.mean(axis=0)
+        from_middle = np.array([camera.centre_mm for camera in cameras]) - middle
         cameras, covariance = _of_either_size(
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )

@@ -104,7 +104,7 @@ def _result(
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
-        step = bar_step(network, recording, adjusted)
+        step = bar_step(work, adjusted)
         changed = 0.0 if step is None else step[1] / 2  # which of its two lengths is right is not known
         findings = findings if step is None else [*findings, step[0]]
         scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))

@@ -163,7 +163,7 @@ def _gated(
     network, rounds = work.network, 0
     while True:
         rounds += 1
-        state = _located(network, state, work.placed, used) if locate else state
+        state = located(network, state, work.placed, used) if locate else state
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
@@ -201,7 +201,7 @@ def _model(
     return BarModel(problem, work.recording.slots, lengths), rows[order]
 
 
-def _located(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
+def located(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
     """The state with points for features that had none, where most of the cameras as they now are agree on them.
 
     One camera that was knocked would leave all points that it sees without a place, and so without a contradiction.

@@ -6,11 +6,10 @@ import numpy as np
 from scipy.stats import rankdata
 
 from spherecal.adjust.bundle import usable_features
-from spherecal.adjust.network import Network
 from spherecal.base.arrays import FloatArray
 from spherecal.data.findings import Finding
-from spherecal_boards.bar_adjustment import BarAdjusted
-from spherecal_boards.bar_marks import BarRecording
+from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, located
+from spherecal_boards.bar_marks import known_lengths
 
 # Ranks of lengths before and after differ by so many standard deviations, and their medians by so many times what the
 # lengths scatter. Of 70 recordings on two rigs A and two B, marks loose by 0.06 to 1 mm had 9 to 13, and 4.6 to 26
@@ -23,12 +22,16 @@ MOST_STEP = 1e-3
 LEAST_LENGTHS, LEAST_SHARE = 8, 0.05
 
 
-def bar_step(network: Network, recording: BarRecording, adjusted: BarAdjusted) -> tuple[Finding, float] | None:
+def bar_step(work: BarNetwork, adjusted: BarAdjusted) -> tuple[Finding, float] | None:
     """The finding on the clearest change of a length during the recording, and the change over the length."""
-    lengths = adjusted.model.lengths
+    network, recording = work.network, work.recording
+    lengths = known_lengths(work.session, recording, np.ones(recording.n_points, dtype=bool))
     points, good = usable_features(network, adjusted.state, adjusted.used)  # not held by the certificates
     seen = replace(adjusted.state, points=np.where(good[:, None], points, np.nan))
-    off = np.linalg.norm(adjusted.model.differences(seen), axis=1) - lengths.length
+    # marks that were left out, since with them the bar is too long, where cameras agree: of rig B's, that two or three
+    # see, hardly any was left after one was loose by 1 mm
+    seen = located(network, seen, work.placed, adjusted.used)
+    off = np.linalg.norm(replace(adjusted.model, lengths=lengths).differences(seen), axis=1) - lengths.length
     steps = []
     for number in np.unique(lengths.certificate):
         own = np.flatnonzero((lengths.certificate == number) & np.isfinite(off))

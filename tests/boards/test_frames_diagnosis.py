@@ -235,3 +235,13 @@ def test_a_mark_that_comes_loose_while_the_bar_is_waved_is_named(size: float, ve
     assert abs(findings[0].values["worst_mm"]) == pytest.approx(size, rel=0.15)
     if verdict != "not-valid":
         assert not judged(done, case.reference).lengths_wrong
+
+
+@pytest.mark.parametrize(("seed", "size"), [(7, 1), (2001, 3)])
+def test_a_loose_mark_is_named_where_few_cameras_see_it(seed: int, size: float) -> None:
+    """What it contradicts is left out: the change of length is told by the marks that were."""
+    case = loose_mark(make_frame_world("rigB", "bar", seed), size, np.random.default_rng(seed))
+    done = calibrate(case.session, case.settings)
+    findings = [f for f in done.rig.quality.findings if f.code == "bar-poses-disagree"]
+    assert done.rig.quality.verdict == "not-valid" and [f.kind for f in findings] == ["from-a-frame"]
+    assert abs(findings[0].values["worst_mm"]) == pytest.approx(size, rel=0.15)

@@ -24,7 +24,7 @@ from benchmarks.studies.mischief_frames import (
     wobbling_board,
 )
 from benchmarks.studies.mischief_motions import moved
-from benchmarks.studies.mischief_optics import axes_exchanged, stretched_board
+from benchmarks.studies.mischief_optics import axes_exchanged, stretched_board, warming_bar
 from benchmarks.studies.photographs import CHESSBOARDS, halves, named, recorded
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
@@ -279,3 +279,11 @@ def test_halves_of_real_pictures_agree(shared_data: Path) -> None:
     glob, text = CHESSBOARDS["pose2sim cam02"]
     with recorded(named(glob, "cam"), text) as own:
         assert max(most for _, most in halves(own).values()) <= 3.0
+
+
+def test_a_bar_that_grows_while_it_is_waved_makes_the_scale_uncertain() -> None:
+    """By 500 ppm: VALID, and lengths 3.5 U off."""
+    case, done = spoilt(warming_bar, "bar", 500)
+    (finding,) = [f for f in done.rig.quality.findings if f.code == "bar-poses-disagree"]
+    assert (finding.severity, finding.kind) == ("info", "slowly") and finding.values["worst_mm"] > 0
+    assert judged(done, case.reference).covered >= 0.95

@@ -44,7 +44,7 @@ def field_terms(uv: FloatArray, size: FloatArray) -> FloatArray:
     """Legendre polynomials (k,TERMS) at pixels (k,2) of an image (2,)."""
     at = (2 * uv + 1) / size - 1
     powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
-    return legvander2d(at[:, 0], at[:, 1], [DEGREE, DEGREE])[:, powers <= DEGREE]
+    return np.asarray(legvander2d(at[:, 0], at[:, 1], [DEGREE, DEGREE])[:, powers <= DEGREE], dtype=np.float64)
 
 
 def misfits(

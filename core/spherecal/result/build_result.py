@@ -112,7 +112,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
     turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
-    middle = np.nanmean(solution.state.points, axis=0)
+    known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
+    middle = known.sum(axis=0) / max(len(known), 1)
     cameras, covariance = drifting(cameras, covariance, turns, middle)
     cameras, covariance = _either_lens(cameras, covariance, evidence, findings)
     if ball_size is not None:

@@ -71,7 +71,9 @@ from benchmarks.studies.mischief_optics import (
     slow_move,
     stretched_board,
     turned_figure,
+    two_sheets,
     vibration,
+    warming_bar,
     whole_pixels,
     wrong_temperature,
 )
@@ -464,4 +466,6 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("frames repeated", repeated_frames, (0.05, 0.3), "x", methods=_FRAMES),
     Mischief("figure turned for a camera", turned_figure, (1,), "camera", methods=_FRAMES),
     Mischief("region stated by its files", stated_roi, (2, 64), "px", methods=_SHOWN),
+    Mischief("stickers of two sheets", two_sheets, (0.002, 0.01), "x"),
+    Mischief("bar warms", warming_bar, (100, 500), "ppm", methods=_BAR),
 )

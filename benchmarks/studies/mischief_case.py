@@ -37,6 +37,7 @@ class Case:
         return any(
             any(part in f.code for part in self.blame) and (not self.names or bool(set(self.names) & set(f.where)))
             for f in findings
+            if f.code != "scale-uncertainty"  # every result says that
         )
 
 

@@ -227,6 +227,21 @@ def _stickers(ball: Ball, factor: float) -> Ball:
     return replace(ball, dots_mm=middle + factor * (ball.dots_mm - middle))
 
 
+def two_sheets(world: World, size: float, rng: np.random.Generator) -> Case:
+    """Half of the stickers are of another sheet, printed larger by a share."""
+    ball, targets = world.ball, np.unique(world.ball.dot_target)
+    other = np.isin(ball.dot_target, rng.permutation(targets)[::2])
+    dots = np.where(other[:, None], _stickers(ball, 1 + size).dots_mm, ball.dots_mm)
+    return make_case(replace(world, ball=replace(ball, dots_mm=dots)), rng, ("print", "stickers"))
+
+
+def warming_bar(world: World, size: float, rng: np.random.Generator) -> Case:
+    """The waved bar grows by so many ppm from the first frame to the last, as by a warm hand."""
+    last, bar = len(world.turns) - 1, world.ball
+    grown = replace(world, shape_of=lambda frame: replace(bar, dots_mm=bar.dots_mm * (1 + 1e-6 * size * frame / last)))
+    return make_case(grown, rng, ("bar-poses",))
+
+
 def shrinking_stickers(world: World, size: float, rng: np.random.Generator) -> Case:
     """Stickers shrink by a share from the first placement to the last, on a ball that does not."""
     last = len(world.turns) - 1

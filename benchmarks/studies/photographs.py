@@ -160,7 +160,7 @@ def recorded(files: dict[Path, str], text: str) -> Iterator[Recorded]:
         yield Recorded(new.session, find_boards(new.session, board, Context()).observations, board)
 
 
-def _named(glob: str, camera: str = "") -> dict[Path, str]:
+def named(glob: str, camera: str = "") -> dict[Path, str]:
     """Photographs and their names in a session: CAMERA_..._PLACEMENT.jpg, or of one camera."""
     made = {}
     for path in sorted(data().glob(glob)):
@@ -356,7 +356,7 @@ def _rigs(page: Report) -> tuple[list[tuple[str, str, float, float]], list[float
     )
     rows, halved, turns = [], [], []
     for name, (glob, text) in PAIRS.items():
-        with recorded(_named(glob), text) as own:
+        with recorded(named(glob), text) as own:
             rig, (rms, *theirs) = own.rig(), opencv_pair(own)
             rms_px = rig.quality.rms_px or float("nan")
             (length, sd, turn, turn_sd), (a, b) = _relative(rig), rig.cameras
@@ -380,7 +380,7 @@ def _rigs(page: Report) -> tuple[list[tuple[str, str, float, float]], list[float
     for source, (glob, text) in CHESSBOARDS.items():
         if source == "ucl":  # one picture a camera
             continue
-        with recorded(_named(glob, "cam"), text) as own:
+        with recorded(named(glob, "cam"), text) as own:
             rig, camera = own.rig(), own.rig().cameras[0]
             rms, focal = _alone(list(own.views(0).values()), own.board, own.session.cameras[0].image_size)
             stated = float(camera.sigma.intrinsics[0]) if camera.sigma is not None else float("nan")

@@ -21,7 +21,9 @@ from benchmarks.studies.workers import Job, spread
 from benchmarks.studies.wrong_verified import LIMIT_MM, Said, said_of
 
 # The rig, and by what it is calibrated where that is not the ball.
-FRAMED = tuple(f"{rig}, {method}" for method in ("board", "bar") for rig in ("rigA", "random"))
+FRAMED = tuple(
+    f"{rig}, {method}" for rigs in (("rigA", "random"), ("rigB",)) for method in ("board", "bar") for rig in rigs
+)
 WORLDS = (*RIGS, *FRAMED)
 RUNS = 50
 CLEAN = 400

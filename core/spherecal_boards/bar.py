@@ -103,7 +103,7 @@ def _result(
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
-        step = bar_step(network, recording, adjusted)
+        step = bar_step(work, adjusted)
         changed = 0.0 if step is None else step[1] / 2  # which of its two lengths is right is not known
         findings = findings if step is None else [*findings, step[0]]
         scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))
@@ -115,7 +115,7 @@ def _result(
     watch.lap("diagnosis")
     if scale.relative_uncertainty is not None:
         findings.append(scale_finding("waved-bar", scale.relative_uncertainty))
-    return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
+    return assemble_fit(evidence, session, fit, scale, findings, METHOD, watch.seconds)
 
 
 def _in_step(

@@ -155,7 +155,7 @@ def _gated(
     network, rounds, settings = work.network, 0, Settings(max_iterations=60) if alone else Settings()
     while True:
         rounds += 1
-        state = state if alone else _located(network, state, work.placed, used)
+        state = state if alone else located(network, state, work.placed, used)
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
@@ -193,7 +193,7 @@ def _model(
     return BarModel(problem, work.recording.slots, lengths), rows[order]
 
 
-def _located(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
+def located(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
     """The state with points for features that had none, where most of the cameras as they now are agree on them.
 
     One camera that was knocked would leave all points that it sees without a place, and so without a contradiction.

@@ -285,7 +285,7 @@ def _result(
     evidence = frame_evidence(session, fit, scale, "rigid", context)
     findings = [*findings, *common_findings(session, fit, "board"), *diagnosed(evidence, "board")]
     watch.lap("diagnosis")
-    return assemble_fit(session, fit, scale, findings, METHOD, watch.seconds)
+    return assemble_fit(evidence, session, fit, scale, findings, METHOD, watch.seconds)
 
 
 def _about_observations(images: BoardImages | None, foreign: int) -> list[Finding]:

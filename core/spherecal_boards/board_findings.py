@@ -32,7 +32,7 @@ from spherecal.diagnose.run_checks import (
     outliers,
     weak_focal_lengths,
 )
-from spherecal.diagnose.soundness import MANY_OUTLIERS, MOST_CAMERAS, unsound
+from spherecal.diagnose.soundness import MANY_OUTLIERS, unsound
 from spherecal.diagnose.swapped_cameras import swapped_cameras
 from spherecal.initialise.view_graph import groups_of
 from spherecal_boards.board_result import Fit
@@ -40,10 +40,6 @@ from spherecal_boards.frames_evidence import FrameEvidence
 from spherecal_boards.moving_board import moving_board
 
 Shown = Literal["board", "bar"]
-# Pixels skewed by 1 to 4 px over the height, the same in all ten cameras, left lengths 3.1 to 3.7 U off although parts
-# that disagree had widened U by 6 to 9. By a bar on rig A lengths were then still beyond 3 U in two of six recordings,
-# with a factor of 4 off by 1.9 to 2.8 U in five; on other rigs, and by boards, with 2 by 0.1 to 1.1 U in six.
-ALL_LENSES = {"board": 2.0, "bar": 4.0}
 
 
 def unlinked(
@@ -89,8 +85,6 @@ def diagnosed(e: FrameEvidence | None, what: Shown) -> list[Finding]:
     found += unsound(e, found)
     if what == "board":
         found = moving_board(e, found)
-    if any(f.code == "lens-misfit" and len(f.where) >= MOST_CAMERAS * e.placed.sum() for f in found):
-        found = [_of_all_lenses(f, what) if f.code == "parts-disagree" else f for f in found]
     return [f if what == "board" else _of_single_frames(f) for f in found]
 
 
@@ -115,12 +109,6 @@ def _anomalies(e: FrameEvidence) -> Anomalies:
         least_shift=least_visible(e.probe, tests),
         scatter=scatters(e.probe, tests),
     )
-
-
-def _of_all_lenses(finding: Finding, what: Shown) -> Finding:
-    """What depends on single parts, where most lenses deviate from their model alike: leaving out one shows a part."""
-    both = {name: ALL_LENSES[what] * finding.values[name] for name in ("lengths", "poses")}
-    return replace(finding, values={**finding.values, **both})
 
 
 def _of_single_frames(finding: Finding) -> Finding:

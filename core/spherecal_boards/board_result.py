@@ -11,10 +11,13 @@ from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, CameraCovariance, CameraSigma, Rig, RigCamera, RigScale
 from spherecal.data.session import Session
 from spherecal.data.verdict import ruled, widening
+from spherecal.diagnose.influence import bent_by_lenses
 from spherecal.diagnose.run_checks import STATED_LENGTH_MM
+from spherecal.diagnose.soundness import MOST_CAMERAS
+from spherecal.geometry.field_table import FieldTable
 from spherecal.result.build_result import camera_sigma, dot_noise_px, map_of_lengths, placed_camera, quality_of
 from spherecal_boards.frames_adjustment import Adjusted
-from spherecal_boards.frames_evidence import Tested
+from spherecal_boards.frames_evidence import FrameEvidence, Tested
 
 
 @dataclass(frozen=True)
@@ -39,9 +42,15 @@ class Fit:
 
 
 def assemble_fit(
-    session: Session, fit: Fit, scale: RigScale, findings: list[Finding], method: str, seconds: dict[str, float]
+    e: FrameEvidence | None,
+    session: Session,
+    fit: Fit,
+    scale: RigScale,
+    findings: list[Finding],
+    method: str,
+    seconds: dict[str, float],
 ) -> Calibration:
-    """The calibration of a session from its fit."""
+    """The calibration of a session from its fit and what its diagnosis rests on."""
     names = [session.cameras[c].id for c in np.flatnonzero(fit.placed)]
     lengths, poses = widening(ruled(findings), names, "free" if method == "bar" else "rigid")
     most = float(lengths.max(initial=1.0))
@@ -52,9 +61,9 @@ def assemble_fit(
     used, of_unit = fit.adjusted.used, fit.adjusted.variance
     sigma0 = float(np.sqrt(of_unit)) if np.isfinite(of_unit) else None
     quality = quality_of(fit.residual[used], sigma0, ordered, names)
-    placed = zip(np.flatnonzero(fit.placed), poses, strict=True)
-    cameras = tuple(_camera(session, fit, int(c), factor) for c, factor in placed)
-    covariance, noise_px = _covariance(fit, scale, lengths), dot_noise_px(fit.observations, used, of_unit)
+    placed, (bent, fields) = zip(np.flatnonzero(fit.placed), poses, strict=True), _by_lenses(e, findings)
+    cameras = tuple(_camera(session, fit, int(c), factor, fields) for c, factor in placed)
+    covariance, noise_px = _covariance(fit, scale, lengths, bent), dot_noise_px(fit.observations, used, of_unit)
     reference, shown = session.cameras[fit.reference].id, map_of_lengths(cameras, covariance, fit.points, noise_px)
     rig = Rig(
         reference, cameras, scale, quality, session.input_sha256, covariance, shown, recorded_at=session.recorded_at
@@ -72,9 +81,9 @@ def _wider_scale(fit: Fit, scale: RigScale, factor: float) -> RigScale:
     return replace(scale, relative_uncertainty=float(np.hypot(scale.relative_uncertainty, more)))
 
 
-def _camera(session: Session, fit: Fit, c: int, wider: float) -> RigCamera:
+def _camera(session: Session, fit: Fit, c: int, wider: float, fields: dict[int, FieldTable]) -> RigCamera:
     own = fit.residual[fit.adjusted.used & (fit.observations.camera == c)]
-    return placed_camera(session.cameras[c], fit.adjusted.state, c, own, _sigma(fit, c, wider), None)
+    return placed_camera(session.cameras[c], fit.adjusted.state, c, own, _sigma(fit, c, wider), fields.get(c))
 
 
 def _sigma(fit: Fit, c: int, wider: float) -> CameraSigma | None:
@@ -86,8 +95,23 @@ def _sigma(fit: Fit, c: int, wider: float) -> CameraSigma | None:
     return camera_sigma(cofactors, adjusted.state.rotation[c], adjusted.model.problem, c)
 
 
-def _covariance(fit: Fit, scale: RigScale, wider: FloatArray) -> CameraCovariance | None:
-    """The covariance of all placed cameras, the noise `wider` (k,), with the scale's share; None without one."""
+def _by_lenses(e: FrameEvidence | None, findings: list[Finding]) -> tuple[FloatArray | None, dict[int, FieldTable]]:
+    """What lenses beyond their model may have done, those that are named, or all where most are; and their fields."""
+    named = {name for f in findings if f.code == "lens-misfit" for name in f.where}
+    if e is None or not named:
+        return None, {}
+    own = np.isin(e.camera_ids, list(named))
+    return bent_by_lenses(e, np.flatnonzero(e.placed if own.sum() >= MOST_CAMERAS * e.placed.sum() else own)) or (
+        None,
+        {},
+    )
+
+
+def _covariance(fit: Fit, scale: RigScale, wider: FloatArray, bent: FloatArray | None) -> CameraCovariance | None:
+    """The covariance of all placed cameras, the noise `wider` (k,), with the scale's share; None without one.
+
+    Then what their lenses may have done to all of them.
+    """
     covariance, variance = fit.adjusted.covariance, fit.adjusted.variance
     if covariance is None or not np.isfinite(variance) or scale.relative_uncertainty is None:
         return None
@@ -95,4 +119,5 @@ def _covariance(fit: Fit, scale: RigScale, wider: FloatArray) -> CameraCovarianc
     columns = fit.adjusted.model.problem.intrinsic_columns
     keep, each = np.repeat(fit.placed, POSE + len(columns)), np.repeat(wider, POSE + len(columns))
     noise = variance * covariance.all_cameras[np.ix_(keep, keep)] * np.outer(each, each)
-    return CameraCovariance(noise + np.outer(stretch[keep], stretch[keep]), columns)
+    further = np.array([stretch, np.zeros_like(stretch) if bent is None else bent])[:, keep]
+    return CameraCovariance(noise + further.T @ further, columns)

@@ -42,7 +42,7 @@ def effects_of(rig: "Rig", folder: Path) -> tuple[CameraEffect, ...]:
     found = []
     for camera in rig.cameras:
         field = camera.field
-        size = None if field is None else np.hypot(field.du, field.dv)
+        size = None if field is None or not (field.du.any() or field.dv.any()) else np.hypot(field.du, field.dv)
         own = np.array(turns.get(camera.id, [])).reshape(-1, 3)
         across = np.array([camera.intrinsics[1], camera.intrinsics[0], np.hypot(*camera.image_size) / 4])
         found.append(CameraEffect(camera.id, size, np.linalg.norm(np.deg2rad(own) * across, axis=1)))

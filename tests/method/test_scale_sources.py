@@ -9,6 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.studies.judged import judged
+from benchmarks.studies.mischief_optics import two_sheets
+from benchmarks.studies.mischief_world import make_world
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import UNMEASURED_PRINT, Scale, Session
@@ -253,3 +256,13 @@ def test_stickers_that_change_make_the_scale_doubtful(shrink: float, outward_px:
     assert all(abs(x.mean_error_mm) < x.expanded_uncertainty_mm for x in found.lengths)
     by = calibrate(spoilt_stickers(by_bar(), shrink, outward_px))  # whose scale the stickers do not touch
     assert "stickers-change" not in codes(by) and by.rig.quality.verdict == "valid"
+
+
+@pytest.mark.parametrize(("rig", "larger", "verdict"), [("rigA", 0.002, "valid"), ("rigB", 0.01, "use-with-care")])
+def test_stickers_of_two_sheets_make_the_scale_doubtful(rig: str, larger: float, verdict: str) -> None:
+    """VALID with lengths 4 and 5 U off; where noise is little one half was left out as wrong."""
+    case = two_sheets(make_world(rig, 1), larger, np.random.default_rng(1))
+    done = calibrate(case.session)
+    (finding,) = [f for f in done.rig.quality.findings if f.code == "print-stretched"]
+    assert finding.kind == "sheets" and finding.values["percent"] == pytest.approx(100 * larger, rel=0.1)
+    assert done.rig.quality.verdict == verdict and judged(done, case.reference).covered >= 0.95

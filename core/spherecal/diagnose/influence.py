@@ -16,7 +16,9 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.score import ScoreTest
+from spherecal.diagnose.lens import TERMS, field_terms, field_values
+from spherecal.diagnose.score import ScoreTest, change_of, spread
+from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.length_uncertainty import Cameras, length_gradients
 from spherecal.geometry.volume_map import LENGTH_MM, measured_volume
 
@@ -102,6 +104,38 @@ def influence(e: Evidence) -> Influence | None:
     # all poses are off together by what turns the points' frame, and a mean over them hides it: lengths grew 2.13
     # times, poses by nothing, and two cameras of 16 were 3.1 and 4.6 times their U off
     return Influence(lengths, max(lengths, IN_COMMON * poses if poses > LEAST_TIMES else poses))
+
+
+def bent_by_lenses(e: Evidence, cameras: IntArray) -> tuple[FloatArray, dict[int, FieldTable]] | None:
+    """What the fields of some lenses (k,), all estimated together, may have done to the cameras: a change (c*w,).
+
+    Nothing corrects the fields: they move the ends of lengths in their images too, and by camera that is what its image
+    points are uncertain by. Pixels skewed by 2 px over the height, the same in all ten cameras of rig A: what both do
+    to lengths by a bar or a board has correlations of 0.91 to 0.998 with their errors, and hardly any with what noise
+    does: no factor served the middle of the volume and its rim.
+    """
+    cofactors, probe = e.solved.cofactors, e.probe
+    if cofactors is None or probe is None or probe.shift is None or len(e.adjusted.rows) > MOST_OBSERVATIONS:
+        return None
+    sizes = [e.session.cameras[c].image_size for c in cameras]
+    rows = np.flatnonzero(np.isin(probe.problem.camera, cameras))
+    at = np.searchsorted(cameras, probe.problem.camera[rows])
+    values = np.zeros((len(rows), 2, 2 * TERMS))
+    for k, size in enumerate(sizes):
+        values[at == k] = field_values(probe, rows[at == k], np.array(size))
+    fields = spread(values, 2 * TERMS * at, (2 * len(rows), 2 * TERMS * len(cameras)))
+    change = change_of(*probe.block(rows, fields), probe.variance)
+    if change.statistic <= change.dof:
+        return None
+    real = np.sqrt(1 - change.dof / change.statistic)  # the rest is noise
+    force, by_points = probe.forces(rows, (fields @ change.value)[:, None])
+    by_column, pulled, by_datum = cofactors.by_scores(np.eye(len(e.placed) * probe.linear.width))
+    tables = {}
+    for c, size, field in zip(cameras, sizes, change.value.reshape(-1, 2, TERMS), strict=True):
+        pitch, nodes, shape = table_nodes(size)
+        off = real * np.linalg.norm(field_terms(nodes, np.array(size)) @ field.T, axis=1) / np.sqrt(2)
+        tables[int(c)] = FieldTable(pitch, np.zeros(2), np.zeros(shape), np.zeros(shape), off.reshape(shape))
+    return real * (force @ by_column + by_points @ pulled @ by_datum)[0], tables
 
 
 def length_functions(e: Evidence, columns: IntArray) -> tuple[FloatArray, float]:

@@ -32,14 +32,19 @@ class Misfit:
 
 def field_values(probe: ScoreTest, rows: IntArray, size: FloatArray) -> FloatArray:
     """Derivatives (k,2,2*TERMS) of one camera's rows (k,) by its fields: Legendre polynomials over its image (2,)."""
-    at = (2 * probe.problem.uv[rows] + 1) / size - 1
-    powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
-    terms = legvander2d(at[:, 0], at[:, 1], [DEGREE, DEGREE])[:, powers <= DEGREE]
+    terms = field_terms(probe.problem.uv[rows], size)
     weight = probe.problem.weight[rows]
     values = np.zeros((len(rows), 2, 2 * TERMS))
     values[:, 0, :TERMS] = terms * weight[:, :1]
     values[:, 1, TERMS:] = terms * weight[:, 1:]
     return values
+
+
+def field_terms(uv: FloatArray, size: FloatArray) -> FloatArray:
+    """Legendre polynomials (k,TERMS) at pixels (k,2) of an image (2,)."""
+    at = (2 * uv + 1) / size - 1
+    powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
+    return np.asarray(legvander2d(at[:, 0], at[:, 1], [DEGREE, DEGREE])[:, powers <= DEGREE], dtype=np.float64)
 
 
 def misfits(

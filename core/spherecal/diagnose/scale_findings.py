@@ -125,11 +125,12 @@ def bar_doubt(findings: Iterable[Finding]) -> float:
 
 
 def stretched_print(e: Evidence) -> list[Finding]:
-    """The finding where the stickers that give the scale are longer in one direction of the print than across it."""
-    stretch = e.solution.stretch
-    if not stretch:
-        return []
-    return [Finding("print-stretched", "warning" if stretch > MOST_STRETCH else "info", {"percent": 100 * stretch})]
+    """Where stickers that give the scale are longer in one direction of the print than across it, or of two sheets."""
+    return [
+        Finding("print-stretched", "warning" if off > MOST_STRETCH else "info", {"percent": 100 * off}, kind=kind)
+        for off, kind in ((e.solution.stretch, "across"), (e.solution.sheets, "sheets"))
+        if off
+    ]
 
 
 def _printed(e: Evidence) -> _Printed | None:

@@ -116,10 +116,11 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     cameras, covariance = _either_pose(cameras, covariance, evidence)
     turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
     known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
-    from_middle = np.array([camera.centre_mm for camera in cameras]).reshape(-1, 3) - known.mean(axis=0)
-    cameras, covariance = drifting(cameras, covariance, turns, np.linalg.norm(from_middle, axis=1))
+    middle = known.sum(axis=0) / max(len(known), 1)
+    cameras, covariance = drifting(cameras, covariance, turns, middle)
     cameras, covariance = _either_lens(cameras, covariance, evidence, findings)
     if ball_size is not None:
+        from_middle = np.array([camera.centre_mm for camera in cameras]) - middle
         cameras, covariance = _of_either_size(
             cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
         )

@@ -26,7 +26,8 @@ class Solution:
 
     `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres. `cameras` is the
     covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance). `stretch`: of the print
-    that gives the scale, relative. `odd`: poses of the bar that gives it which disagree with the others.
+    that gives the scale, relative, and `sheets`, by how much some of its stickers are larger than others. `odd`: poses
+    of the bar that gives it which disagree with the others.
     """
 
     state: State
@@ -38,6 +39,7 @@ class Solution:
     cameras: FloatArray | None = None
     stretch: float = 0.0
     odd: OddPoses | None = None
+    sheets: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -113,8 +115,9 @@ def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -
     if cofactors is not None:
         cameras = _metric_cameras(state.scaled(factor), factor, found, cofactors, adjusted.variance)
     scatter, stretch, odd = (found.scatter, found.stretch, found.odd) if found else (0.0, 0.0, None)
+    sheets = found.sheets if found else 0.0
     spheres = {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()}
-    return Solution(state.scaled(factor), cofactors, factor, scale, scatter, spheres, cameras, stretch, odd)
+    return Solution(state.scaled(factor), cofactors, factor, scale, scatter, spheres, cameras, stretch, odd, sheets)
 
 
 def _metric_cameras(

@@ -23,6 +23,11 @@ LEAST_DOTS = 4
 # A print counts as stretched from this chi-square on (2 degrees of freedom: one of 270,000 by chance), of as many
 # targets.
 SURE_STRETCH, LEAST_TARGETS = 25.0, 10
+# Sizes are those of two sheets where in the two groups that fit best less than a share of their variance is left. Of n
+# normal ones 0.36 are left, and by chance no less than so much below it over the root of n (Monte Carlo, one of 50,000:
+# 0.145 of 40, 0.20 of 80). A group is this share at least. Half of the stickers 1 % larger: lengths 5 U off, and VALID.
+OF_NORMAL, BY_CHANCE, LEAST_GROUP = 0.36, 1.35, 0.1
+OF_ONE_PRINTER = 0.03  # larger ones are no prints of one sheet
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,8 @@ class FoundScale:
     `scatter` is the relative standard deviation between stickers that measurement noise does not explain: the print.
     `gradient` (f,3): how the measured size follows the features' places, relatively. `stretch`: by how much longer the
     stickers are in one direction of the print than across it, relatively; 0 where that is not certain. `source`:
-    what it comes from, where that is not what the session asks for. `odd`: poses of the bar that disagree.
+    what it comes from, where that is not what the session asks for. `odd`: poses of the bar that disagree. `sheets`:
+    by how much the stickers of one sheet are larger than those of another, relatively; 0 where all are alike.
     """
 
     factor: float
@@ -43,6 +49,7 @@ class FoundScale:
     stretch: float = 0.0
     source: str = ""
     odd: "OddPoses | None" = None
+    sheets: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -98,6 +105,8 @@ def scale_from_spacing(
     # by the adjustment; within 6 standard deviations, as observed and as computed, of the median
     off = np.abs(ratio / np.median(ratio) - 1)
     spread = max(1.4826 * float(np.median(off)), 1e-9)
+    near = off < OF_ONE_PRINTER  # those of the other sheet may be left out below
+    sheets = _sheets(ratio[near] / np.median(ratio), noise[near], stickers.target[near])
     stickers = stickers.select(off <= 6 * np.maximum(np.sqrt(np.minimum(noise, 1e-4)), spread))
     bend = flat[: len(stickers.target)]
     ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
@@ -112,9 +121,9 @@ def scale_from_spacing(
     per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1), weight)
     by_print = scatter**2 * float((per_target**2).sum())
     stretch = _stretch(stickers, points, bend, weight)
-    # which of the two directions has the length that was asked for is not known
-    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print + (stretch / 2) ** 2)
-    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter, stretch)
+    # which of the two directions, or sheets, has the length that was asked for is not known
+    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print + (stretch**2 + sheets**2) / 4)
+    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter, stretch, sheets=sheets)
 
 
 def scale_from_mean_distance(
@@ -208,6 +217,26 @@ def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, wei
     if ((mean**2) / np.maximum(variance, 1e-300)).sum() < SURE_STRETCH:
         return 0.0
     return 2 * float(np.hypot(*mean))
+
+
+def _sheets(ratio: FloatArray, variance: FloatArray, target: IntArray) -> float:
+    """By how much the stickers (n,) of one sheet are larger than those of another; 0 where they are no two groups.
+
+    By the surer half of them: noise fills the gap between the groups.
+    """
+    index = np.unique(target, return_inverse=True)[1].reshape(-1)
+    precision = np.bincount(index, 1 / variance)
+    size = np.bincount(index, ratio / variance) / precision
+    size = np.sort(size[precision >= np.median(precision)]) if len(size) else size
+    n, least = len(size), max(int(LEAST_GROUP * len(size)), 2)
+    if n < LEAST_TARGETS:
+        return 0.0
+    split = np.arange(least, n - least + 1)
+    apart = (size.sum() - size.cumsum()[split - 1]) / (n - split) - size.cumsum()[split - 1] / split
+    between = apart**2 * split * (n - split) / n
+    best = int(np.argmax(between))
+    left = 1 - between[best] / ((size - size.mean()) ** 2).sum()
+    return float(apart[best]) if left < OF_NORMAL - BY_CHANCE / np.sqrt(n) else 0.0
 
 
 def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:

@@ -131,7 +131,7 @@ def _field_losses(rig: Rig) -> dict[str, FieldLoss]:
     lost = {}
     middle = np.mean([camera.centre_mm for camera in rig.cameras], axis=0)
     for camera in rig.cameras:
-        if (field := camera.field) is None:
+        if (field := camera.field) is None or not (field.du.any() or field.dv.any()):
             continue
         size = np.hypot(field.du, field.dv)
         known = (

@@ -95,10 +95,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     motions = image_motions(session, observations.placements, corrections)
     found = run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence)
-    of_effects = effects_findings(cameras, motions, uv)
-    if any(f.code == "camera-drifts" and f.kind == "most" for f in of_effects):  # the ball was at rest for no camera
-        found = tuple(f for f in found if f.code != "camera-unsteady")
-    findings = ruled([*found, *of_effects])
+    findings = ruled(_beside(found, effects_findings(cameras, motions, uv)))
     release_freed()
     names = [camera.id for camera in cameras]
     share = not_of_fields(corrections, solution.covariance, len(placed))[placed & lasting]
@@ -206,6 +203,12 @@ def _wider(camera: RigCamera, factor: float) -> RigCamera:
         return camera
     s = camera.sigma
     return replace(camera, sigma=CameraSigma(s.rotation_deg * factor, s.centre_mm * factor, s.intrinsics * factor))
+
+
+def _beside(found: Sequence[Finding], of_effects: tuple[Finding, ...]) -> list[Finding]:
+    """All findings; where the ball moves between the exposures of most cameras, no camera alone is unsteady."""
+    moves = any(f.code == "camera-drifts" and f.kind == "most" for f in of_effects)
+    return [*(f for f in found if not (moves and f.code == "camera-unsteady")), *of_effects]
 
 
 def _wider_covariance(

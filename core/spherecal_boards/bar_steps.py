@@ -43,8 +43,8 @@ def bar_step(work: BarNetwork, adjusted: BarAdjusted) -> tuple[Finding, float] |
     times, change, row = max(steps, key=lambda step: step[0])
     relative = abs(change) / float(lengths.length[row])
     if times < LEAST_STEP:
-        values = {"worst_mm": change, "times": times}
-        return Finding("bar-poses-disagree", "info", values, (recording.bar.id,), kind="slowly"), relative
+        values = {"worst_mm": 2 * change, "times": times}  # from end to end, where halves differ by half of it
+        return Finding("bar-poses-disagree", "info", values, (recording.bar.id,), kind="slowly"), 2 * relative
     pose = recording.observations.placements[int(recording.pose[lengths.frame[row]])]
     severity, values = "error" if relative > MOST_STEP else "warning", {"worst_mm": change, "times": times}
     where = (recording.bar.id, pose)

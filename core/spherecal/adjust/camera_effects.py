@@ -13,8 +13,8 @@ from spherecal.geometry.rotation import exp_rotation
 
 FIELD, MOTION, BENDING = 0, 1, 2  # kinds of effects
 TURN = 3  # columns of a motion
-# Powers of a place's coordinates in a smooth change of the ball's shape, the sum of them at most 3 (no shift).
-_POWERS = np.array([p for p in product(range(4), repeat=3) if 1 <= sum(p) <= 3])
+# Powers of a place's coordinates in a smooth change of the ball's shape, the sum of them at most 4 (no shift).
+_POWERS = np.array([p for p in product(range(5), repeat=3) if 1 <= sum(p) <= 4])
 
 
 # A step between two placements, or of one image alone, explains this share of the turns of a camera that was knocked

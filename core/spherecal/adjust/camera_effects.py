@@ -59,14 +59,15 @@ class Bending:
 
 
 def bending_of(points: FloatArray, is_shared: BoolArray, n_placements: int) -> Bending:
-    """Changes of the shape of a body by polynomials of rms 1 over its points (p,3).
+    """Changes of the shape of a body by polynomials of rms 1 over its points (p,3), over their degree.
 
     `is_shared` (p,): points that several placements show; marks of a bar are none of the body.
     """
     off = np.where(is_shared[:, None], points - points[is_shared].mean(axis=0), 0.0)
     size = float(np.sqrt((off[is_shared] ** 2).sum(axis=1).mean()))
     values = ((off / size)[:, None] ** _POWERS).prod(axis=2)
-    return Bending(values / np.sqrt((values[is_shared] ** 2).mean(axis=0)).clip(min=1e-9), size, n_placements)
+    rms = np.sqrt((values[is_shared] ** 2).mean(axis=0)).clip(min=1e-9)
+    return Bending(values / rms / _POWERS.sum(axis=1), size, n_placements)
 
 
 @dataclass(frozen=True)

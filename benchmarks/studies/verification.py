@@ -157,8 +157,11 @@ def _warm(session: Session) -> Session:
 
 def covered(verification: Verification) -> tuple[list[bool], list[bool]]:
     """Whether the intervals hold zero, the error of a perfect rig: of means, and of single lengths."""
-    means = [abs(x.mean_error_mm) <= x.expanded_uncertainty_mm for x in verification.lengths]
     assert verification.procedure is not None
+    means = []
+    for length in verification.lengths:
+        assert length.mean_error_mm is not None and length.expanded_uncertainty_mm is not None
+        means.append(abs(length.mean_error_mm) <= length.expanded_uncertainty_mm)
     return means, [abs(m.error_mm) <= 2 * m.budget.combined_mm for m in verification.measured]
 
 

@@ -127,6 +127,7 @@ def test_a_rig_of_kalibr_is_verified(calibration, folder: Path, tmp_path: Path) 
     known = spherecal.verify_rig(folder / "session", calibration.rig)
     assert len(lines) == len(known.lengths) + 1 and lines[-1] in ("consistent", "inconsistent")
     for line, length in zip(lines[:-1], known.lengths, strict=True):
+        assert length.mean_error_mm is not None
         assert abs(float(line.split(": ")[1].split(" mm")[0]) - length.mean_error_mm) < 0.3, "four coefficients, no k3"
 
 

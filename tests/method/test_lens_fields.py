@@ -10,8 +10,9 @@ import pytest
 from benchmarks.simulators.lens_errors import TrueLens, random_field
 from benchmarks.studies.simulated import Bars, make_bars, simulate
 from spherecal.adjust.camera_effects import MOTION, TURN, Corrections, Design, _step_share
+from spherecal.adjust.corrections import _with_considered
 from spherecal.adjust.lens_field import field_basis, left_unknown
-from spherecal.adjust.variance_components import Effects, effect_cofactors, estimated
+from spherecal.adjust.variance_components import Effects, effect_cofactors, estimated, others_eliminated, solved
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, CameraSigma
@@ -69,6 +70,21 @@ def test_amplitudes_are_found_by_restricted_likelihood_and_vanish_without_effect
         else:
             assert np.abs(found.coefficients).max() < 0.05
         assert found.sigma0_squared == pytest.approx(1.0, rel=0.15)
+
+
+def test_effects_that_nobody_estimates_are_taken_up_by_the_others() -> None:
+    rng, part = np.random.default_rng(4), np.repeat([0, 1], 3)
+    design, noise = rng.normal(size=(40, 6)), rng.normal(size=40)
+    effects = Effects(design.T @ design, design.T @ noise, float(noise @ noise), 40, part, np.arange(2))
+    taken, considered = np.array([0.5, 0.0]), np.array([0.0, 0.2])
+    one, other = design[:, :3], design[:, 3:]
+    own = np.linalg.inv(one.T @ one + np.eye(3) / 0.5)
+    shift = own @ one.T @ other  # of the estimate, by effects that are not estimated
+    expected = np.block([[own + 0.2 * shift @ shift.T, -0.2 * shift], [-0.2 * shift.T, 0.2 * np.eye(3)]])
+    assert _with_considered(effects, taken, considered) == pytest.approx(expected, abs=1e-12)
+    alone = others_eliminated(effects, taken, considered > 0)
+    gain = solved(alone, np.array([0.2])).deviance - solved(alone, np.zeros(1)).deviance
+    assert gain == pytest.approx(solved(effects, taken + considered).deviance - solved(effects, taken).deviance)
 
 
 def test_beyond_the_last_points_a_field_is_as_uncertain_as_it_errs() -> None:

@@ -23,7 +23,7 @@ LENS = intrinsics_vector(np.array([[2300.0, 0, 1032], [0, 2300, 772], [0, 0, 1]]
         1080,  # a ball 0.9 % off its nominal diameter, where lengths had U of 2.6 %, was taken for a wrong scale
         1093,  # a field of 0.03 px that was not taken, and that no U held: a camera was 3.2 times its U off
         1128,  # a field 160 px beyond the last points was taken for known: a length was 4.5 times its U off
-        1229,  # fields finer than the whole image allows were refused: U of 13 mm on 500, 2.4 now
+        1229,  # fields finer than the whole image allows were refused: U of 13 mm on 500, 2.5 now
         1245,  # a ball that bends by 0.01 mm, taken as rigid: a camera was 3.2 times its U off
         1212,  # cameras that drift by 10 urad were told as moved
         1060,  # bars that the rig bends together disagreed with each other, by 13.6 standard deviations of each alone

@@ -59,7 +59,7 @@ class Bending:
 
 
 def bending_of(points: FloatArray, is_shared: BoolArray, n_placements: int) -> Bending:
-    """Changes of the shape of a body by polynomials of rms 1 over its points (p,3), over their degree.
+    """Changes of the shape of a body by polynomials, each with an rms over its points (p,3) of 1 over its degree.
 
     `is_shared` (p,): points that several placements show; marks of a bar are none of the body.
     """

@@ -79,7 +79,7 @@ _LEAST_POINTS, _MOST_POINTS, _MANY = (64, 256), 1024, 2000
 NOT_EXCLUDED_PX, NOT_EXCLUDED, MORE_THAN_NOISE = tuple(0.4 / 2**k for k in range(7, -1, -1)), 1.0, 10.0
 # A ball taken as rigid that bends a little: each polynomial's amplitude over the ball's size, at up to so many
 # placements. Bent by 0.01 mm of 250, centres of cameras were off by 3.3 of their standard uncertainties, rms, and are
-# now by 0.9 (seed 1245; lengths 2.3 and 1.0).
+# now by 0.9 (seed 1245; lengths 2.3 and 1.1).
 MOST_BENDING, BENT = 10, tuple(2e-4 / 2**k for k in range(9, -1, -1))
 ROUNDS = 4
 SETTLED_PX = 1e-3
@@ -399,7 +399,8 @@ def is_beyond(found: Corrections, network: Network, intrinsics: FloatArray) -> b
 def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) -> Covariance:
     """The covariance of an adjusted network with its corrections estimated, from that in which they are known.
 
-    Fields that the data do not ask for take part with the largest amplitude that the data do not exclude.
+    Fields that the data do not ask for take part with the largest amplitude that the data do not exclude, and so do
+    changes of shape of a ball that is taken as rigid.
     """
     found = network.corrections
     if isinstance(network.ball, Deformable):

@@ -95,7 +95,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
     motions = image_motions(session, observations.placements, corrections)
     found = run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence)
-    findings = ruled(_beside(found, effects_findings(cameras, motions, uv)))
+    findings = ruled(_all_said(found, effects_findings(cameras, motions, uv)))
     release_freed()
     names = [camera.id for camera in cameras]
     share = not_of_fields(corrections, solution.covariance, len(placed))[placed & lasting]
@@ -205,7 +205,7 @@ def _wider(camera: RigCamera, factor: float) -> RigCamera:
     return replace(camera, sigma=CameraSigma(s.rotation_deg * factor, s.centre_mm * factor, s.intrinsics * factor))
 
 
-def _beside(found: Sequence[Finding], of_effects: tuple[Finding, ...]) -> list[Finding]:
+def _all_said(found: Sequence[Finding], of_effects: tuple[Finding, ...]) -> list[Finding]:
     """All findings; where the ball moves between the exposures of most cameras, no camera alone is unsteady."""
     moves = any(f.code == "camera-drifts" and f.kind == "most" for f in of_effects)
     return [*(f for f in found if not (moves and f.code == "camera-unsteady")), *of_effects]

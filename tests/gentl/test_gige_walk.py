@@ -19,8 +19,9 @@ from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.producer.feed import SessionScenes
 from tests.gige_rig import aravis_producer, wired_as
 
-# Measured: 0.012 mm RMS and 0.016 mm at most, over 1.3 m, of four placements and one pose of each bar.
-MOST_RMS_MM, MOST_MM = 0.03, 0.05
+# The drawn images have camera noise of their own in each run: an error in mm would test the draw. Measured over eight
+# draws of three placements: 1.9 to 2.1 stated standard uncertainties at the worst camera (0.046 to 0.054 mm).
+MOST_SIGMAS = 3.0
 
 
 @contextmanager
@@ -46,15 +47,16 @@ def stage_hand(rig: GigeRig, scenes: SessionScenes, folder: Path) -> Iterator[st
         hand.join()
 
 
-def centre_errors_mm(rig_file: Path, stage: Stage) -> np.ndarray:
-    """Distances of the cameras from the truth after a rotation and a shift, no scale."""
-    found = {camera.id: -camera.rotation.T @ camera.translation_mm for camera in read_rig(rig_file).cameras}
+def centre_errors_in_sigmas(rig_file: Path, stage: Stage) -> np.ndarray:
+    """Distances of the cameras from the truth after a rotation and a shift, no scale, over their uncertainties."""
+    cameras = {camera.id: camera for camera in read_rig(rig_file).cameras}
+    points = np.array([cameras[camera.id].centre_mm for camera in stage.truth.cameras])
     truth = np.array([-camera.rotation.T @ camera.translation_mm for camera in stage.truth.cameras])
-    points = np.array([found[camera.id] for camera in stage.truth.cameras])
+    sigmas_mm = [np.linalg.norm(cameras[camera.id].sigma.centre_mm) for camera in stage.truth.cameras]
     a, b = points - points.mean(axis=0), truth - truth.mean(axis=0)
     u, _, vt = np.linalg.svd(a.T @ b)
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return np.linalg.norm(a @ rotation - b, axis=1)
+    return np.linalg.norm(a @ rotation - b, axis=1) / sigmas_mm
 
 
 def test_placements_over_the_wire_become_the_true_rig(
@@ -79,7 +81,8 @@ def test_placements_over_the_wire_become_the_true_rig(
         for camera in taken.cameras:
             assert np.array_equal(read_image(group.images[camera.id]), seen[camera.serial or ""]), (group.id, camera.id)
 
-    assert main(["calibrate", str(session), "-o", str(result)]) == 0, capsys.readouterr()
-    errors = centre_errors_mm(result / "rig.json", Stage("demo"))
-    assert np.sqrt(np.mean(errors**2)) < MOST_RMS_MM
-    assert errors.max() < MOST_MM
+    drawn = tmp_path / "drawn"
+    for folder, out in ((session, result), (drawn_session, drawn)):
+        assert main(["calibrate", str(folder), "-o", str(out)]) == 0, capsys.readouterr()
+    assert (result / "points.csv").read_bytes() == (drawn / "points.csv").read_bytes()
+    assert centre_errors_in_sigmas(result / "rig.json", Stage("demo")).max() < MOST_SIGMAS

@@ -53,6 +53,7 @@ from benchmarks.studies.mischief_motions import (
 )
 from benchmarks.studies.mischief_optics import (
     axes_exchanged,
+    bending_bar,
     dots_outward,
     fixed_k3,
     flattened,
@@ -468,4 +469,5 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("region stated by its files", stated_roi, (2, 64), "px", methods=_SHOWN),
     Mischief("stickers of two sheets", two_sheets, (0.002, 0.01), "x"),
     Mischief("bar warms", warming_bar, (100, 500), "ppm", methods=_BAR),
+    Mischief("bar bends", bending_bar, (0.05, 0.3, 1), "mm", methods=_BAR),
 )

@@ -35,6 +35,8 @@ from spherecal_boards.frames_evidence import frame_evidence, frame_test
 METHOD = "bar"
 # With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.
 FEW_FRAMES = 50
+# Steadier bars than this are what they should be: of 1 mm in 300 the mean is no longer certified.
+MOST_SCATTER = 1e-3
 # A camera that moves is told by stretches of frames: few enough to be fast, short enough to say when.
 STRETCHES, LEAST_FRAMES = 24, 8
 
@@ -169,6 +171,10 @@ def _about_frames(adjusted: BarAdjusted, recording: BarRecording) -> list[Findin
     where = (recording.bar.id,)
     if not frames:
         return [Finding("no-scale", "error", where=where, kind="no-frame")]
+    found, scatter = [], adjusted.model.lengths.scatter
+    if scatter:
+        severity = "warning" if scatter > MOST_SCATTER * float(adjusted.model.lengths.length.max()) else "info"
+        found = [Finding("bar-poses-disagree", severity, {"worst_mm": scatter}, where, kind="at-random")]
     if frames >= FEW_FRAMES:
-        return []
-    return [Finding("few-frames", "warning", {"frames": frames, "usual": 20 * FEW_FRAMES}, where)]
+        return found
+    return [*found, Finding("few-frames", "warning", {"frames": frames, "usual": 20 * FEW_FRAMES}, where)]

@@ -34,6 +34,7 @@ from benchmarks.studies.mischief_frames import (
     bent_board,
     frame_lost,
     loose_mark,
+    misnumbered,
     out_of_step,
     turned_ids,
     twins,
@@ -470,4 +471,5 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("stickers of two sheets", two_sheets, (0.002, 0.01), "x"),
     Mischief("bar warms", warming_bar, (100, 500), "ppm", methods=_BAR),
     Mischief("bar bends", bending_bar, (0.05, 0.3, 1), "mm", methods=_BAR),
+    Mischief("board misnumbered", misnumbered, (1, 2), "columns", methods=_BOARD),
 )

@@ -105,9 +105,14 @@ def _result(
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
-        step = bar_step(work, adjusted)
+        step, lengths = bar_step(work, adjusted), adjusted.model.lengths
         changed = 0.0 if step is None else step[1] / 2  # which of its two lengths is right is not known
-        findings = findings if step is None else [*findings, step[0]]
+        if step is not None:
+            findings = [*findings, step[0]]
+        elif lengths.scatter:
+            severity = "warning" if lengths.scatter > MOST_SCATTER * float(lengths.length.max()) else "info"
+            values, where = {"worst_mm": lengths.scatter}, (recording.bar.id,)
+            findings = [*findings, Finding("bar-poses-disagree", severity, values, where, kind="at-random")]
         scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     cut = _in_stretches(session, recording)
@@ -171,10 +176,6 @@ def _about_frames(adjusted: BarAdjusted, recording: BarRecording) -> list[Findin
     where = (recording.bar.id,)
     if not frames:
         return [Finding("no-scale", "error", where=where, kind="no-frame")]
-    found, scatter = [], adjusted.model.lengths.scatter
-    if scatter:
-        severity = "warning" if scatter > MOST_SCATTER * float(adjusted.model.lengths.length.max()) else "info"
-        found = [Finding("bar-poses-disagree", severity, {"worst_mm": scatter}, where, kind="at-random")]
     if frames >= FEW_FRAMES:
-        return found
-    return [*found, Finding("few-frames", "warning", {"frames": frames, "usual": 20 * FEW_FRAMES}, where)]
+        return []
+    return [Finding("few-frames", "warning", {"frames": frames, "usual": 20 * FEW_FRAMES}, where)]

@@ -18,6 +18,7 @@ from benchmarks.studies.mischief_frames import (
     frame_lost,
     loose_mark,
     make_frame_world,
+    misnumbered,
     mixed_moments,
     moving_board,
     out_of_step,
@@ -300,3 +301,15 @@ def test_a_bar_that_bends_at_random_is_told_and_in_the_uncertainty(rig: str, siz
     result = judged(done, case.reference)
     assert result.verdict == "valid" and result.covered >= 0.95
     assert done.rig.scale.relative_uncertainty == pytest.approx(np.hypot(size / np.sqrt(240), 0.005) / 300, rel=0.35)
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_camera_that_numbers_the_board_otherwise_is_named_and_put_back(size: int) -> None:
+    """A column off: refused for C03's outliers, a moving board and three lenses, and the camera 247 mm off."""
+    case, done = spoilt(misnumbered, "board", size)
+    found = codes(done)
+    assert set(found) == {"misnumbered", "print-unmeasured"} and found["misnumbered"] == case.names
+    assert done.rig.quality.verdict == "not-valid"
+    result = judged(done, case.reference)
+    assert not result.missing and not result.wrong_cameras and not result.lengths_wrong
+    assert max(camera.centre_mm for camera in result.cameras) < 0.2

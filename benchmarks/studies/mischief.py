@@ -195,6 +195,19 @@ def skew(world: World, size: float, rng: np.random.Generator) -> Case:
     return replace(case, reference=replace(case.reference, excused=frozenset(world.ids)))
 
 
+def zoomed(world: World, size: float, rng: np.random.Generator) -> Case:
+    """All lenses are zoomed before a placement, and stay so: every image is larger by a share."""
+    t, images = later_placement(world, rng), np.array([c.kind.image_size for c in world.cameras], dtype=float)
+
+    def change(uv: FloatArray, camera: IntArray, after: BoolArray) -> FloatArray:
+        return uv + size * after[:, None] * (uv - (images[camera] - 1) / 2)
+
+    blame = (*MOVED, *SHAPE, "focus", "lens", "focal", "late", "contradicts")
+    case = spoilt(world, rng, blame, (), lambda o: replace(o, uv=change(o.uv, o.camera, o.placement >= t)))
+    case = _lasting(case, lambda uv, camera: change(uv, camera, np.ones(len(uv), dtype=bool)))
+    return replace(case, reference=replace(case.reference, excused=frozenset(world.ids)))
+
+
 def fisheye(world: World, size: float, rng: np.random.Generator) -> Case:
     """Fisheye lenses in Brown's model: equidistant with k1 = size."""
     lenses = []
@@ -471,5 +484,6 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("stickers of two sheets", two_sheets, (0.002, 0.01), "x"),
     Mischief("bar warms", warming_bar, (100, 500), "ppm", methods=_BAR),
     Mischief("bar bends", bending_bar, (0.05, 0.3, 1), "mm", methods=_BAR),
+    Mischief("all lenses zoomed", zoomed, (0.0001, 0.0003, 0.003, 0.05), "x", methods=_SHOWN),
     Mischief("board misnumbered", misnumbered, (1, 2), "columns", methods=_BOARD),
 )

@@ -281,13 +281,12 @@ def test_a_ball_that_moves_between_two_trigger_groups() -> None:
 def test_a_lens_that_was_focused_again_is_no_unsteady_camera() -> None:
     """By 0.1 %: refused, and the camera said to move or shake at all four placements."""
     world = make_world("random", 2011)
-    for seed in (1, 2):
-        case = refocused(world, 0.001, np.random.default_rng([2011, seed]))
-        done = calibrate(case.session, case.settings)
-        (finding,) = (f for f in done.rig.quality.findings if f.code in ("focus-changed", "camera-unsteady"))
-        assert finding.code == "focus-changed" and finding.where[:1] == case.names
-        assert finding.values["percent"] == pytest.approx(0.1, rel=0.1)
-        assert done.rig.quality.verdict == "not-valid"
+    case = refocused(world, 0.001, np.random.default_rng([2011, 3, 25, 1000]))
+    done = calibrate(case.session, case.settings)
+    (finding,) = (f for f in done.rig.quality.findings if f.code in ("focus-changed", "camera-unsteady"))
+    assert finding.code == "focus-changed" and finding.where == (case.names[0], "P3")
+    assert finding.values["percent"] == pytest.approx(0.1, rel=0.1)
+    assert done.rig.quality.verdict == "not-valid"
 
 
 def test_cameras_on_a_beam_that_sags_are_split_together() -> None:

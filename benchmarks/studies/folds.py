@@ -45,7 +45,7 @@ def held_out(done: Calibration, o: Observations) -> tuple[FloatArray, FloatArray
     """Squares (n,) px^2 of the residuals of a placement's points that were seen twice: cameras held, and turning."""
     names = [camera.id for camera in done.rig.cameras]
     o = o.select(np.flatnonzero(np.isin(o.camera, [o.cameras.index(name) for name in names])))
-    o = o.select(np.flatnonzero(np.bincount((f := find_features(o).of_observation))[f] >= 2))
+    o = o.select(np.flatnonzero(np.bincount(f := find_features(o).of_observation)[f] >= 2))
     point = find_features(o).of_observation
     camera = np.array([names.index(name) if name in names else -1 for name in o.cameras])[o.camera]
     uv, _ = lens_corrected(done.rig.cameras, camera, o.uv, np.ones((len(o), 2)))
@@ -60,7 +60,9 @@ def held_out(done: Calibration, o: Observations) -> tuple[FloatArray, FloatArray
         for k in range(3):
             jacobian[rows, :, 3 * camera + k] = by_camera[:, :, k]
             jacobian[rows, :, 3 * (len(names) + point) + k] = by_point[:, :, k]
-        step = np.linalg.lstsq(jacobian.reshape(2 * len(o), -1), found.residual.ravel())[0][: 3 * len(names)]
+        step: FloatArray = np.linalg.lstsq(jacobian.reshape(2 * len(o), -1), found.residual.ravel())[0][
+            : 3 * len(names)
+        ]
         turn = exp_rotation(-step.reshape(-1, 3))
         translation = np.einsum("cij,cj->ci", turn, state.translation)
         state = replace(state, rotation=turn @ state.rotation, translation=translation)
@@ -77,7 +79,9 @@ def study(session: Session, fold: int, own_lenses: bool) -> dict[bool, HeldOut]:
     done = {True: calibrate(kept, settings)}
     with without_effects():
         done[False], whole = calibrate(kept, settings), calibrate(session, settings)
-    good = whole.observations.select(np.flatnonzero(whole.used))  # gross errors are those of the plain adjustment of all
+    good = whole.observations.select(
+        np.flatnonzero(whole.used)
+    )  # gross errors are those of the plain adjustment of all
     results = {}
     for effects, by in done.items():
         parts = [held_out(by, good.select(np.flatnonzero(good.placement == t))) for t in out]
@@ -95,7 +99,7 @@ def report(runs: int | None = None) -> Report:
         return page
     session = read_session(DOME)
     page.text(
-        f"dome15, twelve placements, {FOLDS} folds of every fourth one. rms px (2-D) of the placements that were fitted, "
+        f"dome15, twelve placements, {FOLDS} folds of every fourth one. rms px (2-D) of the placements fitted, "
         "and of those held out: cameras held, and each image turned freely about its camera's centre. Points are "
         "triangulated from the images held out, in both."
     )
@@ -110,12 +114,16 @@ def report(runs: int | None = None) -> Report:
             held, turning = (np.concatenate([getattr(f[effects], one) for f in by_fold]) for one in ("held", "turning"))
             fitted = float(np.sqrt(np.mean([f[effects].fitted ** 2 for f in by_fold])))
             rows.append((lenses, name, "all", fitted, _rms(held), _rms(turning), "", ""))
-    page.table(("lenses", "adjusted with", "fold", "fitted", "held out", "held out, turning", "fields", "verdict"), rows)
+    page.table(
+        ("lenses", "adjusted with", "fold", "fitted", "held out", "held out, turning", "fields", "verdict"), rows
+    )
     page.heading("Goals")
     of = {(lenses, name): (held, turning) for lenses, name, fold, _, held, turning, *_ in rows if fold == "all"}
     for lenses in dict.fromkeys(key[0] for key in of):
         (held, turning), (plain_held, plain_turning) = of[lenses, "fields and motions"], of[lenses, "plain"]
-        page.verdict(f"lenses {lenses}: at most {GOAL_PX} px where images turn", turning <= GOAL_PX, f"{turning:.3f} px")
+        page.verdict(
+            f"lenses {lenses}: at most {GOAL_PX} px where images turn", turning <= GOAL_PX, f"{turning:.3f} px"
+        )
         page.verdict(
             f"lenses {lenses}: held out and turning no worse than the plain adjustment",
             turning <= plain_turning,

@@ -65,7 +65,9 @@ def _told(judged: Judged, seed: int, ids: Sequence[str], moved: str = "") -> Tol
     accusing = [f for f in judged.findings if f.code in ACCUSATIONS]
     repaired = frozenset(r.value.partition("@")[0] for r in judged.rig.repairs) if judged.rig else frozenset()
     named = {name.partition("@")[0] for f in accusing for name in f.where} & set(ids)
-    codes = frozenset(f.code for f in accusing) | {f"repaired: {r.option}" for r in (judged.rig.repairs if judged.rig else ())}
+    codes = frozenset(f.code for f in accusing) | {
+        f"repaired: {r.option}" for r in (judged.rig.repairs if judged.rig else ())
+    }
     return Told(
         seed, codes, frozenset(named) | repaired, repaired, judged.verdict, not judged.wrong and not judged.failure,
         judged.processor_s, moved,
@@ -118,11 +120,11 @@ def _drifting(session: Session, rng: np.random.Generator) -> Session:
 def report(runs: int | None = None) -> Report:
     """The study's page."""
     runs = runs or RUNS
-    count = FAULTLESS if runs >= RUNS else max(FAULTLESS * runs // (2 * RUNS), 2)
+    count = min(FAULTLESS, FAULTLESS * runs // RUNS)
     page = Report("Cameras that moved, and lenses that no model follows", f"dev.py studies moves --runs {runs}")
     page.text(
-        f"{runs} recordings (seeds {FIRST_SEED} on, rigs A and B in turns, four placements, ball turned, 0.04 px) of each "
-        "move of one camera, before any placement but the first, behind fields of each size. Found: a moved camera or "
+        f"{runs} recordings (seeds {FIRST_SEED} on, rigs A and B in turns, four placements, ball turned, 0.04 px) of "
+        "each move of one camera, before any placement but the first, behind fields of each size. Found: a moved camera or "
         "another fault of images was said or repaired. Blamed: the camera that moved, and no other. Repaired: it alone "
         "was split or left out, and the rig is usable. Right: nothing beyond 3 U (as in the study of realistic "
         "recordings), repaired or not."
@@ -140,21 +142,29 @@ def report(runs: int | None = None) -> Report:
         figures = [sum(map(f, told)) for f in (lambda t: bool(t.codes), lambda t: t.only_blamed, lambda t: t.mended)]
         rows.append((size, f"{misfit:g}", *figures, sum(t.right for t in told), sum(t.verdict == "valid" for t in told),
                      sum(not t.right and t.verdict == "valid" for t in told), missed))  # fmt: skip
-    page.table(("move", "misfit px", "found", "blamed", "repaired", "right", "valid", "wrong and valid", "not: seeds"), rows)
+    page.table(
+        ("move", "misfit px", "found", "blamed", "repaired", "right", "valid", "wrong and valid", "not: seeds"), rows
+    )
     every = [t for told in all_of.values() for t in told]
     page.heading("Without a fault")
     rows, worst = [], {}
-    for drift, name in ((False, "clean"), (True, f"drift of {1e6 * DRIFT_RAD[0]:g} to {1e6 * DRIFT_RAD[1]:g} urad, 0.03 px")):
+    for drift, name in (
+        (False, "clean"),
+        (True, f"drift of {1e6 * DRIFT_RAD[0]:g} to {1e6 * DRIFT_RAD[1]:g} urad, 0.03 px"),
+    ):
         own = [t for (of, _), part in zip(parts, done[len(cases) :], strict=True) if of == drift for t in part]
         codes = Counter(code for t in own for code in t.codes)
         worst[name] = max(codes.values(), default=0)
         seeds = {code: [t.seed for t in own if code in t.codes] for code in codes}
         words = ", ".join(f"{code} {n} ({' '.join(map(str, seeds[code][:6]))})" for code, n in codes.most_common())
         verdicts = Counter(t.verdict for t in own)
-        rows.append((name, len(own), words or "none", verdicts["valid"], verdicts["use-with-care"], verdicts["not-valid"],
-                     sum(not t.right and t.verdict == "valid" for t in own)))  # fmt: skip
+        said = (verdicts[verdict] for verdict in ("valid", "use-with-care", "not-valid"))
+        wrong = sum(not t.right and t.verdict == "valid" for t in own)
+        rows.append((name, len(own), words or "none", *said, wrong))
     page.table(("recordings", "n", "accused or repaired", "valid", "with care", "not valid", "wrong and valid"), rows)
-    page.text(f"Processor seconds of a calibration: {np.mean([t.seconds for part in done for t in part]):.1f} in the mean.")
+    page.text(
+        f"Processor seconds of a calibration: {np.mean([t.seconds for part in done for t in part]):.1f} in the mean."
+    )
     page.heading("Goals")
     for misfit in MISFITS_PX:
         own = [t for case, told in all_of.items() if case[2] == misfit for t in told]
@@ -164,5 +174,7 @@ def report(runs: int | None = None) -> Report:
     wrong = sum(not t.right and t.verdict == "valid" for t in every)
     page.verdict("moved, wrong and valid: 0", not wrong, f"{wrong} of {len(every)}")
     for name, most in worst.items():
-        page.verdict(f"{name}: no accusation in more than {FALSE_ALARM:.0%}", most <= FALSE_ALARM * count, f"{most} of {count}")
+        page.verdict(
+            f"{name}: no accusation in more than {FALSE_ALARM:.0%}", most <= FALSE_ALARM * count, f"{most} of {count}"
+        )
     return page

@@ -338,9 +338,7 @@ def bar_errors(calibration: Calibration, truth: Truth, bars: Bars, noise: FloatA
 def reference(truth: Truth) -> Reference:
     """The rig as it is after the last placement, where the ball's dots were, and the lengths of `make_bars`' bars."""
     poses = [camera_pose(c, truth.options.moved, len(truth.placements)) for c in truth.cameras]
-    cameras = tuple(
-        replace(c, rotation=r, translation_mm=t) for c, (r, t) in zip(truth.cameras, poses, strict=True)
-    )
+    cameras = tuple(replace(c, rotation=r, translation_mm=t) for c, (r, t) in zip(truth.cameras, poses, strict=True))
     bars = make_bars(replace(truth, cameras=cameras), SEED_BARS)
     return Reference(
         tuple(c.id for c in cameras),

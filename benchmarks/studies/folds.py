@@ -60,10 +60,8 @@ def held_out(done: Calibration, o: Observations) -> tuple[FloatArray, FloatArray
         for k in range(3):
             jacobian[rows, :, 3 * camera + k] = by_camera[:, :, k]
             jacobian[rows, :, 3 * (len(names) + point) + k] = by_point[:, :, k]
-        step: FloatArray = np.linalg.lstsq(jacobian.reshape(2 * len(o), -1), found.residual.ravel())[0][
-            : 3 * len(names)
-        ]
-        turn = exp_rotation(-step.reshape(-1, 3))
+        step = np.linalg.lstsq(jacobian.reshape(2 * len(o), -1), found.residual.ravel())[0][: 3 * len(names)]
+        turn = exp_rotation(-np.asarray(step, dtype=np.float64).reshape(-1, 3))
         translation = np.einsum("cij,cj->ci", turn, state.translation)
         state = replace(state, rotation=turn @ state.rotation, translation=translation)
     return squares[0], squares[-1]

@@ -124,10 +124,11 @@ def report(runs: int | None = None) -> Report:
     page = Report("Cameras that moved, and lenses that no model follows", f"dev.py studies moves --runs {runs}")
     page.text(
         f"{runs} recordings (seeds {FIRST_SEED} on, rigs A and B in turns, four placements, ball turned, 0.04 px) of "
-        "each move of one camera, before any placement but the first, behind fields of each size. Found: a moved camera or "
-        "another fault of images was said or repaired. Blamed: the camera that moved, and no other. Repaired: it alone "
-        "was split or left out, and the rig is usable. Right: nothing beyond 3 U (as in the study of realistic "
-        "recordings), repaired or not."
+        "each move of one camera, before any placement but the first, behind fields of each size. Found: a moved "
+        "camera or another fault of images was said or repaired. Blamed: the camera that moved, and no other. "
+        "Repaired: it alone was split or left out, and the rig is usable and right. Right: nothing beyond 3 U (as in "
+        "the study of realistic recordings), repaired or not. Drift: cameras turn steadily, each its own way, by an "
+        "amount drawn for the recording, and by a quarter of it at random."
     )
     cases = [(shift, turn, misfit) for shift, turn in MOVES for misfit in MISFITS_PX]
     parts = [(drift, at) for drift in (False, True) for at in range(0, count, PART)]

@@ -199,7 +199,9 @@ def walls(session: Session, truth: Truth) -> tuple[Session, Truth]:
     o = replace(o, cameras=tuple(o.cameras[c] for c in low), camera=np.searchsorted(low, o.camera))
     cameras, phases = tuple(truth.cameras[c] for c in low), truth.misfit_phases[low]
     truth = replace(truth, cameras=cameras, sigma_px=truth.sigma_px[low], misfit_phases=phases)
-    return replace(session, observations=o, cameras=tuple(session.cameras[c] for c in low)), truth
+    places, poses = (tuple(replace(p, images={}) for p in each) for each in (session.placements, session.bar_poses))
+    cameras = tuple(session.cameras[c] for c in low)
+    return replace(session, observations=o, cameras=cameras, placements=places, bar_poses=poses), truth
 
 
 def whole(name: str, seed: int, rendered: bool) -> dict[str, FloatArray] | None:

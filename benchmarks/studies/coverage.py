@@ -255,7 +255,7 @@ def _write_whole(
     page.text(
         f"Each recording a rig of its own (seeds {FIRST_WHOLE} on, of the walls {FIRST_WHOLE + WALLS_SEED} on), scale "
         "from a bar, the whole of `calibrate`; rendered: from images, with stickers printed to 0.02 mm. Walls: three "
-        "cameras that face three, without a dot that both sides see. Lengths: forty bars by exact images of their ends, "
+        "cameras that face three, without a dot that both sides see. Lengths: bars by exact images of their ends, "
         "against the uncertainty of calibration and lenses' fields alone; those of one recording err alike."
     )
     rows, goals = [], []

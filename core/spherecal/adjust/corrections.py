@@ -109,27 +109,29 @@ def design_of(network: Network, adjusted: Adjustment, least_share: float = LEAST
 
 
 def corrected(
-    network: Network, adjusted: Adjustment, placed: BoolArray, places: Places | None, context: Context
+    network: Network,
+    adjusted: Adjustment,
+    placed: BoolArray,
+    places: Places | None,
+    first: Corrections | None,
+    context: Context,
 ) -> tuple[Network, Adjustment]:
     """The network with its lenses' fields and images' motions, where the data ask for them, adjusted with them.
 
-    `placed`: cameras that have a pose, (c,); `places` None in the free form.
+    `placed`: cameras that have a pose, (c,); `places` None in the free form; `first`: its `first_effects`.
     """
-    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted):
-        return network, adjusted
     found = network.corrections
-    if found is None and not isinstance(network.ball, Free):
-        return network, adjusted  # what only the ball as one object asks for may be its own change of shape
-    design = design_of(network, adjusted) if found is None else found.design
+    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted) or (found is None and first is None):
+        return network, adjusted
     limit = None if found is None or isinstance(network.ball, Free) else MOST_GROWTH * found.variances
     for _ in range(ROUNDS):
-        before = found
-        found = _estimated(network, adjusted, places, design, found, limit)
+        before, found = found, first if found is None else _estimated(network, adjusted, places, found, limit)
+        assert found is not None
         if _is_settled(before, found):
             break  # what lens, pose and field share would go on wandering, of one weak camera from 0.4 to 1.5 px
-        found = None if found is None else replace(found, turning=network.turning)
+        found = replace(found, turning=network.turning)
         again = network.corrected(found, adjusted.state.intrinsics)
-        if found is not None and is_beyond(found, again, adjusted.state.intrinsics):
+        if is_beyond(found, again, adjusted.state.intrinsics):
             # no small effect: the lenses or the poses are wrong
             network = replace(network.corrected(None, adjusted.state.intrinsics), sizes=None, is_beyond=True)
             return network, refine(network, adjusted.state, adjusted.used, placed, context)
@@ -143,9 +145,9 @@ def corrected(
     return network, adjusted
 
 
-def _is_settled(before: Corrections | None, found: Corrections | None) -> bool:
+def _is_settled(before: Corrections | None, found: Corrections) -> bool:
     """Whether a round gained nothing on the one before, with about as many observations."""
-    if before is None or found is None or abs(found.redundancy / before.redundancy - 1) > ALIKE:
+    if before is None or abs(found.redundancy / before.redundancy - 1) > ALIKE:
         return False
     gain = before.deviance / before.redundancy - found.deviance / found.redundancy
     return gain * found.redundancy < SETTLED
@@ -295,29 +297,37 @@ def _not_excluded(
     return squared * px**2 * (MORE_THAN_NOISE < gain <= LEAST_EVIDENCE), gain
 
 
-def _estimated(
-    network: Network,
-    adjusted: Adjustment,
-    places: Places | None,
-    design: Design,
-    before: Corrections | None,
-    limit: FloatArray | None,
-) -> Corrections | None:
+def first_effects(network: Network, adjusted: Adjustment) -> Corrections | None:
+    """The effects that a free form asks for which has none yet; None for none."""
+    if network.corrections is not None or not isinstance(network.ball, Free):
+        return None  # what only the ball as one object asks for may be its own change of shape
+    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted):
+        return None
     with one_blas_thread(), suppress(np.linalg.LinAlgError):  # a network that hardly hangs together has no effects
+        system = inverted(adjusted.problem, adjusted.state, None)
+        if system is None:
+            return None
+        design = design_of(network, adjusted)
+        effects = effects_of(network, adjusted, design, system, None).quadratic
+        found = chosen(design, effects, _first_variances(design, adjusted))
+        fine = (LARGE / np.median(adjusted.problem.weight)) ** 2
+        if found is not None and (found.variances[design.kind == FIELD] > fine).any():
+            design = design_of(network, adjusted, FINE_SHARE)
+            effects = effects_of(network, adjusted, design, system, None).quadratic
+            found = chosen(design, effects, _first_variances(design, adjusted))
+        if found is None or _predicts(network, adjusted, None, found):
+            return found
+        return chosen(design, effects, _first_variances(design, adjusted), frozenset({MOTION}))
+    return None
+
+
+def _estimated(
+    network: Network, adjusted: Adjustment, places: Places | None, before: Corrections, limit: FloatArray | None
+) -> Corrections:
+    with one_blas_thread(), suppress(np.linalg.LinAlgError):
         system = inverted(adjusted.problem, adjusted.state, places)
         if system is None:
             return before
-        if before is None:
-            effects = effects_of(network, adjusted, design, system, None).quadratic
-            found = chosen(design, effects, _first_variances(design, adjusted))
-            fine = (LARGE / np.median(adjusted.problem.weight)) ** 2
-            if found is not None and (found.variances[design.kind == FIELD] > fine).any():
-                design = design_of(network, adjusted, FINE_SHARE)
-                effects = effects_of(network, adjusted, design, system, None).quadratic
-                found = chosen(design, effects, _first_variances(design, adjusted))
-            if found is None or _predicts(network, adjusted, places, found):
-                return found
-            return chosen(design, effects, _first_variances(design, adjusted), frozenset({MOTION}))
         effects = effects_of(network, adjusted, before.design, system, before.applied).quadratic
         found = estimated(effects, before.variances, limit)
         freedom = float(found.freedom.sum())

@@ -131,7 +131,7 @@ def choose_ball_model(
     again = replace(ball.network, noise=free.network.noise, priors=free.network.priors).corrected_as(free.network)
     rigid, start = share_shape(again, ball.features, free.adjusted.state, alignment)
     first = _first_rigid(rigid.network, start, free, run)
-    network, first = corrected(rigid.network, first, free.placed, rigid.places, run.context)
+    network, first = corrected(rigid.network, first, free.placed, rigid.places, None, run.context)
     rigid = replace(rigid, network=network)
     first, sizes = _of_several_sizes(rigid, first, free, requested, run)
     choice = replace(_judged(first, [free], alignment, requested.name, rigid.feature), sizes=sizes)

@@ -61,7 +61,8 @@ RULES: dict[str, Rule] = {
     "camera-moved": Rule(
         "not-valid",
         "Named from chi-square 30 on 6 degrees: the two poses are 5 standard deviations apart. A move of "
-        "30, 3, 0.3 mm left the camera 108, 17, 1.7 mm off at sigmas of 5.9, 1.4, 0.14 mm (ten-camera rig).",
+        "30, 3, 0.3 mm left the camera 108, 17, 1.7 mm off at sigmas of 5.9, 1.4, 0.14 mm (ten-camera rig). Of single "
+        "images by less than a sixth of what lengths are uncertain by: stated, and information.",
     ),
     "cameras-moved": Rule("not-valid", "As camera-moved: a beam that sagged by 2 mm left rig B 2 mm off, 23 times U."),
     "camera-unsteady": Rule(
@@ -118,7 +119,7 @@ RULES: dict[str, Rule] = {
     "ball-diameter": Rule(
         "care",
         "0.5 to 2 % off: printers err by 0.1 to 0.5 %; the scale's uncertainty then covers the difference. "
-        "Over 2 %: not valid (stickers printed at 97 %: 15 mm on 500).",
+        "Over 2 %, and 1.5 U of lengths: not valid (stickers printed at 97 %: 15 mm on 500).",
         "scale",
     ),
     "no-scale": _care("scale", "Shapes are right, lengths arbitrary."),

@@ -63,6 +63,12 @@ def estimated(effects: Effects, start: FloatArray, limit: FloatArray | None = No
 
 
 def _iterated(effects: Effects, variances: FloatArray, limit: FloatArray | None = None) -> Estimate:
+    used = np.flatnonzero(variances[effects.part] > 0)
+    if len(used) < len(effects.part):  # those that have a variance keep one
+        best = _iterated(effects.of_columns(used), variances, limit)
+        coefficients = np.zeros(len(effects.part))
+        coefficients[used] = best.coefficients
+        return replace(best, coefficients=coefficients)
     count = np.bincount(effects.part, minlength=len(effects.kind)).astype(float)
     best = solved(effects, variances, True)
     for _ in range(ROUNDS):
@@ -101,7 +107,7 @@ def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
     used = np.flatnonzero(variances[effects.part] > 0)
     if len(used):
         factor, root = _factor(effects, variances, used)
-        lower = np.tril(dpotri(factor, lower=1, overwrite_c=1)[0])
+        lower = dpotri(factor, lower=1, overwrite_c=1)[0]  # its upper triangle is 0 since dpotrf
         lower += np.tril(lower, -1).T
         lower *= root[:, None]
         cofactors[np.ix_(used, used)] = lower * root
@@ -125,8 +131,8 @@ def others_eliminated(effects: Effects, variances: FloatArray, kept: BoolArray) 
 def _factor(effects: Effects, variances: FloatArray, used: IntArray) -> tuple[FloatArray, FloatArray]:
     """Cholesky's factor (u,u), lower, of 1 + R M R of some columns (u,) with the roots R (u,) of their variances."""
     root = np.sqrt(variances[effects.part[used]])
-    scaled = effects.matrix[np.ix_(used, used)]
-    scaled *= root[:, None]
+    own = effects.matrix if len(used) == len(effects.part) else effects.matrix[np.ix_(used, used)]
+    scaled = own * root[:, None]
     scaled *= root
     scaled[np.diag_indices(len(root))] += 1.0
     factor, info = dpotrf(scaled.T, lower=1, overwrite_a=1)
@@ -156,7 +162,7 @@ def solved(effects: Effects, variances: FloatArray, with_freedom: bool = False) 
         b[used] = root * taken
         squares += float(pull @ taken)
         if with_freedom:
-            inverse = np.tril(dtrtri(factor, lower=1, overwrite_c=1)[0])
+            inverse = dtrtri(factor, lower=1, overwrite_c=1)[0]  # its upper triangle is 0 since dpotrf
             left = 1.0 - np.einsum("ij,ij->j", inverse, inverse)
             freedom += np.bincount(effects.part[used], left, len(effects.kind))
     sigma2 = max(squares, 1e-30) / effects.redundancy

@@ -88,6 +88,7 @@ def cofactors(n: int, sd: FloatArray | float = 1.0, part: FloatArray | None = No
         points = noise  # type: ignore[assignment]
         point_noise = noise  # type: ignore[assignment]
         point_of_feature = np.arange(n)  # type: ignore[assignment]
+        is_located = np.isfinite(noise[:, 0, 0])  # type: ignore[assignment]
 
         def functional(self, gradient: FloatArray) -> float:
             return float(np.einsum("pi,pij,pj->", gradient, noise, gradient))

@@ -54,6 +54,10 @@ RULES: dict[str, Rule] = {
     "degenerate-geometry": Rule("not-valid", "No uncertainty can be stated, or none to first order: over a tenth."),
     "behind-camera": Rule("not-valid", "Not a real solution."),
     "pose-ambiguous": Rule("not-valid", "Cameras are missing: two poses fit alike, and one of them is wrong."),
+    "focus-changed": Rule("not-valid", "Which of two focal lengths the cameras have now is not estimated."),
+    "misnumbered": Rule(
+        "not-valid", "A column off, a camera was 247 mm and 9.5 degrees off; what was put back is a guess."
+    ),
     "mirrored": Rule("not-valid", "All lengths right, all places mirrored."),
     "stopped-early": Rule("not-valid", "Its tests have not been made."),
     "no-joint-adjustment": Rule("not-valid", "For comparison: no uncertainty, and no test, is known."),

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from spherecal.adjust.corrections import drift_alike, drifts, one_moved
 from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, Begun, solve_free
+from spherecal.ball.fit import BallFit, solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.threads import on_one_blas_thread
@@ -106,14 +106,6 @@ class _Task:
 
 
 @dataclass(frozen=True)
-class _Again:
-    """What is the same where a session is solved again with turns of images applied."""
-
-    local: LocalNetwork
-    begun: Begun | None
-
-
-@dataclass(frozen=True)
 class _Solved:
     """A network before its diagnosis, which a first pass over images does without."""
 
@@ -127,10 +119,8 @@ class _Solved:
     @property
     def located(self) -> Located:
         """Where cameras and points are."""
-        cameras = cameras_of(self.recording, self.fit)
-        return Located(
-            {camera.id: camera for camera in cameras}, self.recording.features, self.fit.solution.state.points
-        )
+        cameras = {camera.id: camera for camera in cameras_of(self.recording, self.fit)}
+        return Located(cameras, self.recording.features, self.fit.solution.state.points)
 
     def result(self) -> Calibration:
         """The calibration, with the diagnosis."""
@@ -187,24 +177,23 @@ def _solved(session: Session, task: _Task, first: bool = False) -> "Calibration 
     neither will be, the `first` pass over images is spared its diagnosis.
     """
     settings, context, watch = task.settings, task.context, task.watch
-    lens, turning, sound, again = None, False, None, None
+    lens, turning, sound, local, begun = None, False, None, None, None
     while True:
         recording = Recording.of(session)
         if settings.method == "tao2021":  # the paper's method to the letter, with nothing of what follows
             return calibrate_as_published(recording, settings, context, watch)
-        # two-view gate, triples, view graph, paths; the same where nothing but turns of images is new
-        local = local_network(recording, settings, context) if again is None else again.local
+        if local is None:  # else nothing but turns of images is new
+            local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
         watch.lap("local reconstruction")
         if local.is_empty:
             return sound or build_failed_result(recording, local, settings.method, watch.seconds)
         start = start_values(recording, local, settings, context, turning)  # poses chained along the paths, resection
         watch.lap("start values")
         run = run_of(recording, start, settings, context, watch)
-        begun = None if again is None else again.begun
         free = solve_free(start.network, start.poses, start.candidates, run, begun)  # every dot at every place
         watch.lap("bundle adjustment")
         if settings.lens == "auto" and lens is None and (lens := best_lens_model(free, run)) is not None:
-            session = lens.applied(session)
+            session, local = lens.applied(session), None
             continue
         fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
         watch.lap("scale")
@@ -216,14 +205,13 @@ def _solved(session: Session, task: _Task, first: bool = False) -> "Calibration 
             return sound  # rational lenses from focal lengths 30 % off: 0.22 px, 0.07 before
         if sound is None and moves_are_all(done) and drift_alike(network):
             # fields without turns: what drifts by 10 urad may look moved (seed 1212)
-            sound, turning, again = done, True, _Again(local, free.begun)
+            sound, turning, begun = done, True, free.begun
             continue
         if not done.rig.quality.valid:  # the turns show who moved, or a few points of an image contradict them
             return done if sound is None or one_moved(network) else sound
         other = None if turning else _other_lens(free, run, settings)
         if turning or (other is None and not drifts(network)):
             return done
-        again = _Again(local, free.begun) if other is None else None
+        sound, turning, begun = done, True, free.begun
         if other is not None:
-            lens, session = other, other.applied(session)
-        sound, turning = done, True
+            lens, session, local, begun = other, other.applied(session), None, None

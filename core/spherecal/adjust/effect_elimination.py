@@ -1,8 +1,9 @@
 """The quadratic form of random effects of cameras at an adjusted network, all other unknowns eliminated.
 
 As in `dense_elimination`, the whitened couplings of some points with the columns that their images have are put side by
-side, and one product is subtracted for all of them. Polynomials of the ball's shape enter by the points that they
-move: their derivatives are products of a point's values and of its derivatives.
+side, and one product is subtracted for all of them. Polynomials of the ball's shape enter by the points that they move:
+their derivatives are products of a point's values and of its derivatives. Processor seconds, and by numpy: 1.0 and 2.2
+(free, 112,000 observations of 100 cameras), 1.2 and 2.4 (rigid, with the shape), 0.15 and 0.35 (free, 16 cameras).
 """
 
 from collections.abc import Iterator
@@ -166,9 +167,8 @@ def _some_rows(network: Network, adjusted: Adjustment) -> Iterator[list[IntArray
     problem, some, count = adjusted.problem, [], 0
     start, apart = problem.point_start, views_apart(problem)
     seen = np.flatnonzero(np.diff(start) > 0)
-    first = network.placement[adjusted.rows[start[seen]]] * (
-        not problem.n_placements
-    )  # each point has turns of its own
+    of_turns = network.placement[adjusted.rows[start[seen]]]  # of a free point: those of its placement
+    first = np.zeros_like(of_turns) if problem.n_placements else of_turns
     for at in np.unique(first):
         for points in alike(seen[first == at], apart):
             some.append(points)

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, replace
 
 from spherecal.adjust.corrections import drift_alike, drifts, one_moved
-from spherecal.ball.fit import solve_free
+from spherecal.ball.calibration_run import Run
+from spherecal.ball.fit import BallFit, solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.threads import on_one_blas_thread
@@ -14,12 +15,14 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.data.verdict import with_findings
 from spherecal.detect.nothing_found import nothing_found
-from spherecal.detect.redetection import with_missed_targets
+from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.diagnose.lens_models import best_lens_model, wants_another
+from spherecal.diagnose.lens_models import LensTrial, best_lens_model, wants_another
 from spherecal.diagnose.plausibility import implausible
 from spherecal.initialise.focal_length import with_seen_focal_lengths
-from spherecal.result.build_result import build_failed_result, build_result, stopped_early
+from spherecal.initialise.local import LocalNetwork
+from spherecal.result.build_result import build_failed_result, build_result, cameras_of, stopped_early
+from spherecal.scale.metric import MetricFit
 from spherecal.steps.automatic_repairs import (
     TURNS,
     certain_repairs,
@@ -102,20 +105,58 @@ class _Task:
     watch: Stopwatch
 
 
+@dataclass(frozen=True)
+class _Solved:
+    """A network before its diagnosis, which a first pass over images does without."""
+
+    recording: Recording
+    local: LocalNetwork
+    fit: MetricFit
+    method: str
+    run: Run
+    lens: LensTrial | None
+
+    @property
+    def located(self) -> Located:
+        """Where cameras and points are."""
+        cameras = {camera.id: camera for camera in cameras_of(self.recording, self.fit)}
+        return Located(cameras, self.recording.features, self.fit.solution.state.points)
+
+    def result(self) -> Calibration:
+        """The calibration, with the diagnosis."""
+        done = build_result(self.recording, self.local, self.fit, self.method, self.run)
+        return done if self.lens is None else self.lens.noted_in(done)
+
+    def stopped(self) -> Calibration:
+        """The calibration where the user wants what there is so far: this, and all of it."""
+        context = replace(self.run.context, accepts_partial=lambda: False)
+        return stopped_early(replace(self, run=replace(self.run, context=context)).result())
+
+
 def _solve(session: Session, task: _Task) -> Calibration:
     """The rig of a session; from images in two passes, of which the first predicts where targets were missed."""
     if not task.from_images:
         done = _adjust(session, task)
     else:
-        first = _adjust(session, replace(task, watch=Stopwatch()))
+        first = _solved(session, replace(task, watch=Stopwatch()), True)
         rest = replace(task, context=task.context.accepting_partial())
         try:
-            complete = with_missed_targets(session, first, rest.context)
+            places = Located.of(first) if isinstance(first, Calibration) else first.located
+            complete = with_missed_targets(session, places, rest.context)
             task.watch.lap("re-detection")
-            done = _adjust(complete, rest)
+            if complete is session:  # nothing to add: the first pass is all
+                done = first if isinstance(first, Calibration) else first.result()
+                done = replace(done, seconds=task.watch.seconds | done.seconds)
+            else:
+                done = _adjust(complete, rest)
         except PartialResultAccepted:
-            done = stopped_early(first)
+            done = stopped_early(first) if isinstance(first, Calibration) else first.stopped()
     return with_findings(done, (*task.missing, *implausible(session), *as_stated(session, task.settings, task.seen)))
+
+
+def _other_lens(free: BallFit, run: Run, settings: CalibrationSettings) -> LensTrial | None:
+    """A better lens model, where nobody asked for one."""
+    return best_lens_model(free, run) if settings.lens is None and wants_another(free) else None
 
 
 def _fits_as_well(done: Calibration, other: Calibration) -> bool:
@@ -124,46 +165,53 @@ def _fits_as_well(done: Calibration, other: Calibration) -> bool:
 
 
 def _adjust(session: Session, task: _Task) -> Calibration:
+    """The method from observations to the rig."""
+    done = _solved(session, task)
+    return done if isinstance(done, Calibration) else done.result()
+
+
+def _solved(session: Session, task: _Task, first: bool = False) -> "Calibration | _Solved":
     """The method from observations to the rig; once more with another lens model, or with turns of images.
 
-    Both are tried only where nothing is found wrong, and taken only where nothing is found wrong with them.
+    Both are tried only where nothing is found wrong, and taken only where nothing is found wrong with them. Where
+    neither will be, the `first` pass over images is spared its diagnosis.
     """
     settings, context, watch = task.settings, task.context, task.watch
-    lens, turning, sound = None, False, None
+    lens, turning, sound, local, begun = None, False, None, None, None
     while True:
         recording = Recording.of(session)
         if settings.method == "tao2021":  # the paper's method to the letter, with nothing of what follows
             return calibrate_as_published(recording, settings, context, watch)
-        local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
+        if local is None:  # else nothing but turns of images is new
+            local = local_network(recording, settings, context)  # two-view gate, triples, view graph, paths
         watch.lap("local reconstruction")
         if local.is_empty:
             return sound or build_failed_result(recording, local, settings.method, watch.seconds)
         start = start_values(recording, local, settings, context, turning)  # poses chained along the paths, resection
         watch.lap("start values")
         run = run_of(recording, start, settings, context, watch)
-        free = solve_free(start.network, start.poses, start.candidates, run)  # every dot at every place
+        free = solve_free(start.network, start.poses, start.candidates, run, begun)  # every dot at every place
         watch.lap("bundle adjustment")
         if settings.lens == "auto" and lens is None and (lens := best_lens_model(free, run)) is not None:
-            session = lens.applied(session)
+            session, local = lens.applied(session), None
             continue
         fit = fit_ball_model(recording, start, free, settings, run)  # rigid, deformable, stored or free; millimetres
         watch.lap("scale")
-        done = build_result(recording, local, fit, settings.method, run)  # with the diagnosis
-        network = fit.solved.network
-        if lens is not None:
-            done = lens.noted_in(done)
+        solved, network = _Solved(recording, local, fit, settings.method, run, lens), fit.solved.network
+        if first and sound is None and not drifts(network) and _other_lens(free, run, settings) is None:
+            return solved
+        done = solved.result()
         if sound is not None and not _fits_as_well(done, sound):
             return sound  # rational lenses from focal lengths 30 % off: 0.22 px, 0.07 before
         if sound is None and moves_are_all(done) and drift_alike(network):
-            sound, turning = done, True  # fields without turns: what drifts by 10 urad may look moved (seed 1212)
+            # fields without turns: what drifts by 10 urad may look moved (seed 1212)
+            sound, turning, begun = done, True, free.begun
             continue
         if not done.rig.quality.valid:  # the turns show who moved, or a few points of an image contradict them
             return done if sound is None or one_moved(network) else sound
-        if turning:
+        other = None if turning else _other_lens(free, run, settings)
+        if turning or (other is None and not drifts(network)):
             return done
-        other = best_lens_model(free, run) if settings.lens is None and wants_another(free) else None
-        if other is None and not drifts(network):
-            return done
+        sound, turning, begun = done, True, free.begun
         if other is not None:
-            lens, session = other, other.applied(session)
-        sound, turning = done, True
+            lens, session, local, begun = other, other.applied(session), None, None

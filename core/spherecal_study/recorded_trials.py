@@ -11,7 +11,7 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
-from spherecal.detect.redetection import with_missed_targets
+from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import observed
 from spherecal.files.observations_file import read_observations, write_observations
 from spherecal.files.read_session import read_session
@@ -59,7 +59,7 @@ def detected(folder: Path) -> Session:
     cameras, sizes = [c.id for c in session.cameras], [c.image_size for c in session.cameras]
     if not kept.exists():
         seen = observed(session, Context())
-        seen = with_missed_targets(seen, calibrate(seen), Context())
+        seen = with_missed_targets(seen, Located.of(calibrate(seen)), Context())
         assert seen.observations is not None
         kept.parent.mkdir(parents=True, exist_ok=True)
         write_observations(kept, seen.observations)

@@ -16,7 +16,7 @@ from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.detect.redetection import with_missed_targets
+from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
@@ -132,7 +132,7 @@ def test_redetection_finds_what_detection_missed(session: Session, first: Calibr
     missed = ids[:: max(1, len(ids) // 8)]
     lost = at & np.isin(o.target, missed)
     without = replace(session, observations=o.select(~lost))
-    again = with_missed_targets(without, first, Context()).observations
+    again = with_missed_targets(without, Located.of(first), Context()).observations
     assert again is not None
     new = np.arange(len(again)) >= int((~lost).sum())
     found = new & (again.placement == 1) & (again.camera == 2)
@@ -165,7 +165,7 @@ def test_redetection_sees_no_target_that_is_covered(session: Session, first: Cal
     hidden[at] = np.isin(o.target[at], covered)
     placements = (replace(session.placements[0], images=images), *session.placements[1:])
     again = with_missed_targets(
-        replace(session, observations=o.select(~hidden), placements=placements), first, Context()
+        replace(session, observations=o.select(~hidden), placements=placements), Located.of(first), Context()
     ).observations
     assert again is not None
     new = np.arange(len(again)) >= int((~hidden).sum())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spherecal.adjust.covariance import Covariance
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.recording import Recording
@@ -88,6 +88,10 @@ def cofactors(n: int, sd: FloatArray | float = 1.0, part: FloatArray | None = No
         points = noise  # type: ignore[assignment]
         point_noise = noise  # type: ignore[assignment]
         point_of_feature = np.arange(n)  # type: ignore[assignment]
+
+        @property
+        def is_located(self) -> BoolArray:
+            return np.isfinite(noise[:, 0, 0])
 
         def functional(self, gradient: FloatArray) -> float:
             return float(np.einsum("pi,pij,pj->", gradient, noise, gradient))

@@ -50,12 +50,8 @@ class Bending:
 
     @property
     def count(self) -> int:
-        """Columns of one placement."""
+        """Columns of one placement: each polynomial along x, then along y and z."""
         return 3 * self.values.shape[1]
-
-    def derivatives(self, point: IntArray, by_point: FloatArray) -> FloatArray:
-        """Weighted derivatives (k,2,r) of residuals by a placement's columns, from those by their points, (k,2,3)."""
-        return (self.values[point][:, None, :, None] * by_point[:, :, None]).reshape(len(point), 2, -1)
 
 
 def bending_of(points: FloatArray, is_shared: BoolArray, n_placements: int) -> Bending:
@@ -133,25 +129,6 @@ class Design:
         count = int(self.span_of_image.max()) + 1
         span = placement // self.together
         return np.searchsorted(self.camera_of_image * count + self.span_of_image, camera * count + span)
-
-    def columns(self, image: int) -> IntArray:
-        """The columns of fields and turns that an image's observations have."""
-        if not len(self.camera_of_image):
-            return np.concatenate([np.zeros(0, dtype=np.int64), *(f.columns for f in self.fields_of(image))])
-        turn = self.n_fields + TURN * image + np.arange(TURN)
-        return np.concatenate([*(f.columns for f in self.fields_of(int(self.camera_of_image[image]))), turn])
-
-    def of_placement(self, placement: int) -> IntArray:
-        """The columns of the ball's shape at a placement."""
-        if self.bending is None:
-            return np.zeros(0, dtype=np.int64)
-        return self.n_of_cameras + placement * self.bending.count + np.arange(self.bending.count)
-
-    def derivatives(self, camera: int, uv: FloatArray, weight: FloatArray, by_camera: FloatArray) -> FloatArray:
-        """Weighted derivatives (k,2,r) of residuals at measured pixels uv (k,2) of one image by its columns."""
-        fields = [field.basis.at(uv) * weight[:, :, None] for field in self.fields_of(camera)]
-        turns = TURN if len(self.camera_of_image) else 0
-        return np.concatenate([*fields, by_camera[:, :, :turns]], axis=2)
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,10 @@ and one pose a camera. Both are random effects, with amplitudes by restricted ma
 in one adjustment with all other unknowns, and each is taken only where the data ask for it beside the other.
 """
 
-from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
-from scipy import sparse
 
 from spherecal.adjust.ball_model import Deformable, Free, Rigid
 from spherecal.adjust.bundle import Adjustment, refine
@@ -27,12 +24,10 @@ from spherecal.adjust.camera_effects import (
     bending_of,
 )
 from spherecal.adjust.covariance import Covariance, inverted, with_effects
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places
+from spherecal.adjust.effect_elimination import effects_of
 from spherecal.adjust.lens_field import beyond_lens, field_basis
 from spherecal.adjust.network import Network
-from spherecal.adjust.parameter_layout import POSE
-from spherecal.adjust.problem import Problem
 from spherecal.adjust.variance_components import (
     Effects,
     Estimate,
@@ -42,7 +37,7 @@ from spherecal.adjust.variance_components import (
     others_eliminated,
     solved,
 )
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
 
@@ -70,9 +65,6 @@ MOST_TURNS = 2400
 # Eigenfunctions that hold less of a field's variance are left out; where its amplitude is more than so many standard
 # deviations of an image coordinate, what they hold is more than noise (rig A, 0.3 px: chi2 1.04 without them).
 LEAST_SHARE, FINE_SHARE, LARGE = 1e-4, 1e-5, 10.0
-# Points that are eliminated at a time: of hall24 1.4 s instead of 6.7, of rig A 0.3 instead of 0.5 all at once. Where
-# more columns than `_MANY` are added to each time, more points: of a million observations 15 s instead of 21.
-_LEAST_POINTS, _MOST_POINTS, _MANY = (64, 256), 1024, 2000
 # Amplitudes that a field may have though it is not taken, px: as far above the best as a standard uncertainty, where
 # -2 log of the likelihood is one more. Only where fields gain more than noise does (5 on rig A with 100 targets; one in
 # 1,000 of such amplitudes gains 9.5): clean results stay as they are. Real lenses deviate by up to 0.3 px.
@@ -120,208 +112,30 @@ def design_of(network: Network, adjusted: Adjustment, least_share: float = LEAST
     return Design(tuple(fields), turns[0], turns[1], problem.n_cameras, together)
 
 
-@dataclass(frozen=True)
-class EffectSystem:
-    """The effects, all else eliminated; the other columns' equations by them (e,m), points' shifts by them (3p,m)."""
-
-    quadratic: Effects
-    by_columns: FloatArray
-    _shifts: list[tuple[FloatArray, IntArray, IntArray]]
-    _shape: tuple[int, int]
-
-    @property
-    def shifts(self) -> sparse.csr_array:
-        """The shifts of the points, where `effects_of` was asked for them."""
-        return _stacked(self._shifts, self._shape)
-
-
-def effects_of(
+def corrected(
     network: Network,
     adjusted: Adjustment,
-    design: Design,
-    system: Inverted | CovarianceFactors,
-    start: FloatArray | None,
-    with_shifts: bool = False,
-) -> EffectSystem:
-    """The quadratic form of the effects at an adjusted network, all other unknowns eliminated.
-
-    `start` (m,): the coefficients that the network is corrected by; None for none. `with_shifts`: the points' shifts
-    too, 700 MB of a million observations.
-    """
-    problem = adjusted.problem
-    m, e = design.count, problem.layout.expanded
-    own, by_columns, gradient, of_columns = np.zeros((m, m)), np.zeros((e, m)), np.zeros(m), np.zeros(e)
-    shifts = []
-    for part in _parts(network, adjusted, design, system):
-        effects, columns = part.effects, part.columns
-        own[np.ix_(effects, effects)] += part.own
-        by_columns[np.ix_(columns, effects)] += part.by_columns
-        gradient[effects] += part.gradient
-        of_columns[columns] += part.of_columns
-        shifts += [part.shifts] * with_shifts
-    follow = system.inverse @ by_columns
-    matrix = own
-    matrix -= _symmetric_product(by_columns, follow)  # in place: each of these takes 80 MB of a million observations
-    gradient -= follow.T @ of_columns
-    before = np.zeros(m) if start is None else start
-    squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))
-    taken = 0 if network.corrections is None else round(network.corrections.freedom)
-    redundancy = adjusted.redundancy + taken
-    quadratic = Effects(matrix, gradient - matrix @ before, squares, redundancy, design.part, design.kind)
-    return EffectSystem(quadratic, by_columns, shifts, (3 * problem.n_points, m))
-
-
-def _symmetric_product(left: FloatArray, right: FloatArray) -> FloatArray:
-    """left' right (m,m) where that is symmetric: one triangle of blocks is computed."""
-    m = left.shape[1]
-    out = np.empty((m, m))
-    for first in range(0, m, _MOST_POINTS):
-        block, upto = slice(first, first + _MOST_POINTS), min(first + _MOST_POINTS, m)
-        out[:upto, block] = left[:, :upto].T @ right[:, block]
-        out[block, :first] = out[:first, block].T
-    return out
-
-
-@dataclass(frozen=True)
-class _Part:
-    """What some points add for some of the effects (s,) and columns (t,): own (s,s), by_columns (t,s), gradients.
-
-    `shifts`: the points' (3k,s) with their rows (3k,) and columns (s,) among all.
-    """
-
-    effects: IntArray
-    columns: IntArray
-    own: FloatArray
-    by_columns: FloatArray
-    gradient: FloatArray
-    of_columns: FloatArray
-    shifts: tuple[FloatArray, IntArray, IntArray]
-
-
-def _stacked(shifts: list[tuple[FloatArray, IntArray, IntArray]], shape: tuple[int, int]) -> sparse.csr_array:
-    data = np.concatenate([values.ravel() for values, _, _ in shifts])
-    rows = np.concatenate([np.repeat(rows, len(columns)) for _, rows, columns in shifts])
-    columns = np.concatenate([np.tile(columns, len(rows)) for _, rows, columns in shifts])
-    return sparse.csr_array((data, (rows, columns)), shape=shape)
-
-
-def _parts(
-    network: Network, adjusted: Adjustment, design: Design, system: Inverted | CovarianceFactors
-) -> Iterator[_Part]:
-    """The points that the same images show, some at a time: each meets few of the columns."""
-    problem, measured = adjusted.problem, network.measured[adjusted.rows]
-    of_camera_first = network.camera * (int(network.placement.max()) + 1) + network.placement
-    image = np.unique(of_camera_first, return_inverse=True)[1][adjusted.rows]
-    turned = design.images(problem.camera, network.placement[adjusted.rows])
-    for points in _of_the_same_images(problem, image, _LEAST_POINTS[design.count > _MANY]):
-        yield _part(problem, design, system, measured, (image, turned), points)
-
-
-def _of_the_same_images(problem: Problem, image: IntArray, least: int) -> Iterator[IntArray]:
-    """Points by the images that show them, some `least` to `_MOST_POINTS` at a time."""
-    start = problem.point_start
-    seen = np.flatnonzero(np.diff(start) > 0)
-    tag = np.random.default_rng(0).integers(1, 2**62, int(image.max()) + 1, dtype=np.uint64)
-    pattern = np.add.reduceat(tag[image], start[seen])  # equal for equal sets, wrapping around
-    order = np.lexsort((pattern, image[start[seen + 1] - 1], image[start[seen]]))
-    first = 0
-    for last in [*np.flatnonzero(np.diff(pattern[order]) != 0) + 1, len(order)]:
-        while last - first >= least or (last == len(order) and first < last):
-            upto = min(first + _MOST_POINTS, int(last))
-            yield seen[order[first:upto]]
-            first = upto
-
-
-def _part(
-    problem: Problem,
-    design: Design,
-    system: Inverted | CovarianceFactors,
-    uv: FloatArray,
-    images: tuple[IntArray, IntArray],
-    points: IntArray,
-) -> _Part:
-    """`images` (n,) of the observations, and those of the design."""
-    width, start = system.linear.width, problem.point_start
-    count = start[points + 1] - start[points]
-    local = np.repeat(np.arange(len(points)), count)  # point of each row
-    rows = np.arange(len(local)) + np.repeat(start[points] - np.cumsum(count) + count, count)
-    linear, camera, uv, weight = system.linear.at(rows), problem.camera[rows], uv[rows], problem.weight[rows]
-    image, turned = (each[rows] for each in images)
-    order = np.argsort(image, kind="stable")
-    bounds = np.flatnonzero(np.diff(image[order], prepend=-1, append=-2))
-    groups = [order[begin:end] for begin, end in pairwise(bounds.tolist())]
-    met = [design.columns(int(turned[k[0]])) for k in groups]
-    moved = [np.arange(c * width, (c + 1) * width) for c in (int(camera[k[0]]) for k in groups)]
-    if problem.n_placements:
-        placement = problem.placement[rows]
-        first = [problem.n_cameras * width + POSE * int(placement[k[0]]) for k in groups]
-        moved = [np.append(own, at + np.arange(POSE)) for own, at in zip(moved, first, strict=True)]
-        met = [np.append(own, design.of_placement(int(placement[k[0]]))) for own, k in zip(met, groups, strict=True)]
-    kept = np.flatnonzero(np.isin(problem.kept_points, points))
-    ends = problem.layout.expanded - 3 * (len(problem.kept_points) - kept)[:, None] + np.arange(3)
-    effects, columns = np.unique(np.concatenate(met)), np.unique(np.concatenate([*moved, ends.ravel()]))
-    s, t = len(effects), len(columns)
-    own, by_columns, gradient, of_columns = np.zeros((s, s)), np.zeros((t, s)), np.zeros(s), np.zeros(t)
-    by_effects, by_others = np.zeros((len(points), 3, s)), np.zeros((len(points), 3, t))
-    of_points = np.zeros((len(points), 3))
-    for k, met_here, moved_here in zip(groups, met, moved, strict=True):
-        theirs = linear.by_camera[k]
-        values = design.derivatives(int(camera[k[0]]), uv[k], weight[k], theirs)  # (k,2,r)
-        if design.bending is not None:
-            bent = design.bending.derivatives(problem.point[rows[k]], linear.by_point[k])
-            values = np.concatenate([values, bent], axis=2)
-        if problem.n_placements:
-            theirs = np.concatenate([theirs, linear.by_placement[k]], axis=2)
-        at, others = np.searchsorted(effects, met_here), np.searchsorted(columns, moved_here)
-        flat, flat_x = values.reshape(2 * len(k), len(at)), theirs.reshape(2 * len(k), len(others))
-        own[np.ix_(at, at)] += flat.T @ flat
-        by_columns[np.ix_(others, at)] += flat_x.T @ flat
-        residual = linear.residual[k]
-        gradient[at] += flat.T @ residual.ravel()
-        of_columns[others] += flat_x.T @ residual.ravel()
-        by_point = linear.by_point[k].transpose(0, 2, 1)
-        np.add.at(of_points, local[k], np.einsum("kij,kj->ki", by_point, residual))
-        by_effects[local[k][:, None], :, at] += (by_point @ values).transpose(0, 2, 1)
-        by_others[local[k][:, None], :, others] += (by_point @ theirs).transpose(0, 2, 1)
-    inverse = system.point_inverse[points]
-    known = inverse[:, 0, 0] > 0  # observed, and not kept
-    root = np.linalg.cholesky(np.where(known[:, None, None], inverse, np.eye(3))) * known[:, None, None]
-    across = root.transpose(0, 2, 1)
-    white, white_x = (across @ by_effects).reshape(3 * len(points), s), (across @ by_others).reshape(-1, t)
-    white_g = (across @ of_points[:, :, None]).ravel()
-    own -= white.T @ white
-    by_columns -= white_x.T @ white
-    gradient -= white.T @ white_g
-    of_columns -= white_x.T @ white_g
-    shifts = -(root @ white.reshape(len(points), 3, s)).reshape(3 * len(points), s)
-    for number, at in zip(kept, np.searchsorted(columns, ends), strict=True):
-        by_columns[at] += by_effects[np.flatnonzero(points == problem.kept_points[number])[0]]
-    own_rows = (3 * points[:, None] + np.arange(3)).ravel()
-    return _Part(effects, columns, own, by_columns, gradient, of_columns, (shifts, own_rows, effects))
-
-
-def corrected(
-    network: Network, adjusted: Adjustment, placed: BoolArray, places: Places | None, context: Context
+    placed: BoolArray,
+    places: Places | None,
+    first: Corrections | None,
+    context: Context,
 ) -> tuple[Network, Adjustment]:
     """The network with its lenses' fields and images' motions, where the data ask for them, adjusted with them.
 
-    `placed`: cameras that have a pose, (c,); `places` None in the free form.
+    `placed`: cameras that have a pose, (c,); `places` None in the free form; `first`: its `first_effects`.
     """
-    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted):
-        return network, adjusted
     found = network.corrections
-    if found is None and not isinstance(network.ball, Free):
-        return network, adjusted  # what only the ball as one object asks for may be its own change of shape
-    design = design_of(network, adjusted) if found is None else found.design
+    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted) or (found is None and first is None):
+        return network, adjusted
     limit = None if found is None or isinstance(network.ball, Free) else MOST_GROWTH * found.variances
     for _ in range(ROUNDS):
-        before = found
-        found = _estimated(network, adjusted, places, design, found, limit)
+        before, found = found, first if found is None else _estimated(network, adjusted, places, found, limit)
+        assert found is not None
         if _is_settled(before, found):
             break  # what lens, pose and field share would go on wandering, of one weak camera from 0.4 to 1.5 px
-        found = None if found is None else replace(found, turning=network.turning)
+        found = replace(found, turning=network.turning)
         again = network.corrected(found, adjusted.state.intrinsics)
-        if found is not None and is_beyond(found, again, adjusted.state.intrinsics):
+        if is_beyond(found, again, adjusted.state.intrinsics):
             # no small effect: the lenses or the poses are wrong
             network = replace(network.corrected(None, adjusted.state.intrinsics), sizes=None, is_beyond=True)
             return network, refine(network, adjusted.state, adjusted.used, placed, context)
@@ -335,9 +149,9 @@ def corrected(
     return network, adjusted
 
 
-def _is_settled(before: Corrections | None, found: Corrections | None) -> bool:
+def _is_settled(before: Corrections | None, found: Corrections) -> bool:
     """Whether a round gained nothing on the one before, with about as many observations."""
-    if before is None or found is None or abs(found.redundancy / before.redundancy - 1) > ALIKE:
+    if before is None or abs(found.redundancy / before.redundancy - 1) > ALIKE:
         return False
     gain = before.deviance / before.redundancy - found.deviance / found.redundancy
     return gain * found.redundancy < SETTLED
@@ -423,10 +237,10 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         if found is not None:
             taken[: len(found.variances)] = found.variances
         considered = _considered(design, system.quadratic, taken, adjusted)
-        own = _with_considered(system.quadratic, taken, considered)
         used = np.flatnonzero((taken + considered)[design.part] > 0)
         if len(used):
-            return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own[np.ix_(used, used)])
+            own = _with_considered(system.quadratic.of_columns(used), taken, considered)
+            return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own)
     return given
 
 
@@ -487,29 +301,37 @@ def _not_excluded(
     return squared * px**2 * (MORE_THAN_NOISE < gain <= LEAST_EVIDENCE), gain
 
 
-def _estimated(
-    network: Network,
-    adjusted: Adjustment,
-    places: Places | None,
-    design: Design,
-    before: Corrections | None,
-    limit: FloatArray | None,
-) -> Corrections | None:
+def first_effects(network: Network, adjusted: Adjustment) -> Corrections | None:
+    """The effects that a free form asks for which has none yet; None for none."""
+    if network.corrections is not None or not isinstance(network.ball, Free):
+        return None  # what only the ball as one object asks for may be its own change of shape
+    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted):
+        return None
     with one_blas_thread(), suppress(np.linalg.LinAlgError):  # a network that hardly hangs together has no effects
+        system = inverted(adjusted.problem, adjusted.state, None)
+        if system is None:
+            return None
+        design = design_of(network, adjusted)
+        effects = effects_of(network, adjusted, design, system, None).quadratic
+        found = chosen(design, effects, _first_variances(design, adjusted))
+        fine = (LARGE / np.median(adjusted.problem.weight)) ** 2
+        if found is not None and (found.variances[design.kind == FIELD] > fine).any():
+            design = design_of(network, adjusted, FINE_SHARE)
+            effects = effects_of(network, adjusted, design, system, None).quadratic
+            found = chosen(design, effects, _first_variances(design, adjusted))
+        if found is None or _predicts(network, adjusted, None, found):
+            return found
+        return chosen(design, effects, _first_variances(design, adjusted), frozenset({MOTION}))
+    return None
+
+
+def _estimated(
+    network: Network, adjusted: Adjustment, places: Places | None, before: Corrections, limit: FloatArray | None
+) -> Corrections:
+    with one_blas_thread(), suppress(np.linalg.LinAlgError):
         system = inverted(adjusted.problem, adjusted.state, places)
         if system is None:
             return before
-        if before is None:
-            effects = effects_of(network, adjusted, design, system, None).quadratic
-            found = chosen(design, effects, _first_variances(design, adjusted))
-            fine = (LARGE / np.median(adjusted.problem.weight)) ** 2
-            if found is not None and (found.variances[design.kind == FIELD] > fine).any():
-                design = design_of(network, adjusted, FINE_SHARE)
-                effects = effects_of(network, adjusted, design, system, None).quadratic
-                found = chosen(design, effects, _first_variances(design, adjusted))
-            if found is None or _predicts(network, adjusted, places, found):
-                return found
-            return chosen(design, effects, _first_variances(design, adjusted), frozenset({MOTION}))
         effects = effects_of(network, adjusted, before.design, system, before.applied).quadratic
         found = estimated(effects, before.variances, limit)
         freedom = float(found.freedom.sum())

@@ -21,7 +21,7 @@ from spherecal.adjust.parameter_layout import symmetric
 from spherecal.adjust.point_factors import PointFactors, point_factors, widened
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.threads import one_blas_thread
 
 
@@ -47,6 +47,11 @@ class Covariance:
         """Cofactors (f,3,3) of the features' places, NaN where one takes no part; not asked of forms not taken."""
         with one_blas_thread():
             return self._parts.place_cofactors()
+
+    @property
+    def is_located(self) -> BoolArray:
+        """Features (f,) whose places have cofactors."""
+        return self._parts.is_located
 
     @property
     def given_effects(self) -> "Covariance":

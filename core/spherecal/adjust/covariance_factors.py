@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 from spherecal.adjust.datum import Motions, Places
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import Problem
-from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,12 @@ class CovarianceFactors(ABC):
     @abstractmethod
     def point_of_feature(self) -> IntArray:
         """The unknown point (f,) behind each feature."""
+
+    @property
+    def is_located(self) -> BoolArray:
+        """Features (f,) that some observation locates."""
+        located = np.diff(self.problem.point_start) > 0
+        return located if self.places is None else located[self.places.point]
 
     @cached_property
     @abstractmethod

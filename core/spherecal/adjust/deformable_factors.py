@@ -73,8 +73,7 @@ class DeformableFactors(CovarianceFactors):
             product = (rows @ self.inverse).reshape(-1, 3, rows.shape[1])
             out[first : first + _CHUNK] += product @ rows.reshape(product.shape).transpose(0, 2, 1)
         self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
-        assert self.places is not None
-        out[(np.diff(self.problem.point_start) == 0)[self.places.point]] = np.nan
+        out[~self.is_located] = np.nan
         return out
 
 

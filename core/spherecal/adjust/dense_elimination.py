@@ -16,7 +16,7 @@ from spherecal.adjust.ball_model import Free, Rigid, Stored
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.linear import Linear, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
-from spherecal.base.arrays import IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.kernels import njit
 
 # Fewer columns than these (hall24: 510) are as fast by runs; so are free points that fewer cameras see (hall100: 3).
@@ -41,7 +41,8 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
     """Add the observations of some points (m,), which are eliminated, to the reduced system's upper triangle."""
     layout, everything = problem.layout, np.arange(problem.layout.expanded)
     is_free = isinstance(problem.ball, Free)
-    for some in _alike(problem, points) if is_free else (points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK)):
+    chunks = (points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK))
+    for some in alike(points, views_apart(problem)) if is_free else chunks:
         first, columns = layout.block_offset, everything  # where the blocks' columns are among those of the couplings
         if is_free:
             first, columns = _met(problem, some)
@@ -57,18 +58,22 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
             dsyrk(-1.0, rows.T, beta=1.0, c=reduced.matrix.T, lower=1, overwrite_c=1)
 
 
-def _alike(problem: Problem, points: IntArray) -> Iterator[IntArray]:
-    """The points (m,), some `_CHUNK_FREE` at a time, halved where the sets of cameras that see them differ most."""
+def views_apart(problem: Problem) -> FloatArray:
+    """Places (p,3) of the points, the farther apart the more the sets of cameras that see them differ."""
     sees = np.zeros((problem.n_points, problem.n_cameras))
     sees[problem.point, problem.camera] = 1.0
-    place = sees @ np.linalg.eigh(sees.T @ sees)[1][:, -_AXES:]
+    return sees @ np.linalg.eigh(sees.T @ sees)[1][:, -_AXES:]
+
+
+def alike(points: IntArray, apart: FloatArray) -> Iterator[IntArray]:
+    """The points (m,), some `_CHUNK_FREE` at a time, halved where they are farthest `apart`, (p,3)."""
     waiting = [points]
     while waiting:
         some = waiting.pop()
         if len(some) <= _CHUNK_FREE:
             yield some
             continue
-        along = place[some, np.argmax(place[some].var(axis=0))]
+        along = apart[some, np.argmax(apart[some].var(axis=0))]
         some = some[np.argsort(along, kind="stable")]
         waiting += [some[len(some) // 2 :], some[: len(some) // 2]]
 

@@ -10,6 +10,8 @@ says only what they cannot.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.spatial.distance import cdist
 
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.geometry.camera import project_with_derivatives, undistort
@@ -128,12 +130,12 @@ def left_unknown(nodes: FloatArray, size: FloatArray, seen: FloatArray, noise: f
     middles = np.stack([np.bincount(which.ravel(), along) for along in seen.T], axis=1) / count[:, None]
 
     def covariance(a: FloatArray, b: FloatArray) -> FloatArray:
-        away = np.sqrt(5.0) * np.linalg.norm(a[:, None] - b, axis=2) / length
+        away = cdist(a, b) * (np.sqrt(5.0) / length)
         return (1 + away + away**2 / 3) * np.exp(-away)
 
     known = covariance(middles, middles)
     known[np.diag_indices(len(cells))] += noise**2 / count
-    across = np.linalg.solve(np.linalg.cholesky(known), covariance(middles, nodes))
+    across = solve_triangular(np.linalg.cholesky(known), covariance(middles, nodes), lower=True, check_finite=False)
     return np.sqrt(np.maximum(1.0 - (across**2).sum(axis=0), 0.0))
 
 

@@ -69,7 +69,6 @@ class PointFactors(CovarianceFactors):
 
     def place_cofactors(self) -> FloatArray:
         """Cofactors (f,3,3) of L C L' + R V^-1 R' in the datum, L = R K + J by columns; NaN without observations."""
-        observed = np.diff(self.problem.point_start) > 0
         if self.places is None:
             out = self.point_inverse.copy()
             if self.shifts is not None:
@@ -89,9 +88,8 @@ class PointFactors(CovarianceFactors):
             gauge_cross = _carried_points(self) + self.point_inverse @ self.datum_points
         else:
             out, gauge_cross = _carried_places(self)
-            observed = observed[self.places.point]
         self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
-        out[~observed] = np.nan
+        out[~self.is_located] = np.nan
         return out
 
     def to_unknowns(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ has a variance of its own. A class that the data do not ask for gets the varianc
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs  # pyright: ignore[reportAttributeAccessIssue]
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtri, dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 
@@ -34,13 +34,18 @@ class Effects:
     part: IntArray
     kind: IntArray
 
+    def of_columns(self, columns: IntArray) -> "Effects":
+        """The same with some of the coefficients alone, (k,)."""
+        own = np.ix_(columns, columns)
+        return replace(self, matrix=self.matrix[own], gradient=self.gradient[columns], part=self.part[columns])
+
 
 @dataclass(frozen=True)
 class Estimate:
     """The effects' coefficients (m,), the variances (parts,) of each part's relative to sigma0 squared, and sigma0^2.
 
     `deviance`: -2 log of the restricted likelihood, but for a constant of the data; `freedom` (parts,): how many
-    coefficients' worth the data determine.
+    coefficients' worth the data determine, 0 where nobody asked.
     """
 
     coefficients: FloatArray
@@ -58,8 +63,14 @@ def estimated(effects: Effects, start: FloatArray, limit: FloatArray | None = No
 
 
 def _iterated(effects: Effects, variances: FloatArray, limit: FloatArray | None = None) -> Estimate:
+    used = np.flatnonzero(variances[effects.part] > 0)
+    if len(used) < len(effects.part):  # those that have a variance keep one
+        best = _iterated(effects.of_columns(used), variances, limit)
+        coefficients = np.zeros(len(effects.part))
+        coefficients[used] = best.coefficients
+        return replace(best, coefficients=coefficients)
     count = np.bincount(effects.part, minlength=len(effects.kind)).astype(float)
-    best = solved(effects, variances)
+    best = solved(effects, variances, True)
     for _ in range(ROUNDS):
         b, freedom, sigma2 = best.coefficients, best.freedom, best.sigma0_squared
         squares = np.bincount(effects.part, b**2, len(effects.kind)) / sigma2
@@ -73,7 +84,7 @@ def _iterated(effects: Effects, variances: FloatArray, limit: FloatArray | None 
         most = variances * MOST_GROWTH**2 if limit is None else np.minimum(variances * MOST_GROWTH**2, limit)
         new = np.clip(new, variances / MOST_GROWTH**2, most)
         variances, before = new, best
-        best = solved(effects, variances)
+        best = solved(effects, variances, True)
         if before.deviance - best.deviance < SETTLED:
             break
     return best
@@ -85,35 +96,49 @@ def _by_own_equations(effects: Effects, start: FloatArray) -> FloatArray:
     for part in np.flatnonzero(start > 0):
         mine = np.flatnonzero(effects.part == part)
         if len(mine):
-            matrix, gradient = effects.matrix[np.ix_(mine, mine)], effects.gradient[mine]
-            own = replace(effects, matrix=matrix, gradient=gradient, part=np.zeros_like(mine), kind=effects.kind[:1])
+            own = replace(effects.of_columns(mine), part=np.zeros_like(mine), kind=effects.kind[:1])
             variances[part] = max(_iterated(own, start[part : part + 1]).variances[0], LEAST * start[part])
     return variances
 
 
 def effect_cofactors(effects: Effects, variances: FloatArray) -> FloatArray:
     """Cofactors (m,m) of the coefficients for given variances (parts,); 0 where there is none."""
-    root = np.sqrt(variances[effects.part])
-    scaled = effects.matrix * root[:, None] * root
-    scaled[np.diag_indices(len(root))] += 1.0
-    return np.asarray(np.linalg.inv(scaled) * root[:, None] * root, dtype=np.float64)
+    cofactors = np.zeros_like(effects.matrix)
+    used = np.flatnonzero(variances[effects.part] > 0)
+    if len(used):
+        factor, root = _factor(effects, variances, used)
+        lower = dpotri(factor, lower=1, overwrite_c=1)[0]  # its upper triangle is 0 since dpotrf
+        lower += np.tril(lower, -1).T
+        lower *= root[:, None]
+        cofactors[np.ix_(used, used)] = lower * root
+    return cofactors
 
 
 def others_eliminated(effects: Effects, variances: FloatArray, kept: BoolArray) -> Effects:
     """The effects of the kept parts (parts,) alone, as one part, all others eliminated with variances (parts,)."""
-    others, own = effect_cofactors(effects, variances), kept[effects.part]
-    across = others @ effects.matrix[:, own]
-    matrix = effects.matrix[np.ix_(own, own)] - effects.matrix[own] @ across
-    gradient = effects.gradient[own] - across.T @ effects.gradient
-    squares = effects.squares - float(effects.gradient @ others @ effects.gradient)
-    return replace(
-        effects,
-        matrix=matrix,
-        gradient=gradient,
-        squares=squares,
-        part=np.zeros(own.sum(), dtype=int),
-        kind=effects.kind[:1],
-    )
+    own, others = (np.flatnonzero(some[effects.part]) for some in (kept, variances > 0))
+    alone = replace(effects.of_columns(own), part=np.zeros_like(own), kind=effects.kind[:1])
+    if len(others):
+        factor, root = _factor(effects, variances, others)
+        columns = np.column_stack([effects.matrix[np.ix_(others, own)], effects.gradient[others]]) * root[:, None]
+        across = dtrtrs(factor, columns, lower=1)[0]
+        across, pull = across[:, :-1], across[:, -1]
+        matrix, gradient = alone.matrix - across.T @ across, alone.gradient - across.T @ pull
+        alone = replace(alone, matrix=matrix, gradient=gradient, squares=effects.squares - float(pull @ pull))
+    return alone
+
+
+def _factor(effects: Effects, variances: FloatArray, used: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Cholesky's factor (u,u), lower, of 1 + R M R of some columns (u,) with the roots R (u,) of their variances."""
+    root = np.sqrt(variances[effects.part[used]])
+    own = effects.matrix if len(used) == len(effects.part) else effects.matrix[np.ix_(used, used)]
+    scaled = own * root[:, None]
+    scaled *= root
+    scaled[np.diag_indices(len(root))] += 1.0
+    factor, info = dpotrf(scaled.T, lower=1, overwrite_a=1)
+    if info:
+        raise np.linalg.LinAlgError
+    return factor, root
 
 
 def least_cost(effects: Effects, variances: FloatArray, fixed: FloatArray) -> float:
@@ -123,25 +148,22 @@ def least_cost(effects: Effects, variances: FloatArray, fixed: FloatArray) -> fl
     return float(fixed @ (effects.gradient + gradient) + free @ gradient)
 
 
-def solved(effects: Effects, variances: FloatArray) -> Estimate:
-    """The coefficients for given variances (parts,)."""
-    used = variances[effects.part] > 0
+def solved(effects: Effects, variances: FloatArray, with_freedom: bool = False) -> Estimate:
+    """The coefficients for given variances (parts,); `with_freedom`: and what the data determine, in twice the time."""
+    used = np.flatnonzero(variances[effects.part] > 0)
     b = np.zeros(len(effects.part))
     freedom = np.zeros(len(effects.kind))
     squares, log_det = effects.squares, 0.0
-    if used.any():
-        root = np.sqrt(variances[effects.part[used]])
-        scaled = effects.matrix[np.ix_(used, used)] * root[:, None] * root
-        scaled[np.diag_indices(len(root))] += 1.0
-        factor, info = dpotrf(scaled.T, lower=1, overwrite_a=1)
-        if info:
-            raise np.linalg.LinAlgError
+    if len(used):
+        factor, root = _factor(effects, variances, used)
         log_det = 2 * float(np.log(np.diag(factor)).sum())
         pull = root * effects.gradient[used]
         taken = -dpotrs(factor, pull, lower=1)[0]
-        inverse = dpotri(factor, lower=1, overwrite_c=1)[0]  # its lower triangle
         b[used] = root * taken
         squares += float(pull @ taken)
-        freedom += np.bincount(effects.part[used], 1.0 - np.diag(inverse), len(effects.kind))
+        if with_freedom:
+            inverse = dtrtri(factor, lower=1, overwrite_c=1)[0]  # its upper triangle is 0 since dpotrf
+            left = 1.0 - np.einsum("ij,ij->j", inverse, inverse)
+            freedom += np.bincount(effects.part[used], left, len(effects.kind))
     sigma2 = max(squares, 1e-30) / effects.redundancy
     return Estimate(b, variances, sigma2, effects.redundancy * float(np.log(sigma2)) + log_det, freedom)

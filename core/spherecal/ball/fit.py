@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
-from spherecal.adjust.corrections import corrected, with_corrections
+from spherecal.adjust.camera_effects import MOTION, Corrections
+from spherecal.adjust.corrections import corrected, first_effects, with_corrections
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.intrinsic_priors import (
     LEAST_NOISE,
@@ -31,13 +32,28 @@ MOST_WORSE_BY_FIXING = 2.0
 
 
 @dataclass(frozen=True)
+class Begun:
+    """A free form before effects: its network, adjustment, placed and ambiguous cameras, and what effects it asks for.
+
+    It is the same whether turns are applied or not.
+    """
+
+    network: Network
+    adjusted: Adjustment
+    placed: BoolArray
+    ambiguous: BoolArray
+    effects: Corrections | None
+
+
+@dataclass(frozen=True)
 class BallFit:
     """A network solved in one form, in the reference camera's frame.
 
     `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
     `rigid` says which. `has_prior` (c,): cameras whose intrinsics have a prior, since the data do not determine them.
     `ambiguous` (c,): those without a pose because two fit equally well. `free`: of the soft form, the free one, which
-    shows what is wrong without taking a moved camera for a ball that gave way.
+    shows what is wrong without taking a moved camera for a ball that gave way. `begun`: where the free form began,
+    if its images may turn.
     """
 
     network: Network
@@ -48,6 +64,7 @@ class BallFit:
     rigid: RigidNetwork | None = None
     free: "BallFit | None" = None
     ambiguous: BoolArray | None = None
+    begun: Begun | None = None
 
     @property
     def by_features(self) -> Adjustment:
@@ -62,11 +79,19 @@ class BallFit:
         return self.network.views(self.adjusted.used)
 
 
-def solve_free(network: Network, start: InitialPoses, candidates: BoolArray, run: Run) -> BallFit:
-    """The free form from the start of the network, with some of its observations (n,)."""
+def solve_free(
+    network: Network, start: InitialPoses, candidates: BoolArray, run: Run, begun: Begun | None = None
+) -> BallFit:
+    """The free form from the start of the network, with some of its observations (n,).
+
+    `begun`: where another solution of the same network began, of which turns were not applied, or were.
+    """
 
     def solution(described: Network) -> BallFit:
-        return solve_from(described, start, candidates, run)
+        if begun is None or described.priors is not begun.network.priors:
+            return solve_from(described, start, candidates, run)
+        network = replace(begun.network, turning=described.turning)
+        return _from_begun(replace(begun, network=network), run)
 
     return solve_with_priors(network, candidates & start.placed[network.camera], start.placed, solution, run)
 
@@ -81,8 +106,20 @@ def solve_from(
     state, used = found.state, found.used & ~found.ambiguous[network.camera]
     placed = placed & ~found.ambiguous
     network = replace(network, noise=rough_noise(network, state, used))
-    fit = finished_solution(network, refine(network, state, used, placed, run.context), placed, run, rigid)
-    return replace(fit, ambiguous=found.ambiguous)
+    adjusted = refine(network, state, used, placed, run.context)
+    if rigid is None and not run.plain:
+        network, adjusted = weighted(network, adjusted, placed, run.context)
+        return _from_begun(Begun(network, adjusted, placed, found.ambiguous, first_effects(network, adjusted)), run)
+    return replace(finished_solution(network, adjusted, placed, run, rigid), ambiguous=found.ambiguous)
+
+
+def _from_begun(begun: Begun, run: Run) -> BallFit:
+    network, adjusted = corrected(begun.network, begun.adjusted, begun.placed, None, begun.effects, run.context)
+    if network.corrections is not None:
+        network, adjusted = weighted(network, adjusted, begun.placed, run.context)
+    fit = _with_covariance(network, adjusted, begun.placed, run, None)
+    is_needed = begun.effects is not None and MOTION in begun.effects.evidence  # 100 MB of a million observations
+    return replace(fit, ambiguous=begun.ambiguous, begun=begun if is_needed else None)
 
 
 def with_lengths(fit: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
@@ -102,13 +139,19 @@ def with_lengths(fit: BallFit, rows: LengthRows, factor: float, run: Run) -> Bal
 def finished_solution(
     network: Network, adjusted: Adjustment, placed: BoolArray, run: Run, rigid: RigidNetwork | None = None
 ) -> BallFit:
-    """The solution with its weights and its covariance; `rigid` None in the free form."""
+    """The solution with its weights and its covariance; `rigid` None in the free form, of which the latter is asked."""
     if not run.plain:
         network, adjusted = weighted(network, adjusted, placed, run.context)
         places = None if rigid is None else rigid.places
-        network, adjusted = corrected(network, adjusted, placed, places, run.context)
+        network, adjusted = corrected(network, adjusted, placed, places, None, run.context)
         if network.corrections is not None:
             network, adjusted = weighted(network, adjusted, placed, run.context)
+    return _with_covariance(network, adjusted, placed, run, rigid)
+
+
+def _with_covariance(
+    network: Network, adjusted: Adjustment, placed: BoolArray, run: Run, rigid: RigidNetwork | None
+) -> BallFit:
     adjusted = replace(adjusted, state=adjusted.state.seen_from(run.reference_in(adjusted)))
     run.context.report("uncertainty", 0.0)
     release_freed()

@@ -96,13 +96,15 @@ class RequestedModel:
 
     `mm_per_unit` gives the length of the network's unit from its free form. `sizes` gives those of the ball at its
     placements (t,), relative to their mean, that the rigid form should have, by the free form's variance. With None for
-    that variance it gives what sizes that are fitted already are off.
+    that variance it gives what sizes that are fitted already are off. `is_moved`: whether motions of cameras or of the
+    ball leave no more than a variance.
     """
 
     name: RequestedForm
     shape_sd_mm: float | None
     mm_per_unit: Callable[[BallFit], float]
     sizes: Callable[[RigidNetwork, Adjustment, float | None], FloatArray | None]
+    is_moved: Callable[[float], bool]
 
 
 def choose_ball_model(
@@ -112,7 +114,11 @@ def choose_ball_model(
     requested: RequestedModel,
     run: Run,
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason."""
+    """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason.
+
+    Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
+    0012).
+    """
     run.context.report("rigid ball", 0.0)
     alignment = ball.aligned(free.adjusted.state.points)
     if not free.placed.all():
@@ -125,10 +131,17 @@ def choose_ball_model(
     again = replace(ball.network, noise=free.network.noise, priors=free.network.priors).corrected_as(free.network)
     rigid, start = share_shape(again, ball.features, free.adjusted.state, alignment)
     first = _first_rigid(rigid.network, start, free, run)
-    network, first = corrected(rigid.network, first, free.placed, rigid.places, run.context)
+    network, first = corrected(rigid.network, first, free.placed, rigid.places, None, run.context)
     rigid = replace(rigid, network=network)
     first, sizes = _of_several_sizes(rigid, first, free, requested, run)
     choice = replace(_judged(first, [free], alignment, requested.name, rigid.feature), sizes=sizes)
+    # asked before the soft form, which takes as long as all else of a camera that moved
+    if choice.refused and choice.limit is not None and requested.is_moved(choice.limit * free.adjusted.variance):
+        if not free.placed.all():  # it may link more cameras
+            asked = replace(requested, name="rigid")
+            fit, choice = choose_ball_model(free, ball, other_groups, asked, run)
+            return fit, _kept(choice)
+        choice = _kept(replace(choice, form="rigid"))
     if choice.form == "soft":
         soft = _soft_solution(rigid, first, free, choice, requested, run)
         if soft is not None:
@@ -138,6 +151,10 @@ def choose_ball_model(
         return free, choice
     fit = _rigid_solution(_without_priors(rigid), first, free.placed, run, rigid.network.priors)
     return _with_more_cameras(*_with_more_placements(fit, choice, ball, run), ball, run)
+
+
+def _kept(choice: ModelChoice) -> ModelChoice:
+    return replace(choice, reason=Phrase("form-kept", {"facts": choice.facts}), asked=False)
 
 
 def _without_priors(rigid: RigidNetwork) -> RigidNetwork:

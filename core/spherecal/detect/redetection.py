@@ -10,7 +10,7 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
-from spherecal.data.observations import Observations
+from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, RigCamera
 from spherecal.data.session import Session
 from spherecal.geometry.camera import is_unfolded, project
@@ -26,20 +26,38 @@ MOST_VIEW_DEG = 76.0
 BORDER_PX = 8.0
 
 
-def with_missed_targets(session: Session, first: Calibration, context: Context) -> Session:
-    """The session with targets found at places that a first calibration predicts; one of markers as it is."""
+@dataclass(frozen=True)
+class Located:
+    """What a first adjustment found: cameras by their names, and the places (m,3) of features."""
+
+    cameras: dict[str, RigCamera]
+    features: Features
+    points_mm: FloatArray
+
+    @classmethod
+    def of(cls, first: Calibration) -> "Located":
+        """What a calibration found."""
+        return cls({camera.id: camera for camera in first.rig.cameras}, first.features, first.points_mm)
+
+
+def with_missed_targets(session: Session, first: Located, context: Context) -> Session:
+    """The session with targets found at places that a first adjustment predicts; as it is where none is found.
+
+    Markers are found by their outlines, whatever is expected of them.
+    """
     observations, targets = session.observations, session.target_set
-    if observations is None or targets is None or targets.dictionary is not None or not first.rig.cameras:
-        return session  # markers are found by their outlines, whatever is expected of them
+    if observations is None or targets is None or targets.dictionary is not None or not first.cameras:
+        return session
     table = code_table(targets)
-    points = _points_by_target(first, table)
+    points = _points_by_target(first, observations, table)
     jobs = list(_jobs(session, observations, first, table, points))
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         found = []
         for number, result in enumerate(pool.map(lambda job: _search(job, table), jobs)):
             context.report(STAGE, number / len(jobs), Phrase("looking-again"))
             found.append(result)
-    return replace(session, observations=_extended(observations, jobs, found))
+    more = _extended(observations, jobs, found)
+    return session if more is observations else replace(session, observations=more)
 
 
 @dataclass(frozen=True)
@@ -53,20 +71,20 @@ class _Job:
     expected: ExpectedTargets
 
 
-def _points_by_target(first: Calibration, table: CodeTable) -> FloatArray:
+def _points_by_target(first: Located, observations: Observations, table: CodeTable) -> FloatArray:
     """Reconstructed dots (placements, targets, 8, 3) of the ball, NaN where there are none."""
-    f, names = first.features, first.observations.points
-    out = np.full((len(first.observations.placements), len(table.ids), len(DOTS), 3), np.nan)
+    f, names = first.features, observations.points
+    out = np.full((len(observations.placements), len(table.ids), len(DOTS), 3), np.nan)
     point = np.array([DOTS.index(name) if name in DOTS else -1 for name in names])[f.point]
     rows = np.flatnonzero((point >= 0) & np.isin(f.target, table.ids))
     out[f.placement[rows], np.searchsorted(table.ids, f.target[rows]), point[rows]] = first.points_mm[rows]
     return out
 
 
-def _jobs(session: Session, observations: Observations, first: Calibration, table: CodeTable, points: FloatArray):
+def _jobs(session: Session, observations: Observations, first: Located, table: CodeTable, points: FloatArray):
     for p, placement in enumerate(session.placements):
         for c, spec in enumerate(session.cameras):
-            camera, path = first.rig.camera(spec.id), placement.images.get(spec.id)
+            camera, path = first.cameras.get(spec.id), placement.images.get(spec.id)
             if camera is None or path is None:
                 continue
             known, known_uv = _seen(observations, p, c)
@@ -136,5 +154,7 @@ def _extended(observations: Observations, jobs: list[_Job], found: list[Found]) 
         if len(n):
             image = np.full(len(n), job.placement), np.full(len(n), job.camera)
             more.append((*image, result.targets[n], k, result.uv[n, k], result.sigma_uv[n, k]))
-    columns = zip(names, zip(*more, strict=True), strict=True) if more else ()
+    if not more:
+        return observations
+    columns = zip(names, zip(*more, strict=True), strict=True)
     return replace(observations, **{k: np.concatenate([getattr(observations, k), *own]) for k, own in columns})

@@ -49,10 +49,20 @@ def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = Tr
 
     S. Umeyama, Least-squares estimation of transformation parameters between two point patterns, 1991.
     """
-    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    a, b = source - source_mean, target - target_mean
-    u, s, vt = np.linalg.svd(b.T @ a)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = (u * sign) @ vt
-    scale = float((s * sign).sum() / (a * a).sum()) if with_scale else 1.0
-    return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
+    rotation, scale = _turned(source, target)
+    scale = float(scale) if with_scale else 1.0
+    return Similarity(scale, rotation, target.mean(axis=0) - scale * rotation @ source.mean(axis=0))
+
+
+def rigid_origins(source: FloatArray, targets: FloatArray) -> FloatArray:
+    """Where rigid motions that take points (n,3) to each of some others (m,n,3) bring the origin, (m,3)."""
+    return targets.mean(axis=1) - _turned(source, targets)[0] @ source.mean(axis=0)
+
+
+def _turned(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations (...,3,3) and scales (...) of the similarities from points (n,3) to others (...,n,3)."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=-2, keepdims=True)
+    u, s, vt = np.linalg.svd(np.swapaxes(b, -1, -2) @ a)
+    sign = np.ones_like(s)
+    sign[..., 2] = np.sign(np.linalg.det(u @ vt))
+    return (u * sign[..., None, :]) @ vt, (s * sign).sum(axis=-1) / (a * a).sum()

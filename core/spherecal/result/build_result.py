@@ -83,7 +83,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     adjusted = solved.adjusted
     measured, observations = observations, replace(observations, uv=solved.network.uv)
     corrections = solved.network.corrections
-    placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
+    placed = _observed(observations, solved)
     residual = _residuals(observations, features, placed, solution)
     recorded, judged = (session, observations, features), _for_diagnosis(solved)
     evidence = Evidence(*recorded, local, placed, judged, choice, solution, residual, adjusted.used, run.context)
@@ -173,6 +173,19 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         motions,
     )
     return stopped_early(done) if fit.stopped else done
+
+
+def cameras_of(recording: Recording, fit: MetricFit) -> list[RigCamera]:
+    """The rig's cameras as they are adjusted, without residuals, uncertainties and fields."""
+    placed, specs = _observed(recording.observations, fit.solved), recording.session.cameras
+    lasting = [c for c in np.flatnonzero(placed).tolist() if specs[c].earlier_pose_of is None]
+    return [placed_camera(specs[c], fit.solution.state, c, np.zeros((0, 2)), None, None) for c in lasting]
+
+
+def _observed(observations: Observations, solved: BallFit) -> BoolArray:
+    """Cameras (c,) with a pose, and with observations that were used."""
+    seen = np.bincount(observations.camera[solved.adjusted.used], minlength=len(solved.placed))
+    return solved.placed & (seen > 0)
 
 
 def quality_of(

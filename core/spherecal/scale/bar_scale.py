@@ -103,7 +103,7 @@ def odd_poses(
     Each certified length is compared with itself in the other poses: its certificate errs alike in all of them. Against
     the mean of the others the network's own warp counts, with all correlations.
     """
-    samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]))
+    samples = _samples(recording, bar_id, covariance.is_located)
     by_length: dict[tuple[str, str], list[_Sample]] = {}
     for sample in samples:
         by_length.setdefault((sample.certified.from_mark, sample.certified.to_mark), []).append(sample)
@@ -175,7 +175,7 @@ def scale_from_bars(
     The relative uncertainty holds noise and calibration with all correlations, and the certificate and the bar's
     temperature, which more poses do not average. See docs/formulation.md, Scale.
     """
-    samples = _samples(recording, bar_id, np.isfinite(covariance.points[:, 0, 0]), without)
+    samples = _samples(recording, bar_id, covariance.is_located, without)
     if not samples:
         return None
     mean, weight = _mean_ratio(samples, points, _first_factor(samples, points), covariance)

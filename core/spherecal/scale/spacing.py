@@ -254,7 +254,7 @@ def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
 
 def _stickers(spacing: Spacing, features: Features, points: FloatArray, covariance: Covariance) -> _Stickers:
     """All stickers of all placements with both dots, or with enough of their pattern, reconstructed."""
-    known = np.flatnonzero(np.isfinite(covariance.points[:, 0, 0]) & np.isfinite(points[:, 0]))
+    known = np.flatnonzero(covariance.is_located & np.isfinite(points[:, 0]))
     names = int(features.point.max(initial=0)) + 1
     both = np.stack([features.placement[known], features.target[known]], axis=1)
     keys, row = np.unique(both, axis=0, return_inverse=True)

@@ -71,11 +71,7 @@ def _in_its_model(
 def select_ball_model(
     recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
 ) -> tuple[BallFit, ModelChoice]:
-    """The rigid form if the data support it, else the soft or the free one; and the choice with its reasons.
-
-    Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
-    0012).
-    """
+    """The rigid form if the data support it, else the soft or the free one; and the choice with its reasons."""
     wanted: RequestedForm = settings.method if settings.method in ("rigid", "soft") else "auto"
 
     def mm_per_unit(fit: BallFit) -> float:
@@ -89,18 +85,12 @@ def select_ball_model(
             return None
         return sizes_to_fit(rigid, adjusted, recording.observations.placement, recording.n_ball, free_variance)
 
-    def chosen(wanted: RequestedForm) -> tuple[BallFit, ModelChoice]:
-        requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes)
-        return choose_ball_model(free, ball, others, requested, run)
-
-    fit, choice = chosen(wanted)
-    if choice.refused and choice.limit is not None:
-        most = choice.limit * free.adjusted.variance
+    def is_moved(most: float) -> bool:
         weighted = replace(ball.network, noise=free.network.noise).corrected_as(free.network)
-        if explained_by_moves(weighted, ball.features, free, ball.n_ball, run.context, most):
-            rigid, of_rigid = chosen("rigid")
-            reason = Phrase("form-kept", {"facts": of_rigid.facts})
-            return rigid, replace(of_rigid, reason=reason, asked=False)
+        return bool(explained_by_moves(weighted, ball.features, free, ball.n_ball, run.context, most))
+
+    requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes, is_moved)
+    fit, choice = choose_ball_model(free, ball, others, requested, run)
     if wanted not in ("auto", choice.form):
         raise InputError(Phrase("error-form-not-possible", {"form": wanted, "why": choice.reason}))
     return fit, choice

@@ -8,6 +8,7 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Mark
+from spherecal.geometry.transform import rigid_origins
 from spherecal.targets.centre import target_centre
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.outlying_views import CheckedPoints
@@ -83,12 +84,10 @@ class MarkFinder:
 
 def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
     """Derivatives (k, 3, 3) of a target's centre by its k dots (flat (k, 2), in space (k, 3)), by differences."""
-    derivative = np.zeros((len(points), 3, 3))
-    for i in range(len(points)):
-        for axis in range(3):
-            shift = np.zeros_like(points)
-            shift[i, axis] = _DIFFERENCE_MM
-            ahead, behind = target_centre(flat, points + shift), target_centre(flat, points - shift)
-            if ahead is not None and behind is not None:
-                derivative[i, :, axis] = (ahead - behind) / (2 * _DIFFERENCE_MM)
-    return derivative
+    k = len(points)
+    if target_centre(flat, points) is None:
+        return np.zeros((k, 3, 3))
+    source, shift = np.column_stack([flat, np.zeros(k)]), _DIFFERENCE_MM * np.eye(3 * k).reshape(3 * k, k, 3)
+    ahead, behind = rigid_origins(source, points + shift), rigid_origins(source, points - shift)
+    derivative = ((ahead - behind) / (2 * _DIFFERENCE_MM)).reshape(k, 3, 3)
+    return np.ascontiguousarray(derivative.transpose(0, 2, 1))

@@ -22,7 +22,7 @@ from spherecal.base.filesystem import as_id, new_file, read_below, write_whole
 from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
-from spherecal.detect.redetection import with_missed_targets
+from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import observed
 from spherecal.files.bar_registry import figures_entry
 from spherecal.files.bundle_file import BUNDLE_FILE, bundle_bytes
@@ -145,7 +145,7 @@ def with_observations(session: Session, settings: CalibrationSettings, context: 
     seen = observed(session, context)
     if settings.method in ("board", "bar"):
         return seen
-    return with_missed_targets(seen, calibrate(seen, settings, context), context)
+    return with_missed_targets(seen, Located.of(calibrate(seen, settings, context)), context)
 
 
 def _images(folder: Path, context: Context) -> dict[str, int]:

@@ -1,0 +1,74 @@
+"""The elimination of all other unknowns under the columns of effects, against dense equations of all of them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spherecal.adjust import corrections
+from spherecal.adjust.effect_elimination import EffectSystem, effects_of
+from spherecal.base.arrays import FloatArray
+from spherecal.calibrate import calibrate
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.truth import SimulationOptions
+
+
+@pytest.fixture(scope="module")
+def calls() -> list[tuple[tuple[Any, ...], EffectSystem]]:
+    """What a calibration eliminates: fields and turns; in the rigid form also with the ball's bending."""
+    seen: list[tuple[tuple[Any, ...], EffectSystem]] = []
+
+    def spied(*given: Any) -> EffectSystem:
+        seen.append((given, effects_of(*given)))
+        return seen[-1][1]
+
+    options = SimulationOptions(targets=40, misfit_px=0.2, scale="bar", bar_poses=3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(corrections, "effects_of", spied)
+        calibrate(simulate_session("demo", 1, options)[0])
+    return seen
+
+
+def _dense(network, adjusted, design, system, *_) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Derivatives by the effects (2n,m) and by all other unknowns (2n,u), and residuals (2n,)."""
+    problem, linear = adjusted.problem, system.linear.at(slice(None))
+    n, width, rows = len(problem.camera), system.linear.width, np.arange(len(problem.camera))
+    effects, columns = np.zeros((n, 2, design.count)), np.zeros((n, 2, problem.layout.expanded))
+    points = np.zeros((n, 2, 3 * problem.n_points))
+    image = design.images(problem.camera, network.placement[adjusted.rows])
+    for k in rows:
+        c, p = problem.camera[k], problem.point[k]
+        for field in design.fields_of(int(c)):
+            values = field.basis.at(network.measured[adjusted.rows[k : k + 1]])[0]
+            effects[k][:, field.columns] = values * problem.weight[k][:, None]
+        if len(design.camera_of_image):
+            effects[k][:, design.n_fields + 3 * image[k] + np.arange(3)] = linear.by_camera[k][:, :3]
+        columns[k][:, c * width + np.arange(width)] = linear.by_camera[k]
+        points[k][:, 3 * p + np.arange(3)] = linear.by_point[k]
+        if problem.n_placements:
+            t = problem.placement[k]
+            columns[k][:, problem.n_cameras * width + 6 * t + np.arange(6)] = linear.by_placement[k]
+            if design.bending is not None:
+                first = design.n_of_cameras + t * design.bending.count
+                moved = np.kron(linear.by_point[k], design.bending.values[p])
+                effects[k][:, first + np.arange(design.bending.count)] = moved
+    free = problem.layout.column >= 0
+    others = np.concatenate([columns[:, :, free], points], axis=2)
+    return effects.reshape(2 * n, -1), others.reshape(2 * n, -1), linear.residual.ravel()
+
+
+@pytest.mark.parametrize(("form", "bent"), [("Free", False), ("Rigid", False), ("Rigid", True)])
+def test_effects_are_eliminated_as_by_dense_equations(calls, form: str, bent: bool) -> None:
+    of = [(a, s) for a, s in calls if type(a[0].ball).__name__ == form and (a[2].bending is not None) == bent]
+    given, system = next((a, s) for a, s in of if not a[1].problem.has_lengths)
+    effects, others, residual = _dense(*given)
+    scale = np.linalg.norm(others, axis=0)
+    basis, size, _ = np.linalg.svd(others[:, scale > 0] / scale[scale > 0], full_matrices=False)
+    basis = basis[:, size > 1e-9 * size[0]]
+    left = effects - basis @ (basis.T @ effects)
+    expected = left.T @ left
+    root = np.sqrt(np.diag(expected)).clip(min=1e-6 * np.sqrt(np.diag(expected)).max())
+    found = system.quadratic
+    assert np.abs((found.matrix - expected) / root[:, None] / root).max() < 1e-6
+    start = np.zeros(given[2].count) if given[4] is None else given[4]
+    assert (found.gradient + found.matrix @ start - left.T @ residual) / root == pytest.approx(0.0, abs=1e-5)

@@ -20,11 +20,11 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal.files.target_set_file import target_set_bytes
 from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.capture import SessionCamera, SessionFolder
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, FrameSet
+from spherecal_files.target_set_file import target_set_bytes
 from spherecal_gui.project_folder import Document
 
 _REMOVED = "removed"

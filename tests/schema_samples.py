@@ -11,15 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError
-from spherecal.files.ball_file import read_ball
-from spherecal.files.bar_registry import BAR_REGISTRY
-from spherecal.files.bundle_file import original_sha256
-from spherecal.files.capture_file import read_captured_sets
-from spherecal.files.findings_file import read_findings
-from spherecal.files.json_file import JsonValue
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.target_set_file import read_target_set
 from spherecal_boards.pattern_entry import board_pattern, board_shape, board_uncertainty
 from spherecal_cameras.camera_settings import read_profile as read_cameras
 from spherecal_cameras.capture import SessionCamera, SessionFolder
@@ -28,6 +19,15 @@ from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_cameras.simulated.stage import Stage
 from spherecal_documents.report.dcc import read_issuer
+from spherecal_files.ball_file import read_ball
+from spherecal_files.bar_registry import BAR_REGISTRY
+from spherecal_files.bundle_file import original_sha256
+from spherecal_files.capture_file import read_captured_sets
+from spherecal_files.findings_file import read_findings
+from spherecal_files.json_file import JsonValue
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.target_set_file import read_target_set
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_measuring.pose import read_body

@@ -7,11 +7,11 @@ from dataclasses import field as default
 from pathlib import Path
 from typing import Any, get_args
 
-from spherecal.files import codec
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import name, serial
-from spherecal.files.json_file import JsonValue, unique
 from spherecal_cameras.protocol import CameraSettings, Region, TriggerMode
+from spherecal_files import codec
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.codec import name, serial
+from spherecal_files.json_file import JsonValue, unique
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,16 @@ from spherecal.base import filesystem
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal.files.capture_file import CAMERAS as CAPTURED_CAMERAS
-from spherecal.files.capture_file import CAPTURE_FILE, FORMAT, VERSION
-from spherecal.files.json_file import JsonValue, read_json
-from spherecal.files.read_session import FORMAT as SESSION_FORMAT
-from spherecal.files.read_session import VERSION as SESSION_VERSION
-from spherecal.files.target_set_file import target_set_bytes
-from spherecal.targets.png_file import png_bytes
 from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
+from spherecal_files.capture_file import CAMERAS as CAPTURED_CAMERAS
+from spherecal_files.capture_file import CAPTURE_FILE, FORMAT, VERSION
+from spherecal_files.json_file import JsonValue, read_json
+from spherecal_files.png_file import png_bytes
+from spherecal_files.read_session import FORMAT as SESSION_FORMAT
+from spherecal_files.read_session import VERSION as SESSION_VERSION
+from spherecal_files.target_set_file import target_set_bytes
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.geometry.transform import Similarity, fit_similarity
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
 from spherecal.verify.limit import LengthLimit
@@ -27,6 +26,7 @@ from spherecal.verify.rig_cameras import cameras_in_rig
 from spherecal.verify.uncertainty import PointErrors, calibration_variance, point_errors
 from spherecal.verify.verification import MeasuredLength
 from spherecal.verify.verify_bars import VerifySettings, verify, views_of
+from spherecal_files.write_result import POINT_COLUMNS
 from spherecal_rigs.result_folder import read_csv
 
 LEAST_DOTS = 12

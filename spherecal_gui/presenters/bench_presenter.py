@@ -13,10 +13,10 @@ from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import STANDARD_PLACEMENTS, Bar
-from spherecal.files.bar_registry import MARKS, RegisteredBar, read_lengths, read_registered_bar
-from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.bar_registry import MARKS, RegisteredBar, read_lengths, read_registered_bar
+from spherecal_files.json_file import JsonValue, printable
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
 from spherecal_gui.presenters.certificates import state_words

@@ -15,7 +15,7 @@ from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
-    from spherecal.verify.verification_file import BarReport
+    from spherecal_files.verification_file import BarReport
     from spherecal_gui.tasks.outcome import Compared
     from spherecal_rigs.result_folder import Result
 

@@ -9,7 +9,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal.data.findings import Finding, as_written
-from spherecal.files.json_file import JsonValue, read_json
+from spherecal_files.json_file import JsonValue, read_json
 from spherecal_rigs.check_file import FORMAT, VERSION
 
 FILE = "check.json"

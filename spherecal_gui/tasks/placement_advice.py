@@ -12,11 +12,11 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.filesystem import create
 from spherecal.data.observations import Observations
-from spherecal.files.observations_file import COLUMNS
-from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.observations_file import COLUMNS
+from spherecal_files.target_set_file import write_target_set
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import SetDots
 from spherecal_gui.placement_view import GuidanceView
@@ -168,7 +168,7 @@ def printed_scale(target_set: TargetSet) -> Document | None:
 
 
 def _read(document: Document, target_set: TargetSet | None) -> "Session":
-    from spherecal.files.read_session import read_session
+    from spherecal_files.read_session import read_session
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

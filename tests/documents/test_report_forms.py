@@ -33,10 +33,10 @@ ISSUER = {
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit."""
     from spherecal.calibrate import calibrate
-    from spherecal.files.write_result import write_result
     from spherecal.verify.limit import parse_limit
     from spherecal.verify.verify_bars import VerifySettings, verify
-    from spherecal.verify.write_verification import write_verification
+    from spherecal_files.write_result import write_result
+    from spherecal_files.write_verification import write_verification
     from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
 

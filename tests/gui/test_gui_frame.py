@@ -15,8 +15,8 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from spherecal.base.context import Context
-from spherecal.files.write_result import write_result
 from spherecal_app.cli.main import main
+from spherecal_files.write_result import write_result
 from spherecal_gui import languages, theme
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller

@@ -15,9 +15,9 @@ from PySide6.QtGui import QTextLayout
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from spherecal.files.written_phrase import Sentence
 from spherecal.verify.limit import Acceptance, LengthConformity, parse_limit
-from spherecal.verify.verification_file import BarReport, BarRow, ProcedureReport
+from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
+from spherecal_files.written_phrase import Sentence
 from spherecal_gui import languages
 from spherecal_gui.presenters.bars_presenter import Errors
 from spherecal_gui.presenters.bars_presenter import errors_of as verification_errors

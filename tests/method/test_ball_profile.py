@@ -19,14 +19,14 @@ from spherecal.ball.ball_shape import shape_cofactors
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.rig import BallShape, Calibration, RigScale
+from spherecal.data.rig import BallProfile, BallShape, Calibration, RigScale
 from spherecal.data.session import Session
-from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
-from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
+from spherecal_files.ball_file import ball_bytes, read_ball
+from spherecal_files.write_result import write_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import Truth
 from tests.method.test_covariance import assert_matrices_agree, whole_by_brute_force, with_world

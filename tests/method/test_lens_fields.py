@@ -17,14 +17,14 @@ from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, CameraSigma
 from spherecal.data.rig_camera import RigCamera
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project, project_with_derivatives, undistort
 from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.result.camera_effects import image_motions, shared_with_fields
 from spherecal_documents.export.write_export import export_rig
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_sim.truth import SimulationOptions, Truth
 
 SIZE = np.array([2064.0, 1544.0])

@@ -9,18 +9,18 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
-from spherecal.files.bar_registry import BAR_REGISTRY, read_registered_bar
-from spherecal.files.bundle_file import bundle_bytes
-from spherecal.files.json_file import JsonValue
-from spherecal.files.rig_file import read_rig
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.verify_bars import VerifySettings, verify
-from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, write_profile
 from spherecal_cameras.genicam.trust import Driver, TrustStore
 from spherecal_cameras.protocol import CameraSettings, Region
 from spherecal_documents.export.write_export import export_rig
+from spherecal_files.bar_registry import BAR_REGISTRY, read_registered_bar
+from spherecal_files.bundle_file import bundle_bytes
+from spherecal_files.json_file import JsonValue
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_verification import write_verification
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project

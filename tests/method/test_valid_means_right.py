@@ -20,8 +20,6 @@ from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, named, ruled, widening
 from spherecal.diagnose.plausibility import implausible
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.automatic_repairs import most_wrong, ways
 from spherecal.steps.repairs import Repairs, repaired
@@ -30,6 +28,8 @@ from spherecal.verify.limit import parse_limit
 from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.main import main
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_rigs.check_rig import check
 from spherecal_rigs.pose_plan import BarMarks, facing_cameras, plan_poses
 from spherecal_rigs.save_entry import save_result

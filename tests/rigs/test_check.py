@@ -14,14 +14,14 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig, RigScale
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Placement, Session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.verify.consistency import examine_cameras
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.outlying_views import Views
 from spherecal.verify.verify_bars import views_of
 from spherecal_app.cli.main import main
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_rigs.check_file import check_json
 from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.repose import repose

@@ -12,8 +12,7 @@ import numpy as np
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity
-from spherecal.data.session import Bar, BarPose
-from spherecal.files.bar_registry import expiry
+from spherecal.data.session import Bar, BarPose, expiry
 from spherecal.verify.bar_temperature import temperature_findings
 from spherecal.verify.budget import pooled_scatter
 from spherecal.verify.consistency import Consistency

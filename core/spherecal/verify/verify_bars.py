@@ -11,13 +11,13 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.assumed import assumed_of_bars
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.data.session import Bar, BarLength, BarPose, Session
 from spherecal.data.verdict import care_phrases
-from spherecal.files.assumed import assumed_of_bars
 from spherecal.verify.agreement import decide, mean_uncertainty
 from spherecal.verify.budget import length_budgets
 from spherecal.verify.consistency import examine_cameras, noise_alone

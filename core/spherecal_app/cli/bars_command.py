@@ -8,12 +8,13 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
-from spherecal.files import bar_registry
-from spherecal.files.json_file import JsonValue
-from spherecal.files.read_session import read_session
+from spherecal.data.session import expiry
 from spherecal.verify.measuring_volume import LEAST_LENGTHS
 from spherecal_app.cli.console import answer, output_file, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_files import bar_registry
+from spherecal_files.json_file import JsonValue
+from spherecal_files.read_session import read_session
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_rigs.pose_plan import LINE_NAMES, BarMarks, PosePlan, plan_poses
 from spherecal_rigs.rig_source import read_source, volume_of
@@ -40,7 +41,7 @@ def entry_with_state(bar: bar_registry.RegisteredBar) -> dict[str, object]:
 
 def state(bar: bar_registry.RegisteredBar) -> tuple[str, str]:
     """What is said of a bar's certificate: a word for programs, and what a person reads."""
-    said = bar_registry.expiry(bar.certificate, date.today())
+    said = expiry(bar.certificate, date.today())
     if said is not None:
         word, state = said
         return word, ("WARNING: " if word in ("expired", "not-yet") else "") + phrase(state)

@@ -8,7 +8,6 @@ from rich.table import Table
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import plain_fields
 from spherecal_app.cli.cameras_source import advice_for, discovered, open_named, profile_of
 from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
@@ -16,6 +15,7 @@ from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import CameraProfile, settings_json, write_profile
 from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, SetupReport, features_of
+from spherecal_files.json_file import plain_fields
 
 
 def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:

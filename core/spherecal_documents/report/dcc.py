@@ -18,13 +18,13 @@ from spherecal import __version__
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
-from spherecal.files.codec import FileFormat, Kind, choice, field, optional, record, text
-from spherecal.files.codec import date as day
-from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.verify.limit import RULE
-from spherecal.verify.verification_file import ArtefactRow
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
+from spherecal_files.codec import FileFormat, Kind, choice, field, optional, record, text
+from spherecal_files.codec import date as day
+from spherecal_files.json_file import JsonValue
+from spherecal_files.verification_file import ArtefactRow
 from spherecal_rigs.result_folder import Result, refuse_failed
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"

@@ -2,7 +2,6 @@
 
 import math
 
-from spherecal.verify import verification_file
 from spherecal.verify.budget import Budget
 from spherecal.verify.limit import Acceptance
 from spherecal.verify.verification import LengthStatistics
@@ -10,6 +9,7 @@ from spherecal_documents.report.language import columns, label, word, written
 from spherecal_documents.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
 from spherecal_documents.report.residual_drawings import error_figures, lengths_in_order, name_of
 from spherecal_documents.report.style import BAD, INK, NONE, count, number, significant
+from spherecal_files import verification_file
 from spherecal_rigs.result_folder import Result
 
 _MANY = 10_000

@@ -7,9 +7,6 @@ from spherecal import __version__
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.findings_file import FINDING
-from spherecal.files.json_file import json_bytes, software_entry
 from spherecal_documents.report import model
 from spherecal_documents.report.detections import choose_detections, detection_sections, find_session
 from spherecal_documents.report.html import html_bytes
@@ -20,6 +17,9 @@ from spherecal_documents.report.sections_bars import bar_sections
 from spherecal_documents.report.sections_rig import origin_section, rig_sections, source_section
 from spherecal_documents.report.style import report_style
 from spherecal_documents.report.verdicts import calibration_verdict, cameras_in_words, key_figures, verification_verdict
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.findings_file import FINDING
+from spherecal_files.json_file import json_bytes, software_entry
 from spherecal_rigs.result_folder import Result, read_result
 
 FORMAT = "spherecal/report"

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from spherecal.base.messages.values import Phrase
-from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.codec import FileFormat
-from spherecal.files.lock import locked
+from spherecal_files.atomic import make_parent, write_file_whole
+from spherecal_files.codec import FileFormat
+from spherecal_files.lock import locked
 
 T = TypeVar("T")
 

@@ -9,9 +9,9 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, Observations, name_problem
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import decode
-from spherecal.files.table_file import Table, read_table
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.json_file import decode
+from spherecal_files.table_file import Table, read_table
 
 COLUMNS = ("placement", "camera", "target", "point", "u", "v")
 

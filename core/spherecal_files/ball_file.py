@@ -1,17 +1,15 @@
 """ball.json, a ball profile: the shape of one ball as a calibration found it, for later ones (decision 0013)."""
 
-import datetime
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spherecal.base.arrays import ByValue, FloatArray
-from spherecal.base.errors import InputError
+from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
-from spherecal.data.rig import BallShape, RigScale
-from spherecal.files.codec import (
+from spherecal.data.rig import BallProfile, BallShape, RigScale
+from spherecal_files.codec import (
     FileFormat,
     choice,
     date,
@@ -28,28 +26,13 @@ from spherecal.files.codec import (
     software,
     text,
 )
-from spherecal.files.json_file import JsonValue, unique
+from spherecal_files.json_file import JsonValue, unique
 
 BALL_FILE = "ball.json"
 # A shape of fewer dots cannot be laid over a placement's (rigid.LEAST_SHARED).
 LEAST_DOTS = 12
 # A dot known to better than this, in mm, is a misprint; calibrations give 0.005 and more.
 _LEAST_SD_MM = 1e-5
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class BallProfile(ByValue):
-    """A ball's shape with its name, the day it was calibrated, its targets' family and size, and where it came from.
-
-    `input_sha256` is that of the calibration. None, or an empty text, is what is not known.
-    """
-
-    shape: BallShape
-    name: str = ""
-    calibrated: datetime.date | None = None
-    family: str | None = None
-    target_size_mm: float | None = None
-    input_sha256: str = ""
 
 
 @dataclass(frozen=True)
@@ -152,12 +135,3 @@ def ball_bytes(profile: BallProfile) -> bytes:
 def read_ball(path: Path) -> BallProfile:
     """The profile in a file, or in a result folder."""
     return BALL.read(path / BALL_FILE if path.is_dir() else path)
-
-
-def check_targets(profile: BallProfile, family: str | None, size_mm: float | None, where: Path) -> None:
-    """Compare a profile's targets with the session's; a figure that either does not know is not compared."""
-    if None in (family, size_mm, profile.family, profile.target_size_mm):
-        return
-    if family != profile.family or not np.isclose(size_mm or 0.0, profile.target_size_mm or 0.0, rtol=1e-6):
-        own = {"where": where, "family": profile.family, "size": profile.target_size_mm}
-        raise InputError(Phrase("error-other-targets", {**own, "other": family, "other_size": size_mm}))

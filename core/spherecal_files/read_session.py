@@ -11,15 +11,15 @@ from spherecal.base.filesystem import file_sha256
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import BarPose, BoardPoint, Placement, Scale, Session
-from spherecal.files.bundle_file import original_sha256
-from spherecal.files.capture_file import last_taken, read_captured_sets
-from spherecal.files.json_file import JsonValue, read_json, unique
-from spherecal.files.observations_file import read_observations
-from spherecal.files.read_bars import read_bars
-from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
-from spherecal.files.target_set_file import read_target_set
-from spherecal.targets.board_grid import board_grid
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.board_grid import board_grid
+from spherecal_files.bundle_file import original_sha256
+from spherecal_files.capture_file import last_taken, read_captured_sets
+from spherecal_files.json_file import JsonValue, read_json, unique
+from spherecal_files.observations_file import read_observations
+from spherecal_files.read_bars import read_bars
+from spherecal_files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
+from spherecal_files.target_set_file import read_target_set
 
 FORMAT = "spherecal/session"
 VERSION = 1
@@ -61,7 +61,7 @@ def read_session(folder: Path) -> Session:
     if scale is not None:
         _check_bar(scale, f["scale"], {bar.id: bar.role for bar in bars})
         _check_spacing_points(f["scale"], target_set, observations)
-    of_ball = {placement.id for placement in placements}
+    of_ball, captured = {placement.id for placement in placements}, read_captured_sets(folder)
     diameter, sphere_sd = SPHERE.read(f["sphere"]) if "sphere" in f else (None, None)
     return Session(
         folder=folder if folder.parts else folder.absolute(),  # Path() is that of sessions in memory
@@ -75,9 +75,10 @@ def read_session(folder: Path) -> Session:
         target_set=target_set,
         observations=observations,
         input_sha256=files.sha256(),
-        recorded_at=last_taken([one for one in read_captured_sets(folder) if one.id in of_ball]),
         sphere_sd_mm=sphere_sd,
         wanted_uncertainty_mm=WANTED.read(f["wanted_uncertainty_mm"]) if "wanted_uncertainty_mm" in f else None,
+        captured=captured,
+        recorded_at=last_taken([one for one in captured if one.id in of_ball]),
     )
 
 

@@ -2,9 +2,9 @@
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.files.bar_registry import FIGURES, SERIAL, bar_entry, find_bar, read_lengths, with_assumed
-from spherecal.files.codec import choice, field, identifier, optional, record
-from spherecal.files.json_file import JsonValue, json_bytes, unique
+from spherecal_files.bar_registry import FIGURES, SERIAL, bar_entry, find_bar, read_lengths, with_assumed
+from spherecal_files.codec import choice, field, identifier, optional, record
+from spherecal_files.json_file import JsonValue, json_bytes, unique
 
 _FIGURES = [one.key for one in FIGURES]
 _OWN = _FIGURES[:2]

@@ -6,7 +6,7 @@ from typing import Any
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase, as_json, from_json
-from spherecal.files.codec import Field, field, free, optional, prose, record
+from spherecal_files.codec import Field, field, free, optional, prose, record
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,12 @@ from typing import Any, get_args
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding
 from spherecal.data.session import BarPose
-from spherecal.files.bar_registry import CERTIFICATE, LENGTH
-from spherecal.files.codec import (
+from spherecal.verify.budget import Budget, Contribution
+from spherecal.verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit, OfLength
+from spherecal.verify.participation import CameraViews, State
+from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification, is_failed
+from spherecal_files.bar_registry import CERTIFICATE, LENGTH
+from spherecal_files.codec import (
     FileFormat,
     Kind,
     choice,
@@ -30,13 +34,9 @@ from spherecal.files.codec import (
     time,
     unread,
 )
-from spherecal.files.findings_file import FINDING
-from spherecal.files.json_file import finite
-from spherecal.files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
-from spherecal.verify.budget import Budget, Contribution
-from spherecal.verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit, OfLength
-from spherecal.verify.participation import CameraViews, State
-from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification, is_failed
+from spherecal_files.findings_file import FINDING
+from spherecal_files.json_file import finite
+from spherecal_files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
 
 _MOST_MM = 1e9
 _PARTS = ("calibration", "scale", "certificate", "temperature")

@@ -1,8 +1,13 @@
-"""Where the points of a board are."""
+"""The kinds of boards, and where their points are."""
+
+from typing import Literal, get_args
 
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
+
+BoardKind = Literal["circles", "asymmetric-circles", "chessboard", "charuco", "aprilgrid"]
+BOARD_KINDS: tuple[BoardKind, ...] = get_args(BoardKind)
 
 
 def board_grid(kind: str, rows: int, columns: int, pitch_mm: float, marker_mm: float | None) -> FloatArray:

@@ -1,13 +1,13 @@
 """capture.json beside a session: what the cameras noted while it was recorded."""
 
-import dataclasses
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from spherecal.files.codec import (
+from spherecal.data.session import CapturedFrame, CapturedSet
+from spherecal_files.codec import (
     FileFormat,
     celsius,
     entries,
@@ -21,32 +21,13 @@ from spherecal.files.codec import (
     time,
     unread,
 )
-from spherecal.files.json_file import read_json
-from spherecal.files.session_file import named_file
+from spherecal_files.json_file import read_json
+from spherecal_files.session_file import named_file
 
 CAPTURE_FILE = "capture.json"
 FORMAT = "spherecal/capture"
 VERSION = 1
 _STAMPS = 2**64  # nanoseconds; some cameras count since 1970
-
-
-@dataclass(frozen=True)
-class CapturedFrame:
-    """What a camera noted of one image: its frame number, its own clock, and when the host says it was exposed."""
-
-    frame_id: int | None = None
-    time_stamp_ns: int | None = None
-    exposed: datetime | None = None
-
-
-@dataclass(frozen=True)
-class CapturedSet:
-    """One set of images: when it was taken, temperatures and what was noted of each image, by camera id."""
-
-    id: str
-    taken: datetime | None
-    temperatures_c: dict[str, float]
-    frames: dict[str, CapturedFrame] = dataclasses.field(default_factory=dict)
 
 
 def read_captured_sets(session: Path) -> tuple[CapturedSet, ...]:

@@ -26,7 +26,11 @@ from spherecal.data.rig import (
     Verdict,
     unknown_quality,
 )
-from spherecal.files.codec import (
+from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, fisheye_vector, intrinsics_vector, is_fisheye
+from spherecal.geometry.field_table import FieldTable
+from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
+from spherecal.geometry.volume_map import LengthMap
+from spherecal_files.codec import (
     FileFormat,
     Kind,
     Schema,
@@ -49,13 +53,9 @@ from spherecal.files.codec import (
     text,
     time,
 )
-from spherecal.files.codec import software as software_field
-from spherecal.files.findings_file import FINDING, with_values
-from spherecal.files.json_file import MOST_CAMERAS, JsonValue, finite, parse_json, read_bytes, read_json, software_entry
-from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, fisheye_vector, intrinsics_vector, is_fisheye
-from spherecal.geometry.field_table import FieldTable
-from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
-from spherecal.geometry.volume_map import LengthMap
+from spherecal_files.codec import software as software_field
+from spherecal_files.findings_file import FINDING, with_values
+from spherecal_files.json_file import MOST_CAMERAS, JsonValue, finite, parse_json, read_bytes, read_json, software_entry
 
 COVARIANCE_FILE = "covariance.npy"
 

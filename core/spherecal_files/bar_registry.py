@@ -1,6 +1,5 @@
 """The owner's reference bars by serial number, which a session's bar may name instead of lengths; one file per user."""
 
-import datetime
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -10,8 +9,9 @@ from typing import Any, TypeVar
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.data.assumed import ASSUMED_EXPANSION_PER_KELVIN, ASSUMED_FACTOR, ASSUMED_TEMPERATURE_C
 from spherecal.data.session import Bar, BarLength, Certificate, Mark
-from spherecal.files.codec import (
+from spherecal_files.codec import (
     Field,
     FileFormat,
     Kind,
@@ -29,8 +29,8 @@ from spherecal.files.codec import (
     record,
     text,
 )
-from spherecal.files.json_file import JsonValue, printable
-from spherecal.files.registry import Registry
+from spherecal_files.json_file import JsonValue, printable
+from spherecal_files.registry import Registry
 
 # An expanded uncertainty above 5 % of its length is no certificate; micrometres given for millimetres are.
 _WORST_RELATIVE_UNCERTAINTY = 0.05
@@ -42,13 +42,6 @@ _COVERAGE_FACTORS = (1.0, 14.0)
 # Plastics expand by 2e-4 per kelvin at most, some composites shrink by 1e-5; 11.5 instead of 1.15e-5 is refused.
 _EXPANSIONS_PER_KELVIN = (-1e-4, 1e-3)
 _REFERENCE_TEMPERATURES_C = (-50.0, 100.0)
-# A shop needs a few weeks to send a bar away and have it back.
-_SOON_DAYS = 30
-# Of a bar whose material is not stated: steel's, and anything from none (carbon fibre, Invar) to twice that (aluminium;
-# verify/uncertainty.py).
-ASSUMED_EXPANSION_PER_KELVIN = 1.15e-5
-ASSUMED_TEMPERATURE_C = 20.0  # ISO 1
-ASSUMED_FACTOR = 2.0
 # Of a length whose uncertainty is not stated: the limits of a class II rule, a + b L (Directive 2014/32/EU, MI-008), as
 # +-limits of an even distribution.
 _RULE_MM, _RULE_RELATIVE = 0.3, 0.2e-3
@@ -222,20 +215,3 @@ BARS = FileFormat(
     more="verification.md",
 )
 BAR_REGISTRY = Registry(BARS, "SPHERECAL_BARS", "serial", Phrase("error-set-bars"))
-
-
-def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:
-    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said."""
-    if certificate is None:
-        return "no-certificate", Phrase("has-no-certificate")
-    if certificate.date is not None and certificate.date > today:
-        return "not-yet", Phrase("certificate-from", {"date": str(certificate.date)})
-    until = certificate.valid_until
-    if until is None:
-        return None
-    values = {"number": certificate.number, "date": str(until)}
-    if until < today:
-        return "expired", Phrase("certificate-until", values)
-    if (until - today).days <= _SOON_DAYS:
-        return "expires-soon", Phrase("certificate-still-until", values)
-    return None

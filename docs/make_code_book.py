@@ -1,4 +1,4 @@
-"""Generator of the code book of family dots8; run as a module it rewrites resources/target_sets/dots8.json.
+"""Writes resources/target_sets/dots8.json, the code book of family dots8.
 
 A code is a triple of places on a lattice beside the five template dots. The rules, all for a 28 mm sticker:
 
@@ -11,15 +11,18 @@ A code is a triple of places on a lattice beside the five template dots. The rul
 
 import itertools
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.base.arrays import FloatArray
-from spherecal.base.filesystem import write_whole
-from spherecal.base.kernels import njit
-from spherecal.base.resources import resource_path
-from spherecal.targets.family import CODE_COUNT, LATTICE_MM, TEMPLATE_MM
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(path) for path in (ROOT, ROOT / "core") if str(path) not in sys.path]
+
+from spherecal.base.arrays import FloatArray  # noqa: E402
+from spherecal.base.kernels import njit  # noqa: E402
+from spherecal.targets.family import CODE_COUNT, LATTICE_MM, TEMPLATE_MM  # noqa: E402
 
 IntArray = NDArray[np.int64]
 
@@ -154,7 +157,7 @@ def main() -> None:
     rows = ",\n".join("  " + json.dumps(code, separators=(",", ":")) for code in steps)
     header = f'"family": "dots8", "lattice_mm": {LATTICE_MM}, "size_mm": 28.0'
     text = f'{{{header}, "codes": [\n{rows}\n]}}\n'
-    write_whole(resource_path("target_sets", "dots8.json"), text.encode())
+    (ROOT / "resources" / "target_sets" / "dots8.json").write_text(text)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
-from spherecal.files.json_file import check_lines, decode, printable, read_bytes
+from spherecal_files.json_file import check_lines, decode, printable, read_bytes
 
 _LONGEST_FIELD = 400  # bytes: a name of 100 characters in UTF-8
 

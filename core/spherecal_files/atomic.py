@@ -16,7 +16,7 @@ from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal.files.lock import locked, short_name
+from spherecal_files.lock import locked, short_name
 
 WRITTEN_FILE = "written.json"  # lists the files of a folder whose names do not follow from its kind
 WRITTEN_FORMAT = "spherecal/written"

@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from spherecal.base.errors import Words
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, json_bytes, read_json, software_entry, unique, version_of
+from spherecal_files.json_file import JsonValue, json_bytes, read_json, software_entry, unique, version_of
 
 Schema = dict[str, Any]
 """A JSON Schema, draft 2020-12."""

@@ -2,17 +2,14 @@
 
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal, get_args
 
 import cv2
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.targets.board_grid import board_grid
 from spherecal.targets.marker_set import marker_bits, marker_dictionary
+from spherecal_files.board_grid import BoardKind, board_grid
 
-BoardKind = Literal["circles", "asymmetric-circles", "chessboard", "charuco", "aprilgrid"]
-BOARD_KINDS: tuple[BoardKind, ...] = get_args(BoardKind)
 APRILTAGS = "DICT_APRILTAG_36h11"
 KALIBR_BORDER_BITS = 2
 _RING = 0.35  # a ring's hole over the dot's radius

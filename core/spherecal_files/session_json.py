@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.data.session import Bar, CameraSpec, Scale, Session
-from spherecal.files.bar_registry import LENGTHS
 from spherecal.geometry.camera import camera_matrix, is_fisheye
+from spherecal_files.bar_registry import LENGTHS
 
 # A lens of 45 degrees across: what COLMAP begins with too. Phones and webcams have 0.7 to 0.9, machine vision 1 to 4.
 ASSUMED_FOCAL = 1.2

@@ -11,8 +11,8 @@ from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.codec import FileFormat, Kind, digest, field, record, software, text, unread
-from spherecal.files.json_file import JsonValue
+from spherecal_files.codec import FileFormat, Kind, digest, field, record, software, text, unread
+from spherecal_files.json_file import JsonValue
 
 BUNDLE_FILE = "bundle.json"
 _MOST_FILES = 100_000

@@ -18,7 +18,7 @@ def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     Differences to the row above, coded by frequency alone: of a picture with sensor noise the file is as small as with
     a search for repetitions (deflate's level 1).
     """
-    from spherecal.targets.huffman import zlib_stream  # not while a window starts, which loads whoever records
+    from spherecal_files.huffman import zlib_stream  # not while a window starts, which loads whoever records
 
     (height, width), bits, whole = image.shape, 8 * image.itemsize, np.ascontiguousarray(image)
     below, above = (whole[row::_SAMPLED].view(np.uint8)[: -(-(height - 1) // _SAMPLED)] for row in (1, 0))

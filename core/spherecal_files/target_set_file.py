@@ -10,8 +10,11 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import (
+from spherecal.targets.marker_set import CORNERS, make_marker_set
+from spherecal.targets.marker_set import FAMILY as MARKERS
+from spherecal.targets.target_set import Polarity, TargetSet
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.codec import (
     FileFormat,
     Kind,
     Schema,
@@ -28,10 +31,7 @@ from spherecal.files.codec import (
     record,
     text,
 )
-from spherecal.files.json_file import JsonValue
-from spherecal.targets.marker_set import CORNERS, make_marker_set
-from spherecal.targets.marker_set import FAMILY as MARKERS
-from spherecal.targets.target_set import Polarity, TargetSet
+from spherecal_files.json_file import JsonValue
 
 _POLARITIES: tuple[Polarity, ...] = ("light-on-dark", "dark-on-light")
 _MOST_STRETCH = 1.05  # of a print: more is refused when rulers are entered (targets.sheet)

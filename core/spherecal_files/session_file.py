@@ -10,7 +10,11 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.lens_model import prior_in_model
 from spherecal.data.session import BoardPoint, CameraSpec, Scale
-from spherecal.files.codec import (
+from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
+from spherecal.geometry.opencv import FISHEYE_LENGTH
+from spherecal.targets.masks import Rectangle
+from spherecal_files.board_grid import BOARD_KINDS
+from spherecal_files.codec import (
     Kind,
     boolean,
     celsius,
@@ -30,13 +34,9 @@ from spherecal.files.codec import (
     serial,
     text,
 )
-from spherecal.files.json_file import MOST_CAMERAS, JsonValue, unique
-from spherecal.files.rig_file import LENS_MATRIX, distortion, read_distortion
-from spherecal.files.target_set_file import given
-from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
-from spherecal.geometry.opencv import FISHEYE_LENGTH
-from spherecal.targets.board_pattern import BOARD_KINDS
-from spherecal.targets.masks import Rectangle
+from spherecal_files.json_file import MOST_CAMERAS, JsonValue, unique
+from spherecal_files.rig_file import LENS_MATRIX, distortion, read_distortion
+from spherecal_files.target_set_file import given
 
 _PATH = r"^(?!/)(?!\.$)(?!(.*/)?\.\.(/|$))[^\\\u0000-\u001f]+$"
 _LARGEST_IMAGE_PX = 65536

@@ -5,7 +5,12 @@ from collections.abc import Mapping, Sequence
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.session import Bar, Session
-from spherecal.files.bar_registry import ASSUMED_EXPANSION_PER_KELVIN, ASSUMED_FACTOR, ASSUMED_TEMPERATURE_C
+
+# Of a bar whose material is not stated: steel's, and anything from none (carbon fibre, Invar) to twice that (aluminium;
+# verify/uncertainty.py).
+ASSUMED_EXPANSION_PER_KELVIN = 1.15e-5
+ASSUMED_TEMPERATURE_C = 20.0  # ISO 1
+ASSUMED_FACTOR = 2.0
 
 
 def assumed_of_session(session: Session, seen: Mapping[str, float] | None = None) -> list[Finding]:

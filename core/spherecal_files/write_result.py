@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.filesystem import create, new_file
-from spherecal.data.rig import Calibration, ImageMotion, PlacedSphere
-from spherecal.files.atomic import RESULT, write_folder_whole
-from spherecal.files.ball_file import BALL_FILE, BallProfile, ball_bytes
-from spherecal.files.findings_file import FINDINGS_FILE, findings_document
-from spherecal.files.json_file import json_bytes
-from spherecal.files.observations_file import write_observations
-from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, rig_bytes
+from spherecal.data.rig import BallProfile, Calibration, ImageMotion, PlacedSphere
+from spherecal_files.atomic import RESULT, write_folder_whole
+from spherecal_files.ball_file import BALL_FILE, ball_bytes
+from spherecal_files.findings_file import FINDINGS_FILE, findings_document
+from spherecal_files.json_file import json_bytes
+from spherecal_files.observations_file import write_observations
+from spherecal_files.rig_file import COVARIANCE_FILE, covariance_bytes, rig_bytes
 
 
 def write_result(calibration: Calibration, folder: Path, software: Mapping[str, Any] | None = None) -> None:

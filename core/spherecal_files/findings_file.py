@@ -11,7 +11,7 @@ from typing import Any
 
 from spherecal.base.messages.values import as_json, from_json
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
-from spherecal.files.codec import FileFormat, choice, field, free, items, only, prose, record
+from spherecal_files.codec import FileFormat, choice, field, free, items, only, prose, record
 
 FINDINGS_FILE = "findings.json"
 

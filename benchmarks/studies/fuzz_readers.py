@@ -11,14 +11,14 @@ import numpy as np
 from benchmarks.studies.fuzz import Reader, zipped
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_documents.export.write_export import export_rig
 from spherecal_files.write_result import write_result
 from spherecal_files.write_verification import write_verification
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.example_session import VALID, make_session
 from tests.export_rigs import make_rig
 

@@ -37,9 +37,6 @@ from spherecal.targets.detection import Detections, DetectionSettings, detect
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.limit import LengthLimit, parse_limit
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_app.argument_kinds import checked
 from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
@@ -85,6 +82,9 @@ from spherecal_rigs.user_frame import FrameDefinition, UserFrame
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session as simulate
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
+from spherecal_verify.limit import LengthLimit, parse_limit
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import VerifySettings, verify
 
 __all__ = [
     "FORMATS", "BallProfile", "Bar", "BarLength", "BarPose", "Body", "BodyPoint", "BodyPose", "Calibration",

@@ -9,10 +9,6 @@ from typing import Any, get_args
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding
 from spherecal.data.session import BarPose
-from spherecal.verify.budget import Budget, Contribution
-from spherecal.verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit, OfLength
-from spherecal.verify.participation import CameraViews, State
-from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification, is_failed
 from spherecal_files.bar_registry import CERTIFICATE, LENGTH
 from spherecal_files.codec import (
     FileFormat,
@@ -37,6 +33,10 @@ from spherecal_files.codec import (
 from spherecal_files.findings_file import FINDING
 from spherecal_files.json_file import finite
 from spherecal_files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
+from spherecal_verify.budget import Budget, Contribution
+from spherecal_verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit, OfLength
+from spherecal_verify.participation import CameraViews, State
+from spherecal_verify.verification import LengthStatistics, MeasuredLength, Verification, is_failed
 
 _MOST_MM = 1e9
 _PARTS = ("calibration", "scale", "certificate", "temperature")

@@ -8,12 +8,12 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import create, read_below, read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.verify.verification import MeasuredLength, Verification
 from spherecal_files.atomic import RESULT, check_folder, write_folder_whole
 from spherecal_files.findings_file import FINDINGS_FILE, findings_document, read_findings
 from spherecal_files.json_file import json_bytes, software_entry
 from spherecal_files.verification_file import VERIFICATION
 from spherecal_files.write_result import place_cell, small_cell, write_table
+from spherecal_verify.verification import MeasuredLength, Verification
 
 BAR_COLUMNS = "bar,pose,from,to,length_mm,reference_mm,error_mm,u_mm,views"
 _OURS = ("bars.csv", "verification.json", FINDINGS_FILE)

@@ -51,7 +51,7 @@ NAMES = tuple(field.name for field in fields(Limits))
 
 
 def _check_formula(text: str, value: JsonValue) -> None:
-    from spherecal.verify.limit import parse_limit
+    from spherecal_verify.limit import parse_limit
 
     try:
         if text:

@@ -19,8 +19,6 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import verify
 from spherecal_documents.report.model import Cell, Strong
 from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, report_style, significant
 from spherecal_files.atomic import RESULT, SESSION
@@ -32,6 +30,8 @@ from spherecal_files.write_result import write_result
 from spherecal_files.write_verification import write_verification
 from spherecal_study.executor import Result, Trial, Workers, run_trials, trial_file
 from spherecal_study.study_page import Document
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import verify
 
 _WORDS = {
     "valid": Strong("valid", GOOD), "use with care": Strong("with care", CAUTION),

@@ -358,14 +358,14 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
     """
     from spherecal.detect.session_images import observed
-    from spherecal.verify.limit import parse_limit
-    from spherecal.verify.verify_bars import VerifySettings
-    from spherecal.verify.verify_bars import verify as run
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
     from spherecal_files.write_verification import write_verification
     from spherecal_rigs.result_folder import read_bar_report
     from spherecal_rigs.save_entry import points_box
+    from spherecal_verify.limit import parse_limit
+    from spherecal_verify.verify_bars import VerifySettings
+    from spherecal_verify.verify_bars import verify as run
 
     check_folders(result.parent)
     context.report("reading the session", 0.0)

@@ -33,12 +33,12 @@ ISSUER = {
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit."""
     from spherecal.calibrate import calibrate
-    from spherecal.verify.limit import parse_limit
-    from spherecal.verify.verify_bars import VerifySettings, verify
     from spherecal_files.write_result import write_result
     from spherecal_files.write_verification import write_verification
     from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
+    from spherecal_verify.limit import parse_limit
+    from spherecal_verify.verify_bars import VerifySettings, verify
 
     folder = tmp_path_factory.mktemp("forms") / "result"
     session, _ = simulate_session("rigA", 2, SimulationOptions(targets=40, placements=3, bar_poses=2))

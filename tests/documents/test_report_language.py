@@ -19,8 +19,6 @@ from pypdf.generic import DictionaryObject
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.data.findings import as_written
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_app.cli.main import main
 from spherecal_documents.report import language as language_module
 from spherecal_documents.report.detections import Detection, detection_sections
@@ -32,6 +30,8 @@ from spherecal_documents.report.write_report import make_report, write_report
 from spherecal_files.write_verification import write_verification
 from spherecal_files.written_phrase import Sentence
 from spherecal_rigs.result_folder import Result, read_bar_report, read_result
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.documents.test_report import pdf_texts
 
 OTHERS = [name for name in LANGUAGES if name != "en"]

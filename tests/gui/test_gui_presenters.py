@@ -17,9 +17,6 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.verify.budget import Budget, Contribution
-from spherecal.verify.limit import Acceptance, Conformity, LengthConformity, LengthLimit
-from spherecal.verify.verification import LengthStatistics
 from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
@@ -43,6 +40,9 @@ from spherecal_gui.presenters.results_presenter import CameraRow, bar_verdict
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.presenters.step_states import BarFacts, PlacementFacts, bar_says, left_text, placement_says, seeing
 from spherecal_gui.tasks.ghost import ToGo
+from spherecal_verify.budget import Budget, Contribution
+from spherecal_verify.limit import Acceptance, Conformity, LengthConformity, LengthLimit
+from spherecal_verify.verification import LengthStatistics
 from tests.conftest import ROOT
 
 SIZE = (1000, 500)

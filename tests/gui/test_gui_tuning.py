@@ -335,9 +335,9 @@ def real_errors(tmp_path: Path) -> list:
     """What the engine says to mistakes and broken files."""
     from spherecal.base.errors import SpherecalError
     from spherecal.targets.images import read_image
-    from spherecal.verify.limit import parse_limit
     from spherecal_cameras.sources import open_source
     from spherecal_files.atomic import write_file_whole
+    from spherecal_verify.limit import parse_limit
 
     (tmp_path / "no.png").write_bytes(b"no picture")
     found = []

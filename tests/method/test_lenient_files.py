@@ -13,12 +13,12 @@ import pytest
 
 import spherecal
 from spherecal.data.assumed import assumed_of_session
-from spherecal.verify.uncertainty import expansion_kelvin
-from spherecal.verify.verification import Verification
+from spherecal.scale.bar_temperature import expansion_kelvin
 from spherecal_app.cli.main import main
 from spherecal_documents.support.redact import Redactor
 from spherecal_files.bar_registry import bar_entry, read_registered_bar
 from spherecal_files.json_file import JsonValue
+from spherecal_verify.verification import Verification
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -9,8 +9,6 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_app.cli.main import main
 from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, write_profile
 from spherecal_cameras.genicam.trust import Driver, TrustStore
@@ -32,6 +30,8 @@ from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits
 from spherecal_sim.session_folder import write_session
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.example_session import VALID
 from tests.method.test_schemas import PUBLISHED, assert_fits, closed
 from tests.networks import calibrated

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 import spherecal
 from spherecal.base.errors import InputError, SpherecalError
-from spherecal.verify.verify_bars import verify
 from spherecal_app.cli.main import main
 from spherecal_documents.export.write_export import FORMATS, export_rig
 from spherecal_files.rig_file import rig_bytes
@@ -19,6 +18,7 @@ from spherecal_files.write_result import write_result
 from spherecal_files.write_verification import write_verification
 from spherecal_rigs.framed_rig import in_frame, read_frame, result_places, write_frame
 from spherecal_rigs.user_frame import LEAST_ANGLE_DEG, TURNS, FrameDefinition, turn_matrix, user_frame
+from spherecal_verify.verify_bars import verify
 from tests.export_rigs import make_rig
 from tests.method.test_session_fuzz import JSON_VALUES, leaves
 from tests.networks import calibrated, one_thread

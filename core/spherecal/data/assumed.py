@@ -7,7 +7,7 @@ from spherecal.data.findings import Finding
 from spherecal.data.session import Bar, Session
 
 # Of a bar whose material is not stated: steel's, and anything from none (carbon fibre, Invar) to twice that (aluminium;
-# verify/uncertainty.py).
+# scale/bar_temperature.py).
 ASSUMED_EXPANSION_PER_KELVIN = 1.15e-5
 ASSUMED_TEMPERATURE_C = 20.0  # ISO 1
 ASSUMED_FACTOR = 2.0

@@ -18,9 +18,9 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
 from spherecal.data.session import CapturedSet, Session
 from spherecal.diagnose.image_settings import image_settings
+from spherecal.scale.bar_temperature import temperature_findings
 from spherecal.targets.images import read_image
 from spherecal.targets.why_nothing import reads_mirrored
-from spherecal.verify.bar_temperature import temperature_findings
 
 # Printers err by 0.1 to 0.5 % in size; beyond twice that the distance is another one, or another set.
 MOST_PRINT_ERROR = 0.01

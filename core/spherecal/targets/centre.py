@@ -11,6 +11,8 @@ LEAST_DOTS = 4  # fixed by the interface: fewer dots are left without a centre
 # line spread by more than 0.1 of their length across it.
 _COLLINEAR = 0.01
 
+_DIFFERENCE_MM = 1e-3  # of numerical derivatives: 1e-4 of a sticker, where they are good to 1e-7
+
 
 def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | None:
     """Where a target's origin is, (3,) in the frame of its dots (k,3), by their layout (k,2); None if not determined.
@@ -28,3 +30,16 @@ def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | 
         return None
     flat = np.column_stack([layout_mm, np.zeros(len(layout_mm))])
     return fit_similarity(flat, points_mm, with_scale=False).translation
+
+
+def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
+    """Derivatives (k, 3, 3) of a target's centre by its k dots (flat (k, 2), in space (k, 3)), by differences."""
+    derivative = np.zeros((len(points), 3, 3))
+    for i in range(len(points)):
+        for axis in range(3):
+            shift = np.zeros_like(points)
+            shift[i, axis] = _DIFFERENCE_MM
+            ahead, behind = target_centre(flat, points + shift), target_centre(flat, points - shift)
+            if ahead is not None and behind is not None:
+                derivative[i, :, axis] = (ahead - behind) / (2 * _DIFFERENCE_MM)
+    return derivative

@@ -12,7 +12,6 @@ from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
-from spherecal.verify.limit import parse_limit
 from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import answer, figures, kept_in_profile, out, say, show_findings, to_output
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
@@ -27,6 +26,7 @@ from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
 from spherecal_rigs.rig_source import points_file, read_source
 from spherecal_rigs.store import is_profile, open_profile
+from spherecal_verify.limit import parse_limit
 
 _COLOURS = {"ok": "bold green", "watch": "bold yellow", "recalibrate": "bold red"}
 _WORDS = {"ok": "OK", "watch": "WATCH", "recalibrate": "RECALIBRATE"}

@@ -8,10 +8,6 @@ from rich.markup import escape
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
 from spherecal.detect.session_images import observed
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import VerifySettings
-from spherecal.verify.verify_bars import verify as run
 from spherecal_app.cli.console import (
     answer,
     check_output_folder,
@@ -32,6 +28,10 @@ from spherecal_files.rig_file import read_rig
 from spherecal_files.write_verification import write_verification
 from spherecal_rigs.result_folder import answer_for
 from spherecal_rigs.rig_source import corners_beside
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import VerifySettings
+from spherecal_verify.verify_bars import verify as run
 
 
 def verify(options: argparse.Namespace) -> int:

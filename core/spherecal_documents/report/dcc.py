@@ -19,13 +19,13 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
-from spherecal.verify.limit import RULE
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
 from spherecal_files.codec import FileFormat, Kind, choice, field, optional, record, text
 from spherecal_files.codec import date as day
 from spherecal_files.json_file import JsonValue
 from spherecal_files.verification_file import ArtefactRow
 from spherecal_rigs.result_folder import Result, refuse_failed
+from spherecal_verify.limit import RULE
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"

@@ -9,12 +9,12 @@ from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
 from spherecal.data.findings import Finding
-from spherecal.verify.limit import OfLength
+from spherecal_verify.limit import OfLength
 
 if TYPE_CHECKING:
-    from spherecal.verify.consistency import Consistency
-    from spherecal.verify.departures import Procedure
-    from spherecal.verify.participation import CameraViews
+    from spherecal_verify.consistency import Consistency
+    from spherecal_verify.departures import Procedure
+    from spherecal_verify.participation import CameraViews
 
 Verdict = Literal["consistent", "inconsistent", "no data"]
 

@@ -18,11 +18,12 @@ from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.data.session import Bar, BarLength, BarPose, Session
 from spherecal.data.verdict import care_phrases
-from spherecal.verify.agreement import decide, mean_uncertainty
-from spherecal.verify.budget import length_budgets
-from spherecal.verify.consistency import examine_cameras, noise_alone
-from spherecal.verify.departures import TITLE, Procedure, departures
-from spherecal.verify.doubts import (
+from spherecal.scale.bar_temperature import reference_length
+from spherecal_verify.agreement import decide, mean_uncertainty
+from spherecal_verify.budget import length_budgets
+from spherecal_verify.consistency import examine_cameras, noise_alone
+from spherecal_verify.departures import TITLE, Procedure, departures
+from spherecal_verify.doubts import (
     DOUBTS,
     bar_doubts,
     camera_doubts,
@@ -32,13 +33,13 @@ from spherecal.verify.doubts import (
     failures,
     temperature_doubts,
 )
-from spherecal.verify.limit import LengthLimit, judge_against, with_doubts
-from spherecal.verify.marks import MarkFinder, MarkPlace
-from spherecal.verify.measuring_volume import volume_box
-from spherecal.verify.outlying_views import Views, triangulate_checked
-from spherecal.verify.participation import many_outlying, participation, participation_doubts
-from spherecal.verify.rig_cameras import cameras_in_rig
-from spherecal.verify.uncertainty import (
+from spherecal_verify.limit import LengthLimit, judge_against, with_doubts
+from spherecal_verify.marks import MarkFinder, MarkPlace
+from spherecal_verify.measuring_volume import volume_box
+from spherecal_verify.outlying_views import Views, triangulate_checked
+from spherecal_verify.participation import many_outlying, participation, participation_doubts
+from spherecal_verify.rig_cameras import cameras_in_rig
+from spherecal_verify.uncertainty import (
     PointErrors,
     camera_gradient,
     focal_sigmas,
@@ -47,9 +48,8 @@ from spherecal.verify.uncertainty import (
     length_statistics,
     overall_statistics,
     point_errors,
-    reference_length,
 )
-from spherecal.verify.verification import MeasuredLength, Verification
+from spherecal_verify.verification import MeasuredLength, Verification
 
 STAGE = "verification"
 

@@ -8,14 +8,13 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Mark
-from spherecal.targets.centre import target_centre
+from spherecal.targets.centre import centre_by_point, target_centre
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.outlying_views import CheckedPoints
+from spherecal_verify.outlying_views import CheckedPoints
 
 # A dot that only grazing or nearly parallel rays show would pull the layout about, since all dots weigh the same; among
 # the dots of one sticker, seen by the same cameras, the standard deviations differ by less than 2.
 _WEAK_DOT = 5.0
-_DIFFERENCE_MM = 1e-3  # of numerical derivatives: 1e-4 of a sticker, where they are good to 1e-7
 
 
 @dataclass(frozen=True)
@@ -79,16 +78,3 @@ class MarkFinder:
     def _count_cameras(self, features: IntArray) -> int:
         rows = self.checked.kept & np.isin(self.checked.views.feature, features)
         return len(np.unique(self.checked.views.camera[rows]))
-
-
-def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
-    """Derivatives (k, 3, 3) of a target's centre by its k dots (flat (k, 2), in space (k, 3)), by differences."""
-    derivative = np.zeros((len(points), 3, 3))
-    for i in range(len(points)):
-        for axis in range(3):
-            shift = np.zeros_like(points)
-            shift[i, axis] = _DIFFERENCE_MM
-            ahead, behind = target_centre(flat, points + shift), target_centre(flat, points - shift)
-            if ahead is not None and behind is not None:
-                derivative[i, :, axis] = (ahead - behind) / (2 * _DIFFERENCE_MM)
-    return derivative

@@ -13,9 +13,10 @@ from scipy.special import chdtri, fdtri, ndtri, stdtrit
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.verify.budget import certificate_freedom
-from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
-from spherecal.verify.verification import Decision, MeasuredLength
+from spherecal.scale.bar_temperature import expansion_kelvin, temperature_sd
+from spherecal_verify.budget import certificate_freedom
+from spherecal_verify.uncertainty import COVERAGE, PointErrors
+from spherecal_verify.verification import Decision, MeasuredLength
 
 # INCONSISTENT turns a technician away (exit code 3): a right rig may be called so once in 100 times, by both tests
 # together. The test of all errors needs the whole covariance to be right, so that it has the smaller share.

@@ -10,9 +10,10 @@ from scipy.special import ndtri, stdtrit
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength
-from spherecal.verify.limit import OfLength
-from spherecal.verify.uncertainty import COVERAGE, expansion_kelvin, temperature_sd
-from spherecal.verify.verification import MeasuredLength
+from spherecal.scale.bar_temperature import expansion_kelvin, temperature_sd
+from spherecal_verify.limit import OfLength
+from spherecal_verify.uncertainty import COVERAGE
+from spherecal_verify.verification import MeasuredLength
 
 # Below this k no certificate means Student's t: 2.0 and 1.96 are the normal distribution's.
 _NORMAL_FACTOR = 2.05

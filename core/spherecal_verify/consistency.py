@@ -15,7 +15,7 @@ from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
+from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 
 # A false alarm once in 1000 checks, however many cameras there are (Bonferroni); benchmarks/studies/check.md counts.
 _FALSE_ALARM = 1e-3

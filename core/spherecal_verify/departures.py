@@ -7,10 +7,10 @@ import numpy as np
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.verify.budget import Budget
-from spherecal.verify.limit import Acceptance, LengthLimit
-from spherecal.verify.measuring_volume import LEAST_LENGTHS, LINES, MeasuringVolume
-from spherecal.verify.verification import MeasuredLength
+from spherecal_verify.budget import Budget
+from spherecal_verify.limit import Acceptance, LengthLimit
+from spherecal_verify.measuring_volume import LEAST_LENGTHS, LINES, MeasuringVolume
+from spherecal_verify.verification import MeasuredLength
 
 
 @dataclass(frozen=True)

@@ -12,20 +12,13 @@ from spherecal.data.rig import Rig
 from spherecal.data.session import Bar, BarLength
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
-from spherecal.verify.marks import MarkPlace
-from spherecal.verify.outlying_views import CheckedPoints
-from spherecal.verify.verification import LengthBudget, LengthStatistics, MeasuredLength, Overall
+from spherecal.scale.bar_temperature import temperature_part
+from spherecal_verify.marks import MarkPlace
+from spherecal_verify.outlying_views import CheckedPoints
+from spherecal_verify.verification import LengthBudget, LengthStatistics, MeasuredLength, Overall
 
 # k = 2 for a normal distribution, as certificates are stated.
 COVERAGE = 0.9545
-# A hand-held thermometer and a bar not quite at the air's temperature: +-0.5 K, evenly distributed. Unmeasured, a
-# workshop is within +-5 K of the reference temperature.
-_MEASURED_TEMPERATURE_SD_K = 0.5 / math.sqrt(3)
-_ASSUMED_TEMPERATURE_SD_K = 5.0 / math.sqrt(3)
-# Handbook values of metals hold to 10 %, evenly distributed.
-EXPANSION_RELATIVE_SD = 0.1 / math.sqrt(3)
-# Not stated, it is taken as steel's and may be anything from none (carbon fibre, Invar) to twice that (aluminium).
-_UNKNOWN_EXPANSION_RELATIVE_SD = 1 / math.sqrt(3)
 
 
 @dataclass(frozen=True)
@@ -126,31 +119,6 @@ def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErr
     if errors.by_shared is None:
         return by_camera.ravel()
     return np.concatenate([by_camera.ravel(), np.einsum("mi,miq->q", by_feature, errors.by_shared)])
-
-
-def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None) -> float:
-    """The certified length in mm at the bar's temperature; as certified where that was not measured."""
-    warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
-    return certified.length_mm * (1 + bar.expansion_per_kelvin * warmer_k)
-
-
-def temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
-    """The standard uncertainty of a length in mm by the thermometer and the coefficient of expansion."""
-    warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
-    sd_k = temperature_sd(temperature_c)
-    return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, expansion_kelvin(bar, warmer_k, sd_k))
-
-
-def expansion_kelvin(bar: Bar, warmer_k: float, sd_k: float) -> float:
-    """The effect of an unknown expansion (kelvin) of a bar that is warmer by an amount known to `sd_k` (GUM 5.1.2)."""
-    if "expansion_per_kelvin" in bar.assumed:
-        return _UNKNOWN_EXPANSION_RELATIVE_SD * math.hypot(warmer_k, sd_k)
-    return warmer_k * EXPANSION_RELATIVE_SD
-
-
-def temperature_sd(temperature_c: float | None) -> float:
-    """The standard uncertainty in kelvin of a bar's temperature, measured or (None) assumed."""
-    return _ASSUMED_TEMPERATURE_SD_K if temperature_c is None else _MEASURED_TEMPERATURE_SD_K
 
 
 def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors | None = None) -> LengthStatistics:

@@ -9,8 +9,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 
 if TYPE_CHECKING:  # a limit alone is read before the window is shown
-    from spherecal.verify.budget import Budget
-    from spherecal.verify.verification import MeasuredLength
+    from spherecal_verify.budget import Budget
+    from spherecal_verify.verification import MeasuredLength
 
 Conformity = Literal["pass", "fail", "cannot tell"]
 

@@ -13,11 +13,11 @@ import numpy as np
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity
 from spherecal.data.session import Bar, BarPose, expiry
-from spherecal.verify.bar_temperature import temperature_findings
-from spherecal.verify.budget import pooled_scatter
-from spherecal.verify.consistency import Consistency
-from spherecal.verify.limit import Acceptance
-from spherecal.verify.verification import Decision, MeasuredLength
+from spherecal.scale.bar_temperature import temperature_findings
+from spherecal_verify.budget import pooled_scatter
+from spherecal_verify.consistency import Consistency
+from spherecal_verify.limit import Acceptance
+from spherecal_verify.verification import Decision, MeasuredLength
 
 # Findings under which no rig passes: what was measured, or what it was measured with, is in doubt.
 DOUBTS = (

@@ -8,7 +8,7 @@ import numpy as np
 
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Rig
-from spherecal.verify.outlying_views import CheckedPoints
+from spherecal_verify.outlying_views import CheckedPoints
 
 State = Literal["verified", "not seen", "rejected"]
 

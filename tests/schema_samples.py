@@ -18,7 +18,7 @@ from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_cameras.simulated.stage import Stage
-from spherecal_documents.report.dcc import read_issuer
+from spherecal_documents.report.dcc import ISSUER
 from spherecal_files.ball_file import read_ball
 from spherecal_files.bar_registry import BAR_REGISTRY
 from spherecal_files.bundle_file import original_sha256
@@ -33,7 +33,7 @@ from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_measuring.pose import read_body
 from spherecal_rigs.ball_registry import BALL_REGISTRY
 from spherecal_rigs.entry import read_entry
-from spherecal_rigs.framed_rig import read_frame
+from spherecal_rigs.framed_rig import FRAME
 from spherecal_rigs.kept_checks import read_checks
 from spherecal_rigs.limits_file import read_limits
 from spherecal_rigs.result_folder import read_bar_report
@@ -384,7 +384,7 @@ SAMPLES: Mapping[str, Sample] = {
     "verification": Sample(_VERIFICATION, _read_verification),
     "findings": Sample(_FINDINGS, _folder("findings.json", read_findings)),
     "ball": Sample(_BALL, _file("ball.json", read_ball), ("the same dot", "on one line", "not a covariance", "must be a date")),  # noqa: E501
-    "frame": Sample(_FRAME, _file("frame.json", read_frame), ("not a rotation", "or none of them")),
+    "frame": Sample(_FRAME, _file("frame.json", FRAME.read), ("not a rotation", "or none of them")),
     "cameras": Sample(_CAMERAS, _file("cameras.json", read_cameras), ("the same",)),
     "drivers": Sample(
         _document("drivers", drivers=[{"file": "/opt/x.cti", "sha256": SHA}], written_at=TIME),
@@ -406,7 +406,7 @@ SAMPLES: Mapping[str, Sample] = {
         _file("balls.json", BALL_REGISTRY.read), ("the same", "off the sticker", "must be smaller"),
     ),
     "limits": Sample(_LIMITS, _file("limits.json", read_limits), ("above stale", "is not a limit")),
-    "issuer": Sample(_ISSUER, _file("issuer.json", read_issuer), ("is empty", "must be a date")),
+    "issuer": Sample(_ISSUER, _file("issuer.json", ISSUER.read), ("is empty", "must be a date")),
     "profile": Sample(_PROFILE, _folder("profile.json", open_profile), ("ageing not above stale",)),
     "profile-entry": Sample(_ENTRY, _folder("entry.json", read_entry), ("low corner first",)),
     "profile-check": Sample(_CHECK, _read_check),

@@ -92,7 +92,7 @@ def _result_readers(folder: Path) -> list[Reader]:
     from spherecal_files.ball_file import read_ball
     from spherecal_files.rig_file import read_rig
     from spherecal_rigs.check_rig import read_known_ball
-    from spherecal_rigs.framed_rig import define_frame, read_frame, write_frame
+    from spherecal_rigs.framed_rig import FRAME, define_frame, write_frame
     from spherecal_rigs.result_folder import read_bar_report, read_result
     from spherecal_rigs.save_entry import prepare
     from spherecal_rigs.user_frame import FrameDefinition
@@ -124,7 +124,7 @@ def _result_readers(folder: Path) -> list[Reader]:
         _json("verification.json", result / "verification.json", said),
         _json("verification.json, to be saved", result / "verification.json", lambda: prepare(result)),
         _json("ball.json", result / "ball.json", lambda: read_ball(result)),
-        _json("frame.json", result / "frame.json", lambda: read_frame(result / "frame.json")),
+        _json("frame.json", result / "frame.json", lambda: FRAME.read(result / "frame.json")),
     ]
 
 
@@ -132,7 +132,7 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, read_profile, write_profile
     from spherecal_cameras.genicam.trust import TrustStore
     from spherecal_cameras.protocol import CameraSettings
-    from spherecal_documents.report.dcc import read_issuer
+    from spherecal_documents.report.dcc import ISSUER
     from spherecal_files.bar_registry import BAR_REGISTRY
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
@@ -199,7 +199,7 @@ def _other_readers(folder: Path) -> list[Reader]:
         _json("cameras.json", cameras, lambda: read_profile(cameras)),
         _json("bars.json", registry, lambda: BAR_REGISTRY.read(registry)),
         _json("limits.json", limits, lambda: read_limits(limits)),
-        _json("issuer", issuer, lambda: read_issuer(issuer)),
+        _json("issuer", issuer, lambda: ISSUER.read(issuer)),
         _json("kept check", kept, checks),
         _json("drivers.json", drivers, lambda: TrustStore(drivers)),
         Reader("limit", limited, b"0.03 mm + L/20000"),

@@ -49,7 +49,7 @@ from spherecal_documents.export.write_export import export_rig as _export_rig
 from spherecal_documents.sheets import board_sheet
 from spherecal_documents.sheets.sticker_sheet import Page, write_sheet
 from spherecal_files.atomic import write_file_whole
-from spherecal_files.ball_file import ball_bytes, read_ball
+from spherecal_files.ball_file import BALL, read_ball
 from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal_files.json_file import JsonValue
 from spherecal_files.read_session import read_session
@@ -69,8 +69,8 @@ from spherecal_measuring.series_file import TableKind
 from spherecal_rigs.check_rig import Check, check, read_known_ball
 from spherecal_rigs.compare_rigs import Comparison, compare
 from spherecal_rigs.cross_validate import LeftOut, cross_validate
+from spherecal_rigs.framed_rig import FRAME, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
-from spherecal_rigs.framed_rig import read_frame, write_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
@@ -832,7 +832,7 @@ def save_ball(ball: BallProfile, path: AnyPath) -> None:
     OutputError
         Where the file cannot be written.
     """
-    write_file_whole(Path(path), ball_bytes(ball))
+    write_file_whole(Path(path), BALL.bytes(ball))
 
 
 # --- targets and simulation ------------------------------------------------------------------------------------------
@@ -1118,7 +1118,7 @@ def load_frame(path: AnyPath) -> UserFrame:
     InputError
         Names what is wrong in the file.
     """
-    return read_frame(Path(path))
+    return FRAME.read(Path(path))
 
 
 def save_frame(frame: UserFrame, path: AnyPath) -> None:

@@ -127,11 +127,6 @@ BALL = FileFormat(
 )
 
 
-def ball_bytes(profile: BallProfile) -> bytes:
-    """The contents of ball.json, one dot a line; the same profile gives the same bytes and is read back unchanged."""
-    return BALL.bytes(profile)
-
-
 def read_ball(path: Path) -> BallProfile:
     """The profile in a file, or in a result folder."""
     return BALL.read(path / BALL_FILE if path.is_dir() else path)

@@ -64,11 +64,6 @@ class RegisteredBar:
     assumed: tuple[str, ...] = ()
 
 
-def read_registered_bar(value: JsonValue) -> RegisteredBar:
-    """One bar of the registry."""
-    return _BAR.read(value)
-
-
 def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
     """The bar with this serial; `path` None: that of `BAR_REGISTRY`."""
     bars = BAR_REGISTRY.read(path)
@@ -78,11 +73,6 @@ def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
             Phrase("registered-bars", {"bars": list(bars)}) if bars else Phrase("registered-none"),
         )
     return bars[serial]
-
-
-def bar_entry(bar: RegisteredBar) -> dict[str, Any]:
-    """A bar as the file has it."""
-    return _BAR.entry(bar)
 
 
 def figures_entry(bar: RegisteredBar | Bar) -> dict[str, Any]:
@@ -198,7 +188,7 @@ FIGURES = (
     _unless_assumed("reference_temperature_c", _TEMPERATURE),
     optional("certificate", CERTIFICATE, omit=None),
 )
-_BAR = record(
+REGISTERED_BAR = record(
     "",
     with_assumed(RegisteredBar),
     field("serial", SERIAL),
@@ -210,7 +200,7 @@ BARS = FileFormat(
     "spherecal/bars",
     "bars.json",
     "The owner's reference bars, in the user's settings; `SPHERECAL_BARS` names another file.",
-    only("bars", items("The bars.", _BAR, differ="serial")),
+    only("bars", items("The bars.", REGISTERED_BAR, differ="serial")),
     ("Serial numbers differ.", "Every named mark exists."),
     more="verification.md",
 )

@@ -2,7 +2,7 @@
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal_files.bar_registry import FIGURES, SERIAL, bar_entry, find_bar, read_lengths, with_assumed
+from spherecal_files.bar_registry import FIGURES, REGISTERED_BAR, SERIAL, find_bar, read_lengths, with_assumed
 from spherecal_files.codec import choice, field, identifier, optional, record
 from spherecal_files.json_file import JsonValue, json_bytes, unique
 
@@ -42,6 +42,6 @@ def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, b
         if key in f:
             raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": _FIGURES[:-1]}))
     own = find_bar(serial)
-    registered[serial] = json_bytes(bar_entry(own))
+    registered[serial] = json_bytes(REGISTERED_BAR.entry(own))
     figures = {key: getattr(own, key) for key in (*_FIGURES, "assumed")}
     return Bar(f["id"].id(), f["role"].choice("scale", "check"), serial=serial, **figures)

@@ -6,6 +6,7 @@ from typing import Any
 from spherecal.data.session import Bar, CameraSpec, Scale, Session
 from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal_files.bar_registry import LENGTHS
+from spherecal_files.json_file import plain_fields
 
 # A lens of 45 degrees across: what COLMAP begins with too. Phones and webcams have 0.7 to 0.9, machine vision 1 to 4.
 ASSUMED_FOCAL = 1.2
@@ -38,13 +39,8 @@ def session_json(session: Session, folder: Path) -> dict[str, Any]:
 
 
 def _camera(camera: CameraSpec) -> dict[str, Any]:
-    entry = {
-        "id": camera.id,
-        "serial": camera.serial,
-        "model": camera.model,
-        "image_size": list(camera.image_size),
-        "pixel_pitch_um": camera.pixel_pitch_um,
-        "focal_length_mm": camera.focal_length_mm,
+    entry: dict[str, Any] = {
+        **plain_fields(camera, "id serial model image_size pixel_pitch_um focal_length_mm"),
         "prior": {
             "matrix": camera_matrix(camera.prior).tolist(),
             "distortion": camera.prior[4 : 8 if is_fisheye(camera.prior) else 16].tolist(),

@@ -98,12 +98,7 @@ def _check_some(dots: Mapping[str, FloatArray], value: JsonValue) -> None:
 
 def write_target_set(path: Path, target_set: TargetSet) -> None:
     """Write targets.json."""
-    write_file_whole(path, target_set_bytes(target_set))
-
-
-def target_set_bytes(target_set: TargetSet) -> bytes:
-    """targets.json, one target a line."""
-    return TARGETS.bytes(target_set)
+    write_file_whole(path, TARGETS.bytes(target_set))
 
 
 def given(*keys: str, **others: Schema) -> Schema:

@@ -10,7 +10,7 @@ import numpy as np
 from spherecal.base.filesystem import create, new_file
 from spherecal.data.rig import BallProfile, Calibration, ImageMotion, PlacedSphere
 from spherecal_files.atomic import RESULT, write_folder_whole
-from spherecal_files.ball_file import BALL_FILE, ball_bytes
+from spherecal_files.ball_file import BALL, BALL_FILE
 from spherecal_files.findings_file import FINDINGS_FILE, findings_document
 from spherecal_files.json_file import json_bytes
 from spherecal_files.observations_file import write_observations
@@ -29,7 +29,7 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
             create(new / COVARIANCE_FILE, covariance_bytes(calibration.rig.covariance))
         if calibration.ball is not None:
             stored = BallProfile(calibration.ball, input_sha256=calibration.rig.input_sha256)
-            create(new / BALL_FILE, ball_bytes(stored))
+            create(new / BALL_FILE, BALL.bytes(stored))
         write_table(new / "points.csv", POINT_COLUMNS, _point_rows(calibration))
         write_table(new / "residuals.csv", RESIDUAL_COLUMNS, _residual_rows(calibration))
         write_table(new / "spheres.csv", SPHERE_COLUMNS, map(_sphere_row, calibration.spheres))

@@ -72,11 +72,6 @@ def frame_entry(frame: UserFrame) -> dict[str, Any]:
     return codec.record("", UserFrame, *FIELDS).entry(frame)
 
 
-def read_frame(path: Path) -> UserFrame:
-    """The frame in a file."""
-    return FRAME.read(path)
-
-
 _AXES = ("x_mm", "y_mm", "z_mm")
 _MOST_NAMED = 12
 

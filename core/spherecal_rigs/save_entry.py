@@ -14,7 +14,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.session import CameraSpec, CapturedSet, Session
 from spherecal.data.verdict import named
-from spherecal_cameras.camera_settings import read_profile, settings_json
+from spherecal_cameras.camera_settings import SETTINGS, read_profile
 from spherecal_files.capture_file import last_taken, read_captured_sets
 from spherecal_files.json_file import read_bytes, read_json
 from spherecal_files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
@@ -121,7 +121,7 @@ def _cameras(
                 pixel_pitch_um=spec.pixel_pitch_um or (own.pixel_pitch_um if own else None),
                 focal_length_mm=spec.focal_length_mm or (own.focal_length_mm if own else None),
                 temperature_c=warm.get(camera.id),
-                settings=settings_json(own.settings) if own else None,
+                settings=SETTINGS.entry(own.settings) if own else None,
             )
         )
     return tuple(entries)

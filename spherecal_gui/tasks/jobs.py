@@ -503,10 +503,10 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
 
 def _keep_frame(own: Path, kept: Path) -> None:
     """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
-    from spherecal_rigs.framed_rig import read_frame, write_frame
+    from spherecal_rigs.framed_rig import FRAME, write_frame
 
     if own.is_file():
-        write_frame(read_frame(own), kept)
+        write_frame(FRAME.read(own), kept)
 
 
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:

@@ -87,10 +87,10 @@ def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
 
 def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
     """The places to define a frame by, with those that the project's own frame names."""
-    from spherecal_rigs.framed_rig import read_frame, result_places
+    from spherecal_rigs.framed_rig import FRAME, result_places
 
     try:
-        wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
+        wanted = FRAME.read(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
     except SpherecalError:  # reported where the frame is used
         wanted = ()
     return result_places(folder, wanted)

@@ -14,7 +14,7 @@ from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, 
 from spherecal_cameras.genicam.trust import Driver, TrustStore
 from spherecal_cameras.protocol import CameraSettings, Region
 from spherecal_documents.export.write_export import export_rig
-from spherecal_files.bar_registry import BAR_REGISTRY, read_registered_bar
+from spherecal_files.bar_registry import BAR_REGISTRY, REGISTERED_BAR
 from spherecal_files.bundle_file import bundle_bytes
 from spherecal_files.json_file import JsonValue
 from spherecal_files.rig_file import read_rig
@@ -163,7 +163,7 @@ def test_settings_are_described(tmp_path: Path) -> None:
     )
     assert_described(_load(tmp_path / "cameras.json"), "cameras")
     own = VALID["bars"][0]
-    bar = read_registered_bar(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))
+    bar = REGISTERED_BAR.read(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))
     BAR_REGISTRY.write({"B-7": bar}, tmp_path / "bars.json")
     assert_described(_load(tmp_path / "bars.json"), "bars")
     store = TrustStore(tmp_path / "drivers.json")

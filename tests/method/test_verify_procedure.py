@@ -16,7 +16,7 @@ from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, RigScale
 from spherecal.data.session import BarLength, Certificate, Session
-from spherecal_files.bar_registry import RegisteredBar, bar_entry
+from spherecal_files.bar_registry import REGISTERED_BAR, RegisteredBar
 from spherecal_files.rig_file import rig_bytes
 from spherecal_files.write_verification import write_verification
 from spherecal_rigs.live_pose import measured_ends
@@ -408,4 +408,4 @@ def test_the_box_lies_as_the_cameras_do() -> None:
 
 def test_a_registered_bar_keeps_what_it_is() -> None:
     bar = RegisteredBar("S", {}, (), 1e-5, certificate=Certificate("K", "lab", date(2026, 1, 2), None))
-    assert bar_entry(bar)["certificate"] == {"number": "K", "laboratory": "lab", "date": "2026-01-02"}
+    assert REGISTERED_BAR.entry(bar)["certificate"] == {"number": "K", "laboratory": "lab", "date": "2026-01-02"}

@@ -265,10 +265,7 @@ def _trend_entry(trend: Trend) -> dict[str, object]:
         return {**plain_fields(series), "outside": outside}
 
     return {
-        "kind": trend.kind,
-        "ids": trend.ids,
-        "times": trend.times,
-        "verdicts": trend.verdicts,
+        **plain_fields(trend, "kind ids times verdicts"),
         "series": [entry(one) for one in trend.series],
         "cameras": [entry(one) for one in trend.cameras],
     }

@@ -27,7 +27,7 @@ from spherecal_files.atomic import SESSION, WRITTEN_FILE, check_folder, write_fo
 from spherecal_files.json_file import MOST_CAMERAS, json_bytes
 from spherecal_files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
 from spherecal_files.session_json import ASSUMED_FOCAL, assumed_prior, centred_matrix
-from spherecal_files.target_set_file import target_set_bytes
+from spherecal_files.target_set_file import TARGETS
 
 STAGE = "reading images"
 TARGETS_FILE = "targets.json"
@@ -121,7 +121,7 @@ def make_session(
         contents = replace(contents, board=board)
         looked = (f"the board as its images show it: --board {as_text(board)}",)
     document, cameras, assumed = _document(maker, contents, known)
-    beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: target_set_bytes(contents.targets)}
+    beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: TARGETS.bytes(contents.targets)}
     if inside:
         session = _write_beside(folder, source, document, maker, beside)
     else:

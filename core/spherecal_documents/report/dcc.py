@@ -8,7 +8,6 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
-from pathlib import Path
 from typing import Literal, get_args
 from xml.etree import ElementTree as Xml
 
@@ -58,11 +57,6 @@ class Issuer:
     place: Place = "laboratory"
     begin: date | None = None
     end: date | None = None
-
-
-def read_issuer(path: Path) -> Issuer:
-    """The statements in a file."""
-    return ISSUER.read(path)
 
 
 def _check_country(country: str, value: JsonValue) -> None:

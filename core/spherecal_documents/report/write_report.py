@@ -136,11 +136,11 @@ def write_report(
 
 def certificate(result_folder: Path, issuer: Path | None) -> bytes:
     """A Digital Calibration Certificate, as XML; `issuer`: the file that says who issues it, None is refused."""
-    from spherecal_documents.report.dcc import dcc_bytes, read_issuer
+    from spherecal_documents.report.dcc import ISSUER, dcc_bytes
 
     if issuer is None:
         raise InputError(Phrase("error-no-issuer"))
-    return dcc_bytes(read_result(result_folder), read_issuer(issuer))
+    return dcc_bytes(read_result(result_folder), ISSUER.read(issuer))
 
 
 def report_bytes(

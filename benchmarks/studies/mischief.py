@@ -34,6 +34,7 @@ from benchmarks.studies.mischief_frames import (
     bent_board,
     frame_lost,
     loose_mark,
+    misnumbered,
     out_of_step,
     turned_ids,
     twins,
@@ -53,6 +54,7 @@ from benchmarks.studies.mischief_motions import (
 )
 from benchmarks.studies.mischief_optics import (
     axes_exchanged,
+    bending_bar,
     dots_outward,
     fixed_k3,
     flattened,
@@ -190,6 +192,19 @@ def skew(world: World, size: float, rng: np.random.Generator) -> Case:
 
     blame = ("lens", "skew", "model")
     case = _lasting(spoilt(world, rng, blame, (), lambda o: replace(o, uv=change(o.uv, o.camera))), change)
+    return replace(case, reference=replace(case.reference, excused=frozenset(world.ids)))
+
+
+def zoomed(world: World, size: float, rng: np.random.Generator) -> Case:
+    """All lenses are zoomed before a placement, and stay so: every image is larger by a share."""
+    t, images = later_placement(world, rng), np.array([c.kind.image_size for c in world.cameras], dtype=float)
+
+    def change(uv: FloatArray, camera: IntArray, after: BoolArray) -> FloatArray:
+        return uv + size * after[:, None] * (uv - (images[camera] - 1) / 2)
+
+    blame = (*MOVED, *SHAPE, "focus", "lens", "focal", "late", "contradicts")
+    case = spoilt(world, rng, blame, (), lambda o: replace(o, uv=change(o.uv, o.camera, o.placement >= t)))
+    case = _lasting(case, lambda uv, camera: change(uv, camera, np.ones(len(uv), dtype=bool)))
     return replace(case, reference=replace(case.reference, excused=frozenset(world.ids)))
 
 
@@ -468,4 +483,7 @@ KINDS: tuple[Mischief, ...] = (
     Mischief("region stated by its files", stated_roi, (2, 64), "px", methods=_SHOWN),
     Mischief("stickers of two sheets", two_sheets, (0.002, 0.01), "x"),
     Mischief("bar warms", warming_bar, (100, 500), "ppm", methods=_BAR),
+    Mischief("bar bends", bending_bar, (0.05, 0.3, 1), "mm", methods=_BAR),
+    Mischief("all lenses zoomed", zoomed, (0.0001, 0.0003, 0.003, 0.05), "x", methods=_SHOWN),
+    Mischief("board misnumbered", misnumbered, (1, 2), "columns", methods=_BOARD),
 )

@@ -194,6 +194,18 @@ def turned_ids(world: World, size: float, rng: np.random.Generator) -> Case:
     return spoilt(world, rng, (*IMAGE, "outlier", "moved"), (), change)
 
 
+def misnumbered(world: World, size: float, rng: np.random.Generator) -> Case:
+    """A camera counts the board's points from another corner: their numbers are off by so many columns."""
+    c = any_camera(world, rng)
+
+    def change(o: Observations) -> Observations:
+        own = o.camera == c
+        kept = ~own | (o.target % COLUMNS + int(size) < COLUMNS)
+        return in_order(replace(o, target=o.target + own * int(size)).select(kept))
+
+    return spoilt(world, rng, ("misnumbered",), (world.ids[c],), change)
+
+
 def loose_mark(world: World, size: float, rng: np.random.Generator) -> Case:
     """A mark of the bar shifts along it by so many mm from a frame on."""
     t = later_placement(world, rng)

@@ -242,6 +242,13 @@ def warming_bar(world: World, size: float, rng: np.random.Generator) -> Case:
     return make_case(grown, rng, ("bar-poses",))
 
 
+def bending_bar(world: World, size: float, rng: np.random.Generator) -> Case:
+    """The waved bar's length is off by a random amount in each frame, with a standard deviation of so many mm."""
+    change, bar = 1 + size * rng.normal(size=len(world.turns)) / np.ptp(world.ball.dots_mm[:, 0]), world.ball
+    unsteady = replace(world, shape_of=lambda frame: replace(bar, dots_mm=bar.dots_mm * change[frame]))
+    return make_case(unsteady, rng, ("bar-poses",))
+
+
 def shrinking_stickers(world: World, size: float, rng: np.random.Generator) -> Case:
     """Stickers shrink by a share from the first placement to the last, on a ball that does not."""
     last = len(world.turns) - 1

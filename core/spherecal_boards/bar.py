@@ -35,6 +35,8 @@ from spherecal_boards.frames_evidence import frame_evidence, frame_test
 METHOD = "bar"
 # With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.
 FEW_FRAMES = 50
+# Steadier bars than this are what they should be: of 1 mm in 300 the mean is no longer certified.
+MOST_SCATTER = 1e-3
 # A camera that moves is told by stretches of frames: few enough to be fast, short enough to say when.
 STRETCHES, LEAST_FRAMES = 24, 8
 
@@ -103,9 +105,14 @@ def _result(
     scale = RigScale("none", None)
     if adjusted.covariance is not None and np.isfinite(adjusted.variance):
         noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
-        step = bar_step(work, adjusted)
+        step, lengths = bar_step(work, adjusted), adjusted.model.lengths
         changed = 0.0 if step is None else step[1] / 2  # which of its two lengths is right is not known
-        findings = findings if step is None else [*findings, step[0]]
+        if step is not None:
+            findings = [*findings, step[0]]
+        elif lengths.scatter:
+            severity = "warning" if lengths.scatter > MOST_SCATTER * float(lengths.length.max()) else "info"
+            values, where = {"worst_mm": lengths.scatter}, (recording.bar.id,)
+            findings = [*findings, Finding("bar-poses-disagree", severity, values, where, kind="at-random")]
         scale = RigScale("bar", float(np.linalg.norm([noise, _certificate(adjusted, recording), changed])))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     cut = _in_stretches(session, recording)

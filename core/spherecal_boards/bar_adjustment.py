@@ -16,6 +16,7 @@ from spherecal.data.session import Session
 from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal_boards.bar_marks import BarRecording, known_lengths
 from spherecal_boards.bar_model import BarModel, Lengths
+from spherecal_boards.bar_scatter import length_scatter
 from spherecal_boards.board_intrinsic_priors import poorly_observed
 from spherecal_boards.frame_network import minimise, redundancy
 from spherecal_boards.frames_adjustment import (
@@ -29,6 +30,9 @@ from spherecal_boards.frames_adjustment import (
     within_gate,
 )
 from spherecal_boards.frames_covariance import frame_covariance
+
+# The bar's own scatter is known when it changes by no more than this share from round to round.
+SCATTER_STEADY = 0.02
 
 
 @dataclass(frozen=True)
@@ -153,21 +157,29 @@ def _gated(
 ) -> tuple[State, BarModel, IntArray, BoolArray, Minimum]:
     """Gate and least squares in turns until the gate stays; points without a place get one, but of a pair `alone`."""
     network, rounds, settings = work.network, 0, Settings(max_iterations=60) if alone else Settings()
+    last = scatter = 0.0
     while True:
         rounds += 1
         state = state if alone else located(network, state, work.placed, used)
         gated = _gate(network, state, work.placed, used)
         seen = network.views(gated) >= 2
         lengths = known_lengths(work.session, work.recording, seen)
-        # certificates and dots are to weigh against each other as both really scatter
-        lengths = replace(lengths, sigma=lengths.sigma / noise)
         model, rows = _model(work, gated, network.free, lengths, priors, True)
+        if not alone:
+            free = replace(state, points=usable_features(network, state, gated)[0])  # not held by the certificates
+            scatter = length_scatter(model, free, noise)
+        # certificates and dots are to weigh against each other as both really scatter
+        lengths = replace(lengths, sigma=np.hypot(lengths.sigma, scatter) / noise, scatter=scatter)
+        model = replace(model, lengths=lengths)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
         minimum = minimise(model, whole, settings, progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
-        if (gated == used).all() or rounds == GATE_ROUNDS:
+        steady = abs(scatter - last) <= SCATTER_STEADY * scatter
+        if ((gated == used).all() and steady) or rounds == GATE_ROUNDS:
             return state, model, rows, gated, minimum
-        used = gated
+        used, last = gated, scatter
+        if scatter:  # the noise of a start that the lengths held is too large
+            noise = float(np.sqrt(2 * minimum.cost / max(redundancy(model, minimum.state), 1)))
 
 
 def _model(

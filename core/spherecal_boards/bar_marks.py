@@ -104,7 +104,8 @@ def known_lengths(session: Session, recording: BarRecording, seen: BoolArray) ->
         standard = max(standard_uncertainty(certified), _LEAST_TIE_MM)
         each = np.full(len(both), standard), np.full(len(both), number)
         rows.append((both, (ends[1] - ends[0])[both], length[both], *each))
-    return Lengths(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    frame, coefficient, length, sigma, certificate = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return Lengths(frame, coefficient, length, sigma, certificate)
 
 
 def standard_uncertainty(certified: BarLength) -> float:

@@ -15,7 +15,8 @@ class Lengths:
     """Known distances inside frames: frame (m,), coefficients (m,s) of its slots, length (m,) and sigma (m,) in mm.
 
     The coefficients of a row are those of its second end less those of its first. An end is a slot, or the origin of a
-    target that its dots give as a weighted sum. `certificate` (m,) is which certified length a row is.
+    target that its dots give as a weighted sum. `certificate` (m,) is which certified length a row is;
+    `scatter` what `sigma` holds for the bar's own changes from frame to frame, in mm.
     """
 
     frame: IntArray
@@ -23,6 +24,7 @@ class Lengths:
     length: FloatArray
     sigma: FloatArray
     certificate: IntArray
+    scatter: float = 0.0
 
 
 @dataclass(frozen=True)

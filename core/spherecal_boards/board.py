@@ -38,7 +38,17 @@ from spherecal_boards.board_model import BoardViews, board_views
 from spherecal_boards.board_result import Fit, assemble_fit
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
-from spherecal_boards.camera_lag import AGREE_PX, Compared, find_lags, flipped_back, in_step, lag_findings
+from spherecal_boards.camera_lag import (
+    AGREE_PX,
+    BETTER,
+    Compared,
+    Lag,
+    find_lags,
+    flipped_back,
+    in_step,
+    lag_findings,
+    neighbours,
+)
 from spherecal_boards.eccentricity import eccentricity
 from spherecal_boards.frames_evidence import frame_evidence
 from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
@@ -146,7 +156,18 @@ def _in_step(
             error = compare_views(views, (start.poses, seen), start.intrinsics, a, b, False)[0]
             if error < min(found[0], AGREE_PX):
                 fits.append((off_px, error, how))
-        return (min(fits)[1], np.zeros_like(found[1]), min(fits)[2]) if fits else found
+        if fits:
+            return min(fits)[1], np.zeros_like(found[1]), min(fits)[2]
+        for shift in neighbours(views.points_mm):
+            own = {
+                view: [replace(pose, translation=pose.translation + pose.rotation[:, :2] @ shift) for pose in some]
+                for view, some in start.poses.items()
+                if view[0] == b
+            }
+            error = compare_views(views, (start.poses, own), start.intrinsics, a, b, False)[0]
+            if error < min(found[0] / BETTER, AGREE_PX):
+                return error, np.zeros_like(found[1]), shift
+        return found
 
     lags = find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)
     if not lags:
@@ -154,12 +175,33 @@ def _in_step(
     findings = lag_findings(observations, lags, observations.placements)
     uv = flipped_back(lags, views.camera, views.uv, widths)
     placement, keep = in_step(lags, views.camera, views.placement)
+    point, known = _renumbered(lags, views)
+    placement, keep = placement[known[keep]], keep[known[keep]]
     observations = replace(observations.select(keep), placement=placement, uv=uv[keep])
+    board, views = session.board or (), replace(views, point=point)
+    observations = replace(
+        observations,
+        target=np.array([p.target for p in board])[point[keep]],
+        point=np.array([observations.points.index(p.point) for p in board])[point[keep]],
+    )
     sigma = None if views.sigma is None else views.sigma[keep]
     views = replace(
         views, placement=placement, camera=views.camera[keep], point=views.point[keep], uv=uv[keep], sigma=sigma
     )
     return observations, views, _start(session, views, free, context), findings
+
+
+def _renumbered(lags: list[Lag], views: BoardViews) -> tuple[IntArray, BoolArray]:
+    """The board point of each observation (n,) with those of shifted cameras put back, and which are on the board."""
+    point, known = views.point.copy(), np.ones(len(views), dtype=bool)
+    for lag in lags:
+        if isinstance(lag.flip, tuple):
+            own = np.flatnonzero(views.camera == lag.camera)
+            off = views.points_mm[point[own], None, :2] - np.array(lag.flip) - views.points_mm[None, :, :2]
+            distance = np.linalg.norm(off, axis=2)
+            point[own] = distance.argmin(axis=1)
+            known[own] = distance.min(axis=1) < 0.1 * np.linalg.norm(lag.flip)
+    return point, known
 
 
 def _start(

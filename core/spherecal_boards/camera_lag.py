@@ -1,4 +1,6 @@
-"""Cameras some frames behind the others, or mirrored, or with u and v exchanged: found before any adjustment.
+"""Cameras some frames behind the others, mirrored, with u and v exchanged, or that number a board's points otherwise.
+
+All are found before any adjustment.
 
 A shutter that missed its first trigger, or a lost frame, stores each image one number early. Two cameras then never saw
 the board or bar at one place, whatever the lenses; shifted by the right number of frames they agree everywhere.
@@ -27,7 +29,9 @@ PARTNERS, LEAST_FRAMES = 3, 4
 
 # Error in px of two cameras' agreement, by how many frames the second is late at each frame (f,), and how its images
 # are flipped, if they are; infinite where they have too little in common.
-Compared = tuple[float, IntArray, Flip | None]
+# Or by what (x, y in mm) its board's points are shifted.
+Shift = tuple[float, float]
+Compared = tuple[float, IntArray, Flip | Shift | None]
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,12 @@ class Link:
 
 @dataclass(frozen=True)
 class Lag:
-    """A camera (index) whose images show what another one saw `frames` (f,) frames before, or are flipped."""
+    """A camera (index) that is `frames` (f,) frames behind another one, or flipped, or shifted."""
 
     camera: int
     partner: int
     frames: IntArray
-    flip: Flip | None
+    flip: Flip | Shift | None
     after_px: float
 
 
@@ -97,7 +101,7 @@ def flipped_back(lags: list[Lag], camera: IntArray, uv: FloatArray, widths: IntA
     """The image points (n,2) px with those of flipped cameras put back. `widths` of the images (c,)."""
     uv = uv.copy()
     for lag in lags:
-        if lag.flip is not None:
+        if isinstance(lag.flip, str):
             uv[camera == lag.camera] = flipped(uv[camera == lag.camera], lag.flip, widths[lag.camera])
     return uv
 
@@ -107,6 +111,10 @@ def lag_findings(observations: Observations, lags: list[Lag], names: tuple[str, 
     found = []
     for lag in lags:
         camera, partner = (observations.cameras[c] for c in (lag.camera, lag.partner))
+        if isinstance(lag.flip, tuple):
+            values = {"x_mm": -lag.flip[0], "y_mm": -lag.flip[1], "partner": partner}
+            found.append(Finding("misnumbered", "error", values, (camera,)))
+            continue
         if lag.flip is not None:
             kind = "axes" if lag.flip == "axes" else "camera"
             found.append(Finding("mirrored", "error", where=(camera,), kind=kind))
@@ -167,3 +175,11 @@ def lagged(frames: IntArray, lag: int, count: int) -> tuple[IntArray, IntArray]:
     before = frames - lag
     inside = (before >= 0) & (before < count)
     return before[inside], frames[inside]
+
+
+def neighbours(points_mm: FloatArray) -> list[Shift]:
+    """By what a board's points (p,3) may be numbered otherwise: one or two columns or rows, either way."""
+    steps = [np.diff(np.unique(points_mm[:, i].round(3))) for i in (0, 1)]
+    x, y = (float(step.min()) if len(step) else np.inf for step in steps)
+    shifts = [(sign * n * a, sign * n * b) for n in (1, 2) for a, b in ((x, 0.0), (0.0, y)) for sign in (1, -1)]
+    return [shift for shift in shifts if np.isfinite(shift).all()]

@@ -18,13 +18,14 @@ from benchmarks.studies.mischief_frames import (
     frame_lost,
     loose_mark,
     make_frame_world,
+    misnumbered,
     mixed_moments,
     moving_board,
     out_of_step,
     wobbling_board,
 )
 from benchmarks.studies.mischief_motions import moved
-from benchmarks.studies.mischief_optics import axes_exchanged, stretched_board, warming_bar
+from benchmarks.studies.mischief_optics import axes_exchanged, bending_bar, stretched_board, warming_bar
 from benchmarks.studies.photographs import CHESSBOARDS, halves, named, recorded
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
@@ -287,3 +288,28 @@ def test_a_bar_that_grows_while_it_is_waved_makes_the_scale_uncertain() -> None:
     (finding,) = [f for f in done.rig.quality.findings if f.code == "bar-poses-disagree"]
     assert (finding.severity, finding.kind) == ("info", "slowly") and finding.values["worst_mm"] > 0
     assert judged(done, case.reference).covered >= 0.95
+
+
+@pytest.mark.parametrize(("rig", "size"), [("rigA", 0.05), ("rigB", 0.3)])
+def test_a_bar_that_bends_at_random_is_told_and_in_the_uncertainty(rig: str, size: float) -> None:
+    """By 0.3 mm the rig was refused for its lenses, 0.14 mm off; held as one length, every frame bent the network."""
+    case = bending_bar(make_frame_world(rig, "bar", 2001), size, np.random.default_rng([2001, 5]))
+    done = calibrate(case.session, case.settings)
+    (finding,) = [f for f in done.rig.quality.findings if f.code == "bar-poses-disagree"]
+    assert (finding.severity, finding.kind) == ("info", "at-random")
+    assert finding.values["worst_mm"] == pytest.approx(size, rel=0.15)
+    result = judged(done, case.reference)
+    assert result.verdict == "valid" and result.covered >= 0.95
+    assert done.rig.scale.relative_uncertainty == pytest.approx(np.hypot(size / np.sqrt(240), 0.005) / 300, rel=0.35)
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_camera_that_numbers_the_board_otherwise_is_named_and_put_back(size: int) -> None:
+    """A column off: refused for C03's outliers, a moving board and three lenses, and the camera 247 mm off."""
+    case, done = spoilt(misnumbered, "board", size)
+    found = codes(done)
+    assert set(found) == {"misnumbered", "print-unmeasured"} and found["misnumbered"] == case.names
+    assert done.rig.quality.verdict == "not-valid"
+    result = judged(done, case.reference)
+    assert not result.missing and not result.wrong_cameras and not result.lengths_wrong
+    assert max(camera.centre_mm for camera in result.cameras) < 0.2

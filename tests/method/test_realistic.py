@@ -6,10 +6,12 @@ import pytest
 from benchmarks.studies.realistic import record
 from spherecal.adjust.intrinsic_priors import like_the_others, prior_sigmas
 from spherecal.adjust.lens_field import beyond_lens, field_basis
+from spherecal.data.findings import Finding
+from spherecal.data.rig_camera import RigCamera
 from spherecal.data.verdict import effect, ruled
 from spherecal.geometry.camera import estimated_mask, intrinsics_vector
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.result.build_result import _said_of
+from spherecal.result.build_result import _ball_within_lengths, _moves_within_lengths, _said_of
 
 LENS = intrinsics_vector(np.array([[2300.0, 0, 1032], [0, 2300, 772], [0, 0, 1]]), [-0.1, 0.02, 0, 0, 0])
 
@@ -26,6 +28,8 @@ LENS = intrinsics_vector(np.array([[2300.0, 0, 1032], [0, 2300, 772], [0, 0, 1]]
         1229,  # fields finer than the whole image allows were refused: U of 13 mm on 500, 2.5 now
         1245,  # a ball that bends by 0.01 mm, taken as rigid: a camera was 3.2 times its U off
         1212,  # cameras that drift by 10 urad were told as moved
+        1369,  # a camera that sees three dots out of focus "moved", by 3 % of what lengths are uncertain by
+        1481,  # a ball only moved, 2.4 % too small, where lengths have U of 4.6 %
         1060,  # bars that the rig bends together disagreed with each other, by 13.6 standard deviations of each alone
     ],
 )
@@ -42,6 +46,38 @@ def test_what_is_hardly_determined_is_refused(typical_mm: float, refused: bool) 
     lengths = LengthMap(500.0, 2.0, 0.1, np.zeros((1, 3)), np.eye(3), np.full((1, 3), typical_mm))
     codes = {finding.code for finding in ruled(_said_of(lengths)) if effect(finding) == "not-valid"}
     assert codes == ({"degenerate-geometry"} if refused else set())
+
+
+@pytest.mark.parametrize(("percent", "severity"), [(2.9, "info"), (4.4, "warning"), (4.6, "error")])
+def test_a_ball_of_another_size_is_judged_by_what_lengths_are_uncertain_by(percent: float, severity: str) -> None:
+    """15 mm on 500 are 3 %."""
+    lengths = LengthMap(500.0, 2.0, 0.1, np.zeros((1, 3)), np.eye(3), np.full((1, 3), 15.0))
+    found = (Finding("ball-diameter", "error", {"percent": percent}),)
+    assert [f.severity for f in _ball_within_lengths(found, lengths, 0.0)] == [severity]
+    assert [f.severity for f in _ball_within_lengths(found, lengths, 0.03)] == ["error"]  # all of U is the ball's own
+
+
+@pytest.mark.parametrize(
+    ("px", "kind", "where", "severity"),
+    [
+        (0.4, "only-at", ("C01", "P2"), "info"),
+        (0.6, "only-at", ("C01", "P2"), "error"),
+        (0.4, "before", ("C01", "P2"), "error"),  # that is repaired
+        (0.4, "only-at", ("C01", "C02", "P2"), "error"),  # of C02 it is as much as U
+    ],
+)
+def test_a_move_is_judged_by_what_lengths_are_uncertain_by(
+    px: float, kind: str, where: tuple[str, ...], severity: str
+) -> None:
+    """1 px are 1 mm at C01's 1 m, 10 mm at C02's 10; U is 3 mm."""
+    cameras = tuple(
+        RigCamera(name, None, (2064, 1544), LENS * [1000 / LENS[0], *np.ones(15)], np.eye(3), np.array([0, 0, z]),
+                  None, 0, None)
+        for name, z in (("C01", 1000.0), ("C02", 10000.0))
+    )  # fmt: skip
+    lengths = LengthMap(500.0, 2.0, 0.1, np.zeros((1, 3)), np.eye(3), np.full((1, 3), 3.0))
+    found = (Finding("camera-moved", "error", {"px": px}, where, kind=kind),)
+    assert [f.severity for f in _moves_within_lengths(found, cameras, lengths, np.zeros(3))] == [severity]
 
 
 def test_held_lenses_are_like_the_others_of_the_rig() -> None:

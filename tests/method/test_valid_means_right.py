@@ -12,6 +12,8 @@ from conftest import ROOT
 from PIL import Image
 
 import spherecal.calibrate as method
+from benchmarks.studies.mischief import refocused
+from benchmarks.studies.mischief_world import make_world
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
@@ -274,6 +276,17 @@ def test_a_ball_that_moves_between_two_trigger_groups() -> None:
         assert finding.code == wanted
         assert done.rig.quality.verdict == "not-valid" and not done.rig.repairs
         assert {truth.cameras[c].id for c in group} == set(finding.where) & {c.id for c in truth.cameras}
+
+
+def test_a_lens_that_was_focused_again_is_no_unsteady_camera() -> None:
+    """By 0.1 %: refused, and the camera said to move or shake at all four placements."""
+    world = make_world("random", 2011)
+    case = refocused(world, 0.001, np.random.default_rng([2011, 3, 25, 1000]))
+    done = calibrate(case.session, case.settings)
+    (finding,) = (f for f in done.rig.quality.findings if f.code in ("focus-changed", "camera-unsteady"))
+    assert finding.code == "focus-changed" and finding.where == (case.names[0], "P3")
+    assert finding.values["percent"] == pytest.approx(0.1, rel=0.1)
+    assert done.rig.quality.verdict == "not-valid"
 
 
 def test_cameras_on_a_beam_that_sags_are_split_together() -> None:

@@ -15,6 +15,7 @@ from spherecal.diagnose.camera_findings import (
 from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.flattening import EXPLAINS, flattened_ball
+from spherecal.diagnose.focus_change import focus_change
 from spherecal.diagnose.geometry import weak_links, weak_places
 from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
@@ -30,7 +31,7 @@ from spherecal.diagnose.target_findings import wrong_targets
 MOST_OF_IT = 0.8
 # What these do to the whole network may be taken for a strain.
 _BEFORE = ("camera-moved", "cameras-moved", "camera-unsteady", "ball-moved", "wrong-placement", "image-contradicts",
-           "cameras-swapped", "placements-contradict", "mirrored")  # fmt: skip
+           "cameras-swapped", "placements-contradict", "mirrored", "focus-changed")  # fmt: skip
 
 
 def diagnose(e: Evidence) -> list[Finding]:
@@ -66,6 +67,9 @@ def _faults(e: Evidence) -> list[Finding]:
     motion = anomalies.group_motion
     if motion is not None and MOST_OF_IT * motion.statistic <= fixed.max(initial=0.0):
         anomalies = replace(anomalies, group_motion=None, explained=False)
+    refocused = [] if anomalies.group_motion is None else focus_change(e, anomalies.group_motion)
+    if refocused:
+        anomalies = replace(anomalies, group_motion=None)
     if anomalies.explained:  # so are images and placements that seem to contradict the rest
         wrong = []
     e.context.report(STAGE, 0.7)
@@ -74,7 +78,7 @@ def _faults(e: Evidence) -> list[Finding]:
     wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
     moves = motion_findings(e, anomalies, wrong)
     moved = moved_cameras(e, moves)
-    found += [*moves, *unexplained_images(e, wrong, moved), *spoilt]
+    found += [*refocused, *moves, *unexplained_images(e, wrong, moved), *spoilt]
     if not spoilt:
         found += [] if anomalies.explained else changed_shape(e, anomalies.in_shape)
         found += [*misfitting_lenses(e, anomalies, moved), *edge_findings(e, moved)]

@@ -1,6 +1,7 @@
 """Findings: cameras that moved, images that belong elsewhere, cameras whose images were exchanged."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -113,7 +114,8 @@ def _moved(e: Evidence, move: Move) -> Finding:
         "shows-move",
         {"px": move.image_change_px, "chi_square": move.statistic, "dof": move.dof, "limit": LEAST_STATISTIC},
     )
-    return _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
+    found = _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
+    return replace(found, values={**found.values, "px": move.image_change_px})
 
 
 def _from_two_poses(e: Evidence, fit: TwoPoseFit) -> Finding:

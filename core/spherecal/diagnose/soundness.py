@@ -130,10 +130,10 @@ def diameter_error(e: Evidence) -> float | None:
 def further_scale_uncertainty(e: Evidence) -> float:
     """The relative standard uncertainty that a ball of another size than the nominal one adds to the scale.
 
-    Twice it covers the difference; 0 for a scale from a bar, which is surer than a ball's name, and beyond 2 %.
+    Twice it covers the difference; 0 for a scale from a bar, which is surer than a ball's name.
     """
     off = diameter_error(e)
-    if off is None or not DOUBTFUL_DIAMETER < abs(off) <= WRONG_DIAMETER or e.solution.scale.source == "bar":
+    if off is None or abs(off) <= DOUBTFUL_DIAMETER or e.solution.scale.source == "bar":
         return 0.0
     return abs(off) / 2
 

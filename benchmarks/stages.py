@@ -1,11 +1,11 @@
-"""Where the adjustment's time goes: its inner stages timed from outside."""
+"""The adjustment from outside: where its time goes, and what it is without fields and motions."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from spherecal.adjust import engine, least_squares, levenberg
+from spherecal.adjust import corrections, engine, least_squares, levenberg
 from spherecal.adjust.parameter_layout import Layout
 
 # where the minimiser finds its helpers, and what the table calls them
@@ -46,3 +46,14 @@ def timed_stages() -> Iterator[dict[str, float]]:
     finally:
         for place, name, function in saved:
             setattr(place, name, function)
+
+
+@contextmanager
+def without_effects() -> Iterator[None]:
+    """Within, calibrations know neither fields of lenses nor motions of images: the plain adjustment."""
+    saved = corrections._may_have_effects
+    corrections._may_have_effects = lambda network, adjusted: False
+    try:
+        yield
+    finally:
+        corrections._may_have_effects = saved

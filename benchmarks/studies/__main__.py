@@ -13,9 +13,9 @@ QUICK = {
     "accuracy": 10, "misfit": 2, "shape": 2, "coverage": 20, "groups": 4, "convergence": 5, "outliers": 5,
     "detection": 1, "exports": 1, "profiles": 5, "cameras": 2,
     "diagnosis": 2, "verification": 5, "verdicts": 16, "check": 20, "fuzz": 1, "rendered": 1, "twins": 1,
-    "realistic": 20, "wrong": 1,
+    "realistic": 20, "wrong": 1, "moves": 1,
     "hostile": 200, "boards": 1, "gige": 1, "measure": 1, "markers": 1,
-    "others": 1, "photographs": 1,
+    "others": 1, "photographs": 1, "folds": 1,
 }  # fmt: skip
 NAMES = tuple(QUICK)
 FOLDER = Path(__file__).resolve().parent

@@ -14,7 +14,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Features, Observations
 
 RUNS = 300
-FIRST_SEED = 1313  # 1 to 1312 served whoever mends the engine
+FIRST_SEED = 1483  # 1 to 1482 served whoever mends the engine
 LENGTHS = 40
 FALSE_ALARM = 0.01
 PART = 10

@@ -6,6 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.studies.judged import Lengths, Reference
+from benchmarks.studies.realistic import dot_places
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment, refine, usable_features
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
@@ -30,9 +32,10 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import StudyBars, study_bars
-from spherecal_sim.truth import SimulationOptions, Truth
+from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
 
 RIGS = ("rigA", "rigB")
+SEED_BARS = 5
 Form = Literal["free", "rigid"]
 FORMS: tuple[Form, ...] = ("free", "rigid")
 
@@ -330,3 +333,17 @@ def bar_errors(calibration: Calibration, truth: Truth, bars: Bars, noise: FloatA
     measured = errors + bars.lengths_mm
     stretch = (bars.lengths_mm @ measured) / (measured @ measured)
     return BarErrors(errors**2, (stretch * measured - bars.lengths_mm) ** 2)
+
+
+def reference(truth: Truth) -> Reference:
+    """The rig as it is after the last placement, where the ball's dots were, and the lengths of `make_bars`' bars."""
+    poses = [camera_pose(c, truth.options.moved, len(truth.placements)) for c in truth.cameras]
+    cameras = tuple(replace(c, rotation=r, translation_mm=t) for c, (r, t) in zip(truth.cameras, poses, strict=True))
+    bars = make_bars(replace(truth, cameras=cameras), SEED_BARS)
+    return Reference(
+        tuple(c.id for c in cameras),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]),
+        lambda features, o: dot_places(truth, len(truth.placements), features, o),
+        Lengths(bars.study.ends_mm, bars.end, bars.camera, bars.uv),
+    )

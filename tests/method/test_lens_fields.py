@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.simulators.lens_errors import TrueLens, random_field
+from benchmarks.studies.export_readers import python_for, read
 from benchmarks.studies.simulated import Bars, make_bars, simulate
 from spherecal.adjust.camera_effects import MOTION, TURN, Corrections, Design, _step_share
 from spherecal.adjust.corrections import _with_considered
@@ -21,10 +22,17 @@ from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project
 from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.result.camera_effects import image_motions, shared_with_fields
+<<<<<<< HEAD
 from spherecal_documents.export.write_export import export_rig
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
+=======
+from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose
+from spherecal_documents.export.import_rig import import_rig
+from spherecal_documents.export.mrcal_splined import MOST_PX, MRCAL_SPLINED
+from spherecal_documents.export.write_export import check_points, export_rig
+>>>>>>> main
 from spherecal_sim.truth import SimulationOptions, Truth
 
 SIZE = np.array([2064.0, 1544.0])
@@ -189,6 +197,32 @@ def test_exports_say_what_is_lost_with_fields_and_maps_lose_nothing(
     maps = export_rig(rig, "maps", tmp_path / "maps")
     assert not maps.fields_lost
     assert maps.largest_difference_px < 0.01
+
+
+def test_mrcals_splines_hold_lens_and_field(misfitting: tuple[Calibration, Truth, Bars], tmp_path: Path) -> None:
+    rig = misfitting[0].rig
+    exported = export_rig(rig, "mrcal-splined", tmp_path / "splined")
+    assert not exported.fields_lost
+    assert exported.largest_difference_px < MOST_PX
+    with pytest.raises(InputError, match="mrcal-splined"):
+        import_rig(tmp_path / "splined", "mrcal-splined")
+    if python_for("mrcal") is None:
+        pytest.skip("mrcal is not installed (name a Python that has it in SPHERECAL_READERS)")
+    seen = {camera.id: check_points(camera, rig) for camera in rig.cameras}
+    found = read("mrcal", tmp_path / "splined", {name: points / 1000 for name, (points, _) in seen.items()})
+    for camera in rig.cameras:
+        assert camera.field is not None
+        off = found[camera.id] - camera.field.measured(seen[camera.id][1])
+        assert np.linalg.norm(off, axis=1).max() < MOST_PX
+
+
+def test_a_lens_that_folds_is_refused_by_mrcals_splines() -> None:
+    folding = intrinsics_vector(
+        np.array([[880.0, 0, 960], [0, 880, 540], [0, 0, 1]]), [-0.25, 0.09, 5e-4, -3e-4, -0.015]
+    )
+    camera = FileCamera("C1", (1920, 1080), folding, Pose(np.eye(3), np.zeros(3)))
+    with pytest.raises(InputError, match=r"C1: no splined model is nearer"):
+        MRCAL_SPLINED.write(FileRig((camera,), "C1", "m", "a test"))
 
 
 def test_poses_are_as_uncertain_as_what_their_fields_do_like_a_turn_where_points_were_seen() -> None:

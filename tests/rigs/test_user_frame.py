@@ -216,7 +216,7 @@ def test_every_format_gives_poses_in_the_frame(tmp_path: Path, name: str):
     rig = make_rig(4, 6)
     frame = some_frame(rig)
     done = export_rig(rig, name, tmp_path / "out", frame=frame)
-    most_px = 1e-3 if name == "maps" else 1e-6  # maps are in float32
+    most_px = {"maps": 1e-3, "mrcal-splined": 0.01}.get(name, 1e-6)  # maps are in float32, splines fitted
     assert done.largest_difference_px < most_px, "the projections of frame's points, read back"
     unit = 1000.0 if done.unit == "m" else 1.0
     read = {camera.id: camera for camera in FORMATS[name].read(tmp_path / "out")}

@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
-from benchmarks.studies import accuracy, convergence, coverage, groups, misfit, outliers, shape
+from benchmarks.stages import without_effects
+from benchmarks.studies import accuracy, convergence, coverage, folds, groups, misfit, moves, outliers, shape
 from benchmarks.studies.alignment import similarity
 from benchmarks.studies.bound import dense_network
 from benchmarks.studies.compared import ratio_error, rmse_um
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import estimate_from_truth, make_bars, simulate
 from benchmarks.studies.workers import Job, spread
+from spherecal.calibrate import calibrate
+from spherecal.data.observations import find_features
 from spherecal_sim.rigs import random_rotations
+from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
 SMALL = SimulationOptions(targets=60)
@@ -51,6 +55,52 @@ def test_coverage_counts_what_lies_inside():
     assert found.share == pytest.approx(0.75)
     assert found.standard_error == pytest.approx(0.0)
     assert found.ratio == pytest.approx(np.sqrt((2 * 1.9**2 + 4.0 + 25.0) / 8))
+
+
+def test_walls_share_no_dot():
+    session, truth = coverage.walls(*simulate_session("rigB", 1, SMALL))
+    o = session.observations
+    assert o is not None
+    assert len(session.cameras) == len(truth.cameras) == len(o.cameras) == 6
+    behind = np.array([c.centre_mm[1] < 0 for c in truth.cameras])[o.camera]
+    feature = find_features(o).of_observation
+    assert behind.any() and not behind.all()
+    assert not np.intersect1d(feature[behind], feature[~behind]).size
+
+
+def test_errors_of_whole_calibrations_are_of_their_uncertainties():
+    found = coverage.whole("rig A", 1, False)
+    assert found is not None
+    assert all(0.5 < np.sqrt((found[name] ** 2).mean()) < 2.2 for name in ("points", "centres", "lengths"))
+    assert found["U"] == pytest.approx(2 * found["error"] / found["lengths"])
+
+
+def test_a_knock_is_blamed_and_repaired_and_nothing_without_one():
+    (told,) = moves.knocked(702, 1, 0.05, 0.0, 0.0)
+    assert told.only_blamed and told.mended
+    assert not told.codes & moves.ACCUSATIONS
+    (clean,) = moves.faultless(702, 1, False)
+    assert (clean.blamed, clean.repaired, clean.verdict, clean.right) == (set(), set(), "valid", True)
+
+
+def test_images_held_out_may_turn(monkeypatch):
+    """Cameras that turned by a milliradian: 2 to 3 px with cameras held, the noise where they turn."""
+    monkeypatch.setattr(moves, "DRIFT_RAD", (1e-3, 1e-3))
+    session, _ = simulate_session("rigA", 1, SMALL)
+    done, drifted = calibrate(session), moves._drifting(session, np.random.default_rng(1)).observations
+    assert drifted is not None
+    held, turning = folds.held_out(done, drifted.select(np.flatnonzero(drifted.placement == 3)))
+    assert np.sqrt(held.mean()) > 0.5
+    assert np.sqrt(turning.mean()) < 1.2 * SMALL.sigma_px * np.sqrt(2)
+
+
+def test_effects_can_be_left_out():
+    session, _ = simulate_session("rigA", 1, SimulationOptions(targets=100, misfit_px=0.1))
+    fields = [camera.field is not None for camera in calibrate(session).rig.cameras]
+    with without_effects():
+        plain = [camera.field is not None for camera in calibrate(session).rig.cameras]
+    assert any(fields) and not any(plain)
+    assert any(camera.field is not None for camera in calibrate(session).rig.cameras)
 
 
 def test_a_bent_ball_is_better_free_and_a_misfit_better_rigid():

@@ -65,8 +65,8 @@ RULES: dict[str, Rule] = {
     "camera-moved": Rule(
         "not-valid",
         "Named from chi-square 30 on 6 degrees: the two poses are 5 standard deviations apart. A move of "
-        "30, 3, 0.3 mm left the camera 108, 17, 1.7 mm off at sigmas of 5.9, 1.4, 0.14 mm (ten-camera rig). Of single "
-        "images by less than a sixth of what lengths are uncertain by: stated, and information.",
+        "30, 3, 0.3 mm left the camera 108, 17, 1.7 mm off at sigmas of 5.9, 1.4, 0.14 mm (ten-camera rig). By less "
+        "than a sixth of what lengths are uncertain by: stated, and information.",
     ),
     "cameras-moved": Rule("not-valid", "As camera-moved: a beam that sagged by 2 mm left rig B 2 mm off, 23 times U."),
     "camera-unsteady": Rule(

@@ -145,7 +145,8 @@ def _finding(
     """The finding on a camera that moved, from which placement on if there is one; `rivals`: others that may have."""
     name, names = e.camera_ids[camera], e.observations.placements
     o = e.observations
-    seen = np.unique(o.placement[o.camera == camera])
+    # of the ball: bars are shown after it, and their images have too few points to show a pose
+    seen = np.unique(o.placement[(o.camera == camera) & (o.placement < len(e.session.placements))])
     first = _from(seen.tolist(), placements)
     others = tuple(e.camera_ids[c] for c in rivals)
     if others:

@@ -521,9 +521,9 @@ def _ball_within_lengths(findings: tuple[Finding, ...], lengths: LengthMap | Non
 
 
 def _move_turns(findings: Sequence[Finding], cameras: tuple[RigCamera, ...]) -> FloatArray:
-    """How far (c,) rad the rays of each camera turned with images that had another pose, each for themselves."""
+    """How far (c,) rad the rays of each camera turned between images that had another pose."""
     turns = np.zeros(len(cameras))
-    for f in (f for f in findings if f.code == "camera-moved" and f.kind == "only-at" and "px" in f.values):
+    for f in (f for f in findings if f.code == "camera-moved" and "px" in f.values):
         of = [camera.id in f.where for camera in cameras]
         focal = np.array([camera.intrinsics[0] for camera in cameras])
         turns = np.where(of, np.maximum(turns, f.values["px"] / focal), turns)
@@ -533,7 +533,7 @@ def _move_turns(findings: Sequence[Finding], cameras: tuple[RigCamera, ...]) -> 
 def _moves_within_lengths(
     findings: tuple[Finding, ...], cameras: tuple[RigCamera, ...], lengths: LengthMap | None, middle_mm: FloatArray
 ) -> tuple[Finding, ...]:
-    """The findings; a camera that moved for some images, by little of what lengths are uncertain by, is stated."""
+    """The findings; a camera that moved by little of what lengths are uncertain by is stated."""
     if lengths is None or lengths.typical_mm is None:
         return findings
     moved_mm = _move_turns(findings, cameras) * [np.linalg.norm(camera.centre_mm - middle_mm) for camera in cameras]
@@ -541,7 +541,7 @@ def _moves_within_lengths(
 
     def is_covered(f: Finding) -> bool:
         named = {camera.id for camera in cameras} & set(f.where)
-        return f.code == "camera-moved" and f.kind == "only-at" and "px" in f.values and named <= hidden
+        return f.code == "camera-moved" and "px" in f.values and named <= hidden
 
     return tuple(replace(f, severity="info") if is_covered(f) else f for f in findings)
 

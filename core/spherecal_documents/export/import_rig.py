@@ -20,6 +20,7 @@ from spherecal.geometry.opencv import pose_rotation
 from spherecal_documents.export.file_cameras import MM_PER, FileCamera, Reading, Unit
 from spherecal_documents.export.format import Format, ImportFormat, importer
 from spherecal_documents.export.matlab import MATLAB
+from spherecal_documents.export.mrcal_splined import MRCAL_SPLINED
 from spherecal_documents.export.write_export import FORMATS
 
 # Formats that are read and not written.
@@ -122,10 +123,11 @@ def _lens_words(camera: RigCamera) -> str:
 
 
 def _format(name: str) -> Format | ImportFormat:
-    found = FORMATS.get(name) or READ_ONLY.get(name) or importer(name)
+    readable = {key: form for key, form in FORMATS.items() if form is not MRCAL_SPLINED}  # rigs have no such lens
+    found = readable.get(name) or READ_ONLY.get(name) or importer(name)
     if found is None:
         others = sorted({*names(IMPORTERS), *names(EXPORTERS)} - set(FORMATS))
-        known = [*FORMATS, *READ_ONLY, *others]
+        known = [*readable, *READ_ONLY, *others]
         raise InputError(Phrase("error-no-import-format", {"name": name, "formats": known}))
     return found
 

@@ -17,22 +17,28 @@ from spherecal_documents.export.format import Format
 from spherecal_documents.export.opencv_yaml import opencv_matrix, opencv_node, read_other_json, read_yaml
 from spherecal_files.json_file import JsonValue, decode, read_bytes
 
-_ENDING = ".cameramodel"
+ENDING = ".cameramodel"
 _LENSMODEL = "LENSMODEL_OPENCV"
-_MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
+MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
 
 
 def _write(rig: file_cameras.FileRig) -> Mapping[str, str]:
-    return {f"{name}{_ENDING}": _model(c, rig) for name, c in zip(rig.safe_names(), rig.cameras, strict=True)}
+    return {f"{name}{ENDING}": _model(c, rig) for name, c in zip(rig.safe_names(), rig.cameras, strict=True)}
 
 
 def _model(camera: file_cameras.FileCamera, rig: file_cameras.FileRig) -> str:
     coefficients = file_cameras.distortion(camera, (4, 5, 8, 12))
+    lens = f"{numbers(camera.intrinsics[:4])}, {numbers(coefficients)}"
+    return cameramodel(camera, rig, f"{_LENSMODEL}{len(coefficients)}", lens)
+
+
+def cameramodel(camera: file_cameras.FileCamera, rig: file_cameras.FileRig, model: str, lens: str) -> str:
+    """The text of a camera model file with a lens model and its numbers."""
     pose = f"{numbers(log_rotation(camera.placed.rotation))}, {numbers(camera.placed.translation)}"
     return (
         f"# {rig.source}\n# {camera.id}; lengths in {rig.unit}\n{{\n"
-        f"    'lensmodel': '{_LENSMODEL}{len(coefficients)}',\n"
-        f"    'intrinsics': [{numbers(camera.intrinsics[:4])}, {numbers(coefficients)}],\n"
+        f"    'lensmodel': '{model}',\n"
+        f"    'intrinsics': [{lens}],\n"
         f"    'rt_cam_ref': [{pose}],\n"
         f"    'extrinsics': [{pose}],  # the same for mrcal before 2.5\n"
         f"    'imagersize': [{camera.size[0]}, {camera.size[1]}],\n}}\n"
@@ -42,12 +48,12 @@ def _model(camera: file_cameras.FileCamera, rig: file_cameras.FileRig) -> str:
 def _read(path: Path) -> list[file_cameras.FileCamera]:
     if path.is_file():
         return [_read_model(path)]
-    return [_read_model(file) for file in sorted(path.glob(f"*{_ENDING}"))]
+    return [_read_model(file) for file in sorted(path.glob(f"*{ENDING}"))]
 
 
 def _read_model(path: Path) -> file_cameras.FileCamera:
     try:
-        value = JsonValue(ast.literal_eval(decode(path, read_bytes(path, _MOST_BYTES))), path)
+        value = JsonValue(ast.literal_eval(decode(path, read_bytes(path, MOST_BYTES))), path)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
         raise InputError(f"{path}: is not a camera model.") from None
     given = value.as_object()
@@ -63,9 +69,14 @@ def _read_model(path: Path) -> file_cameras.FileCamera:
     where = f"{path}: the camera"
     lens = file_cameras.lens_vector([[fu, 0, u0], [0, fv, v0], [0, 0, 1]], found[4:], False, where)
     width, height = (side.integer(1) for side in f["imagersize"].items(2))
-    pose = np.array(posed[0].numbers(6)) if posed else None
-    placed = None if pose is None else file_cameras.Pose(exp_rotation(pose[:3]), pose[3:])
-    return file_cameras.FileCamera(path.name.removesuffix(_ENDING), (width, height), lens, placed)
+    placed = read_pose(posed[0]) if posed else None
+    return file_cameras.FileCamera(path.name.removesuffix(ENDING), (width, height), lens, placed)
+
+
+def read_pose(value: JsonValue) -> file_cameras.Pose:
+    """A pose (rotation vector, translation) of a camera model."""
+    pose = np.array(value.numbers(6))
+    return file_cameras.Pose(exp_rotation(pose[:3]), pose[3:])
 
 
 def _coefficients(named: JsonValue) -> int:

@@ -25,6 +25,7 @@ from spherecal_documents.export.format import Format, ImportFormat, exporter
 from spherecal_documents.export.kalibr import KALIBR, ROS
 from spherecal_documents.export.metashape import METASHAPE
 from spherecal_documents.export.mrcal import MC_CALIB, MRCAL, MULTICAL
+from spherecal_documents.export.mrcal_splined import MRCAL_SPLINED
 from spherecal_documents.export.opencv_yaml import OPENCV
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat
@@ -35,7 +36,9 @@ from spherecal_files.verification_file import Override
 from spherecal_rigs.framed_rig import frame_entry, in_frame
 from spherecal_rigs.user_frame import UserFrame
 
-_FORMATS = (OPENCV, ROS, KALIBR, COLMAP, METASHAPE, ANIPOSE, CALISCOPE, MC_CALIB, MULTICAL, MRCAL, CSV, MAPS)
+_FORMATS = (
+    OPENCV, ROS, KALIBR, COLMAP, METASHAPE, ANIPOSE, CALISCOPE, MC_CALIB, MULTICAL, MRCAL, MRCAL_SPLINED, CSV, MAPS,
+)  # fmt: skip
 FORMATS: dict[str, Format] = {one.name: one for one in _FORMATS}
 
 EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")

@@ -78,7 +78,7 @@ def add_export(add: Add) -> None:
         metavar="FORMAT",
         dest="to",
         help="opencv, ros, kalibr, colmap, metashape, anipose (also for Pose2Sim), caliscope, mc-calib, multical, "
-        "mrcal, csv, maps; scenes to look at: gltf, ply, blender",
+        "mrcal, mrcal-splined, csv, maps; scenes to look at: gltf, ply, blender",
     )
     output(export, "PATH", "the file or folder to write")
     choice(export, "--unit", _UNITS, "unit of lengths, where the format leaves it open")

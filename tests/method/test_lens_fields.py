@@ -22,17 +22,13 @@ from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project
 from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.result.camera_effects import image_motions, shared_with_fields
-<<<<<<< HEAD
-from spherecal_documents.export.write_export import export_rig
-from spherecal_files.read_session import read_session
-from spherecal_files.rig_file import read_rig
-from spherecal_files.write_result import write_result
-=======
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose
 from spherecal_documents.export.import_rig import import_rig
 from spherecal_documents.export.mrcal_splined import MOST_PX, MRCAL_SPLINED
 from spherecal_documents.export.write_export import check_points, export_rig
->>>>>>> main
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_sim.truth import SimulationOptions, Truth
 
 SIZE = np.array([2064.0, 1544.0])

@@ -62,7 +62,8 @@ def _options(misfit_px: float, moved: CameraMove | None = None) -> SimulationOpt
 
 
 def _told(judged: Judged, seed: int, ids: Sequence[str], moved: str = "") -> Told:
-    accusing = [f for f in judged.findings if f.code in ACCUSATIONS]
+    # what its uncertainty covers is information: of a camera that moved it is a name, of others no accusation
+    accusing = [f for f in judged.findings if f.code in ACCUSATIONS and (moved or f.severity != "info")]
     repaired = frozenset(r.value.partition("@")[0] for r in judged.rig.repairs) if judged.rig else frozenset()
     named = {name.partition("@")[0] for f in accusing for name in f.where} & set(ids)
     codes = frozenset(f.code for f in accusing) | {

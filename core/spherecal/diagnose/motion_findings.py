@@ -84,8 +84,7 @@ def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> F
     """A camera some of whose images were left out, but show their points from another pose."""
     camera = images[0].camera
     out = {image.placement for image in images}
-    o = e.observations
-    seen = set(np.unique(o.placement[o.camera == camera]).tolist())
+    o, seen = e.observations, _seen_by(e, camera)
     # of those that were kept some may be from elsewhere too, and a set and the rest are the same test
     tested = next((set(move.placements) for move in moves if move.camera == camera), set[int]())
     ways = (out | tested, out | (seen - out - tested), out) if tested else (out,)
@@ -144,10 +143,7 @@ def _finding(
 ) -> Finding:
     """The finding on a camera that moved, from which placement on if there is one; `rivals`: others that may have."""
     name, names = e.camera_ids[camera], e.observations.placements
-    o = e.observations
-    # of the ball: bars are shown after it, and their images have too few points to show a pose
-    seen = np.unique(o.placement[(o.camera == camera) & (o.placement < len(e.session.placements))])
-    first = _from(seen.tolist(), placements)
+    first = _from(sorted(_seen_by(e, camera)), placements)
     others = tuple(e.camera_ids[c] for c in rivals)
     if others:
         sure = Phrase("shows-rivals", {"evidence": sure, "camera": name, "others": others})
@@ -159,6 +155,12 @@ def _finding(
     place = names[first]
     split = (AdvisedRepair("split", f"{name}@{place}"),)
     return Finding("camera-moved", "warning", {**values, "place": place}, (name, *others, place), split, "before")
+
+
+def _seen_by(e: Evidence, camera: int) -> set[int]:
+    """The placements of the ball that a camera saw: of bars, which follow, it has too few points to show a pose."""
+    o = e.observations
+    return set(np.unique(o.placement[(o.camera == camera) & (o.placement < len(e.session.placements))]).tolist())
 
 
 def _from(seen: list[int], placements: set[int]) -> int | None:

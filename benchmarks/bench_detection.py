@@ -41,13 +41,13 @@ from studies.detection_tags import TagTruth, render_tags, tags_exposure
 from threadpoolctl import threadpool_limits
 
 from spherecal.base.arrays import FloatArray
-from spherecal.files.read_session import read_session
 from spherecal.targets import detection
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.detection import Detector
 from spherecal.targets.images import read_image
-from spherecal.targets.png_file import png_bytes
 from spherecal.targets.refinement import refine
+from spherecal_files.png_file import png_bytes
+from spherecal_files.read_session import read_session
 from spherecal_sim.dot_truth import DotTruth
 from spherecal_sim.optics import expose
 from spherecal_sim.render_session import CLUTTERED, RENDERED, render_session

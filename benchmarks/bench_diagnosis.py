@@ -22,8 +22,8 @@ from spherecal import calibrate as calibration
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.diagnose import run_checks as checks
-from spherecal.files.read_session import read_session
 from spherecal.steps import fit_ball, start_values
+from spherecal_files.read_session import read_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 

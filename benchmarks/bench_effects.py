@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
+from spherecal_files.read_session import read_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 

@@ -21,7 +21,10 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ["core/spherecal", "core/spherecal_boards", "core/spherecal_measuring", "spherecal_gui/presenters"]
+PACKAGES = [
+    "core/spherecal", "core/spherecal_verify", "core/spherecal_files", "core/spherecal_boards",
+    "core/spherecal_measuring", "spherecal_gui/presenters",
+]  # fmt: skip
 OTHER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
          ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Add: ast.Sub, ast.Sub: ast.Add,
          ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult, ast.And: ast.Or, ast.Or: ast.And}  # fmt: skip

@@ -1,6 +1,6 @@
 """Writes docs/schemas/*.schema.json and the list of docs/formats.md: `python docs/make_formats.py`.
 
-The schemas are those of the formats (spherecal/files/codec.py) and of docs/file_formats; tests/method/test_schemas.py
+The schemas are those of the formats (spherecal_files/codec.py) and of docs/file_formats; tests/method/test_schemas.py
 compares them with readers and writers.
 """
 
@@ -16,7 +16,7 @@ sys.path[:0] = [str(path) for path in (DOCS, DOCS.parent, DOCS.parent / "core") 
 from file_formats import FORMATS  # noqa: E402
 from file_formats.other import MEASURED_SET  # noqa: E402
 
-from spherecal.files.codec import FileFormat, Schema  # noqa: E402
+from spherecal_files.codec import FileFormat, Schema  # noqa: E402
 
 SCHEMAS = DOCS / "schemas"
 PAGE = DOCS / "formats.md"

@@ -6,7 +6,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below, write_together
 from spherecal.base.messages.values import Phrase
-from spherecal.files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal_files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_gui.project import Verdict
 from spherecal_rigs.entry import FILES, RIG_FILE
 from spherecal_rigs.store import Profile, is_profile, open_profile

@@ -8,7 +8,7 @@ from typing import get_args
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import is_plain_file_below, write_below
-from spherecal.files.codec import FileFormat, choice, field, record, text, time
+from spherecal_files.codec import FileFormat, choice, field, record, text, time
 from spherecal_gui.project import Verdict
 
 FILE = "last-verification.json"
@@ -45,10 +45,7 @@ def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: da
 
 
 def last_verification(profile: Path, calibration: str | None) -> LastVerification | None:
-    """The last verification, if it was of this calibration; None where there is none that can be read.
-
-    `calibration` None: none is.
-    """
+    """The last verification, if it was of this calibration; None where there is none that can be read."""
     if calibration is None or not is_plain_file_below(profile, FILE):
         return None
     try:

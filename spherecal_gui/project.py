@@ -210,10 +210,7 @@ def with_cameras(project: Project, cameras: tuple[str, ...]) -> Project:
 def with_set(
     project: Project, name: str, taken: str, flaws: Mapping[FlawCode, tuple[str, ...]] | None = None
 ) -> Project:
-    """A set was taken (or taken again) at this moment; what was to be mended about the one before is past.
-
-    `flaws` None: nothing is wrong.
-    """
+    """A set was taken (or taken again) at this moment; what was to be mended about the one before is past."""
     again = project.taken.get(name, taken) != taken
     repairs = tuple(one for one in project.repairs if not (again and repaired_set(one[1]) == name))
     own = tuple(Flaw(name, taken, code, cameras) for code, cameras in (flaws or {}).items() if cameras)

@@ -25,7 +25,7 @@ from spherecal.base.filesystem import (
     write_below,
 )
 from spherecal.base.messages.values import Phrase
-from spherecal.files.codec import (
+from spherecal_files.codec import (
     FileFormat,
     Kind,
     boolean,
@@ -41,7 +41,7 @@ from spherecal.files.codec import (
     record,
     text,
 )
-from spherecal.files.json_file import JsonValue
+from spherecal_files.json_file import JsonValue
 from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Project, Purpose, Rectangle, Verdict
 

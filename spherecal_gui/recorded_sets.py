@@ -20,11 +20,11 @@ from spherecal.base.filesystem import (
 )
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal.files.target_set_file import target_set_bytes
 from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.capture import SessionCamera, SessionFolder
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, FrameSet
+from spherecal_files.target_set_file import TARGETS
 from spherecal_gui.project_folder import Document
 
 _REMOVED = "removed"
@@ -49,7 +49,7 @@ class RecordedSession(SessionFolder):
             self._end_retakes()
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
-            write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
+            write_below(self.folder, "targets.json", TARGETS.bytes(self.plan.target_set))
         self._write_metadata()
 
     def document(self) -> Document:
@@ -100,10 +100,7 @@ class RecordedSession(SessionFolder):
         return {camera: self.folder / path for camera, path in self._images.get(set_id, {}).items()}
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
-        """Write a set; one of the same id that was there is put aside first, and back where the new one fails.
-
-        `stillness` None: not tested.
-        """
+        """Write a set; one of the same id that was there is put aside first, and back where the new one fails."""
         if planned.id not in self._images:
             super().add(planned, taken, stillness)
             return

@@ -133,7 +133,7 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callab
     root = _of_all_workers(tmp_path_factory)
 
     def made(name: str, make: Callable[[Path], None]) -> Path:
-        from spherecal.files.lock import locked
+        from spherecal_files.lock import locked
 
         folder = root / f"once-{name}"
         with locked(folder, 1800.0):

@@ -5,8 +5,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import make_target_set
+from spherecal_files.target_set_file import write_target_set
 
 VALID: dict[str, Any] = {
     "format": "spherecal/session",

@@ -106,15 +106,10 @@ class _Module:
 
 
 # These make findings and phrases out of files and other phrases.
-_READERS = tuple(
-    f"core/spherecal/{n}.py"
-    for n in (
-        "data/findings",
-        "base/messages/values",
-        "base/messages/catalogue",
-        "files/findings_file",
-    )
-)
+_READERS = (
+    "core/spherecal/data/findings.py", "core/spherecal/base/messages/values.py",
+    "core/spherecal/base/messages/catalogue.py", "core/spherecal_files/findings_file.py",
+)  # fmt: skip
 
 
 # This makes phrases of the keys that the report's labels name.

@@ -17,7 +17,7 @@ from tests.gui_walking import PATIENCE_S, WORK, begun, pump, settle, take
 
 # What the program loads in its threads.
 _LOADED = (
-    "spherecal.calibrate", "spherecal_rigs.save_entry", "spherecal_rigs.result_folder", "spherecal.verify.verify_bars",
+    "spherecal.calibrate", "spherecal_rigs.save_entry", "spherecal_rigs.result_folder", "spherecal_verify.verify_bars",
     "spherecal_gui.tasks.kept_check", "spherecal_gui.tasks.live_detection",
 )  # fmt: skip
 

@@ -21,11 +21,11 @@ from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Placement, Session
-from spherecal.files.lock import locked
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS, estimated_mask, project
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.lock import locked
 from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import look_at
 from spherecal_sim.simulate_session import simulate_session

@@ -11,15 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError
-from spherecal.files.ball_file import read_ball
-from spherecal.files.bar_registry import BAR_REGISTRY
-from spherecal.files.bundle_file import original_sha256
-from spherecal.files.capture_file import read_captured_sets
-from spherecal.files.findings_file import read_findings
-from spherecal.files.json_file import JsonValue
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.target_set_file import read_target_set
 from spherecal_boards.pattern_entry import board_pattern, board_shape, board_uncertainty
 from spherecal_cameras.camera_settings import read_profile as read_cameras
 from spherecal_cameras.capture import SessionCamera, SessionFolder
@@ -27,13 +18,22 @@ from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_cameras.simulated.stage import Stage
-from spherecal_documents.report.dcc import read_issuer
+from spherecal_documents.report.dcc import ISSUER
+from spherecal_files.ball_file import read_ball
+from spherecal_files.bar_registry import BAR_REGISTRY
+from spherecal_files.bundle_file import original_sha256
+from spherecal_files.capture_file import read_captured_sets
+from spherecal_files.findings_file import read_findings
+from spherecal_files.json_file import JsonValue
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.target_set_file import read_target_set
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_measuring.pose import read_body
 from spherecal_rigs.ball_registry import BALL_REGISTRY
 from spherecal_rigs.entry import read_entry
-from spherecal_rigs.framed_rig import read_frame
+from spherecal_rigs.framed_rig import FRAME
 from spherecal_rigs.kept_checks import read_checks
 from spherecal_rigs.limits_file import read_limits
 from spherecal_rigs.result_folder import read_bar_report
@@ -384,7 +384,7 @@ SAMPLES: Mapping[str, Sample] = {
     "verification": Sample(_VERIFICATION, _read_verification),
     "findings": Sample(_FINDINGS, _folder("findings.json", read_findings)),
     "ball": Sample(_BALL, _file("ball.json", read_ball), ("the same dot", "on one line", "not a covariance", "must be a date")),  # noqa: E501
-    "frame": Sample(_FRAME, _file("frame.json", read_frame), ("not a rotation", "or none of them")),
+    "frame": Sample(_FRAME, _file("frame.json", FRAME.read), ("not a rotation", "or none of them")),
     "cameras": Sample(_CAMERAS, _file("cameras.json", read_cameras), ("the same",)),
     "drivers": Sample(
         _document("drivers", drivers=[{"file": "/opt/x.cti", "sha256": SHA}], written_at=TIME),
@@ -406,7 +406,7 @@ SAMPLES: Mapping[str, Sample] = {
         _file("balls.json", BALL_REGISTRY.read), ("the same", "off the sticker", "must be smaller"),
     ),
     "limits": Sample(_LIMITS, _file("limits.json", read_limits), ("above stale", "is not a limit")),
-    "issuer": Sample(_ISSUER, _file("issuer.json", read_issuer), ("is empty", "must be a date")),
+    "issuer": Sample(_ISSUER, _file("issuer.json", ISSUER.read), ("is empty", "must be a date")),
     "profile": Sample(_PROFILE, _folder("profile.json", open_profile), ("ageing not above stale",)),
     "profile-entry": Sample(_ENTRY, _folder("entry.json", read_entry), ("low corner first",)),
     "profile-check": Sample(_CHECK, _read_check),

@@ -12,11 +12,11 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from spherecal.base.arrays import FloatArray
-from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.camera import camera_matrix, intrinsics_vector, undistort
-from spherecal.targets.board_pattern import Figure
 from spherecal.targets.marker_set import marker_bits, sticker_mm
 from spherecal.targets.target_set import TargetSet
+from spherecal_boards.board_pattern import Figure
+from spherecal_files.target_set_file import write_target_set
 
 _NODES = 16  # px between the places where the lens is undone exactly
 _RAYS = 3  # a pixel and direction

@@ -12,12 +12,12 @@ import spherecal
 from benchmarks.simulators.rendered_stickers import BoardCamera, paint, render_board
 from benchmarks.studies.report import Report
 from spherecal.base.arrays import FloatArray
-from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal_boards.board_images import FoundBoard, find_board
+from spherecal_boards.board_pattern import BoardPattern, figure
 from spherecal_boards.pattern_entry import board_entry, board_pattern
+from spherecal_files.json_file import JsonValue
 
 BOARDS = (
     "charuco,rows=6,columns=8,pitch_mm=30,marker_mm=22,dictionary=DICT_5X5_100",

@@ -35,8 +35,8 @@ from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.files.read_session import read_session
 from spherecal.geometry.triangulation import triangulate
+from spherecal_files.read_session import read_session
 from spherecal_sim.dot_truth import ball_dots
 from spherecal_sim.render_session import RENDERED, render_session
 from spherecal_sim.rigs import Turns

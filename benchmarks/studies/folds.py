@@ -20,10 +20,10 @@ from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration
 from spherecal.data.rig_camera import lens_corrected, posed
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.read_session import read_session
 
 DOME = Path(os.environ.get("SPHERECAL_DATA", "../data")) / "dome15"
 FOLDS, GOAL_PX = 4, 0.48

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spherecal.base.errors import SpherecalError
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import rig_bytes
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.kept_checks import keep_check
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile

@@ -11,14 +11,14 @@ import numpy as np
 from benchmarks.studies.fuzz import Reader, zipped
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.files.write_result import write_result
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verify_bars import VerifySettings, verify
-from spherecal.verify.write_verification import write_verification
 from spherecal_documents.export.write_export import export_rig
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.example_session import VALID, make_session
 from tests.export_rigs import make_rig
 
@@ -55,11 +55,11 @@ def _through(path: Path, read: Callable[[], object]) -> Callable[[Path, bytes], 
 
 
 def _session_readers(folder: Path) -> list[Reader]:
-    from spherecal.files.read_session import read_session
-    from spherecal.files.target_set_file import read_target_set
     from spherecal_boards.pattern_entry import read_board_pattern
     from spherecal_cameras.plan import read_plan
     from spherecal_documents.support.support_bundle import unpacked_session, write_bundle
+    from spherecal_files.read_session import read_session
+    from spherecal_files.target_set_file import read_target_set
 
     session = folder / "session"
     session.mkdir()
@@ -88,11 +88,11 @@ def _session_readers(folder: Path) -> list[Reader]:
 
 
 def _result_readers(folder: Path) -> list[Reader]:
-    from spherecal.files.ball_file import read_ball
-    from spherecal.files.rig_file import read_rig
     from spherecal_documents.report.write_report import make_report
+    from spherecal_files.ball_file import read_ball
+    from spherecal_files.rig_file import read_rig
     from spherecal_rigs.check_rig import read_known_ball
-    from spherecal_rigs.framed_rig import define_frame, read_frame, write_frame
+    from spherecal_rigs.framed_rig import FRAME, define_frame, write_frame
     from spherecal_rigs.result_folder import read_bar_report, read_result
     from spherecal_rigs.save_entry import prepare
     from spherecal_rigs.user_frame import FrameDefinition
@@ -124,18 +124,18 @@ def _result_readers(folder: Path) -> list[Reader]:
         _json("verification.json", result / "verification.json", said),
         _json("verification.json, to be saved", result / "verification.json", lambda: prepare(result)),
         _json("ball.json", result / "ball.json", lambda: read_ball(result)),
-        _json("frame.json", result / "frame.json", lambda: read_frame(result / "frame.json")),
+        _json("frame.json", result / "frame.json", lambda: FRAME.read(result / "frame.json")),
     ]
 
 
 def _other_readers(folder: Path) -> list[Reader]:
-    from spherecal.files.bar_registry import BAR_REGISTRY
-    from spherecal.files.read_session import read_session
-    from spherecal.files.rig_file import read_rig
     from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, read_profile, write_profile
     from spherecal_cameras.genicam.trust import TrustStore
     from spherecal_cameras.protocol import CameraSettings
-    from spherecal_documents.report.dcc import read_issuer
+    from spherecal_documents.report.dcc import ISSUER
+    from spherecal_files.bar_registry import BAR_REGISTRY
+    from spherecal_files.read_session import read_session
+    from spherecal_files.rig_file import read_rig
     from spherecal_rigs.check_file import check_json
     from spherecal_rigs.check_rig import check
     from spherecal_rigs.kept_checks import keep_check, read_checks
@@ -199,7 +199,7 @@ def _other_readers(folder: Path) -> list[Reader]:
         _json("cameras.json", cameras, lambda: read_profile(cameras)),
         _json("bars.json", registry, lambda: BAR_REGISTRY.read(registry)),
         _json("limits.json", limits, lambda: read_limits(limits)),
-        _json("issuer", issuer, lambda: read_issuer(issuer)),
+        _json("issuer", issuer, lambda: ISSUER.read(issuer)),
         _json("kept check", kept, checks),
         _json("drivers.json", drivers, lambda: TrustStore(drivers)),
         Reader("limit", limited, b"0.03 mm + L/20000"),

@@ -15,7 +15,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
-from spherecal.files.session_json import session_json
+from spherecal_files.session_json import session_json
 from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.ghost import Ghost, Lenses, Lying, lying_ball, outline, to_go
 from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next

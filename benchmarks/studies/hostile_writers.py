@@ -6,8 +6,8 @@ from pathlib import Path
 
 from spherecal.base.errors import SpherecalError
 from spherecal.base.filesystem import create
-from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
-from spherecal.files.rig_file import rig_bytes
+from spherecal_files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from tests.export_rigs import make_rig

@@ -30,16 +30,16 @@ from spherecal.data.observations import Observations
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Quality, Rig, RigCamera, RigScale
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import project
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.verify.verify_bars import verify
+from spherecal_files.read_session import read_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import study_bars
 from spherecal_sim.simulated_boards import simulate_board
 from spherecal_sim.truth import SimulationOptions
+from spherecal_verify.verify_bars import verify
 
 RUNS = 3
 TILTS, BAR_POSES, REALISTIC_SEED, LEFT_OUT = 20, 20, 4001, 3

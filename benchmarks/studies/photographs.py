@@ -20,11 +20,11 @@ from spherecal.base.errors import InputError
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
-from spherecal.files.json_file import JsonValue
-from spherecal.targets.board_pattern import BoardPattern
 from spherecal_boards.board import calibrate_board
 from spherecal_boards.board_images import FoundBoard, find_board, find_boards
+from spherecal_boards.board_pattern import BoardPattern
 from spherecal_boards.pattern_entry import board_entry, board_pattern, read_board_pattern
+from spherecal_files.json_file import JsonValue
 
 _ROOT = Path(__file__).resolve().parents[2]
 _ENDOSCOPE = "charuco,rows=25,columns=18,pitch_mm=5,marker_mm=4,dictionary=DICT_4X4_250,legacy=true"

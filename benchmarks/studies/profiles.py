@@ -19,9 +19,9 @@ from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import rig_bytes
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.compare_rigs import Comparison, ComparisonVolume, compare
 from spherecal_rigs.store import copy_is_right, open_profile
 from spherecal_sim.simulate_session import observe_again, simulate_session

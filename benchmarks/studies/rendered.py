@@ -24,14 +24,14 @@ from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.files.read_session import read_session
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal.verify.verification import Overall
-from spherecal.verify.verify_bars import verify
+from spherecal_files.read_session import read_session
 from spherecal_sim.render_session import CLUTTERED, DOT_TRUTH_FILE, RENDERED, render_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import Truth
+from spherecal_verify.verification import Overall
+from spherecal_verify.verify_bars import verify
 
 RUNS = 3
 FIRST_SEED, SEED_BARS = 1, 5

@@ -18,13 +18,13 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig, RigCamera
 from spherecal.data.session import Certificate, Session
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.verify.agreement import EACH_FALSE_ALARM, TOGETHER_FALSE_ALARM
-from spherecal.verify.budget import CONFORMANCE
-from spherecal.verify.limit import LengthLimit
-from spherecal.verify.uncertainty import EXPANSION_RELATIVE_SD, temperature_sd
-from spherecal.verify.verify_bars import VerifySettings, verify
+from spherecal.scale.bar_temperature import EXPANSION_RELATIVE_SD, temperature_sd
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
+from spherecal_verify.agreement import EACH_FALSE_ALARM, TOGETHER_FALSE_ALARM
+from spherecal_verify.budget import CONFORMANCE
+from spherecal_verify.limit import LengthLimit
+from spherecal_verify.verify_bars import VerifySettings, verify
 
 RUNS = 200
 OPTIONS = SimulationOptions(targets=60, placements=4, bar_poses=8, scale="bar", print_sd_mm=0.01)

@@ -14,13 +14,13 @@ from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
-from spherecal.verify.doubts import DOUBTS
-from spherecal.verify.limit import LengthLimit
-from spherecal.verify.uncertainty import EXPANSION_RELATIVE_SD, temperature_sd
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import VerifySettings, verify
+from spherecal.scale.bar_temperature import EXPANSION_RELATIVE_SD, temperature_sd
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
+from spherecal_verify.doubts import DOUBTS
+from spherecal_verify.limit import LengthLimit
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import VerifySettings, verify
 
 RUNS = 200
 OTHER_RIG, OTHER_RUNS = "rigB", 50

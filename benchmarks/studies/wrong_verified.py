@@ -7,9 +7,9 @@ import numpy as np
 from benchmarks.studies.judged import BEYOND_U, Judged, TooLong, processor_limit
 from benchmarks.studies.mischief_case import Case
 from spherecal.base.errors import SpherecalError
-from spherecal.verify.limit import LengthLimit
-from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_rigs.check_rig import check
+from spherecal_verify.limit import LengthLimit
+from spherecal_verify.verify_bars import VerifySettings, verify
 
 LIMIT_MM = 0.2
 _POSES = 10

@@ -23,22 +23,13 @@ from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import is_installed
 from spherecal.calibrate import calibrate
-from spherecal.cross_validate import LeftOut, cross_validate
 from spherecal.data.findings import Finding
 from spherecal.data.from_arrays import Lens, above_zero
 from spherecal.data.observations import Observations
-from spherecal.data.rig import Calibration, Quality, Rig, RigScale
+from spherecal.data.rig import BallProfile, Calibration, Quality, Rig, RigScale
 from spherecal.data.rig_camera import ImageSize, RigCamera
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
 from spherecal.detect.session_images import observed
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
-from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
-from spherecal.files.json_file import JsonValue
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import COVARIANCE_FILE, check_rig_bytes, covariance_bytes, read_rig, rig_bytes
-from spherecal.files.target_set_file import read_target_set, write_target_set
-from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import LensModel
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings, Method
@@ -46,10 +37,6 @@ from spherecal.targets.detection import Detections, DetectionSettings, detect
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.limit import LengthLimit, parse_limit
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import VerifySettings, verify
-from spherecal.verify.write_verification import write_verification
 from spherecal_app.argument_kinds import checked
 from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
@@ -61,6 +48,15 @@ from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS
 from spherecal_documents.export.write_export import export_rig as _export_rig
 from spherecal_documents.sheets import board_sheet
 from spherecal_documents.sheets.sticker_sheet import Page, write_sheet
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.ball_file import BALL, read_ball
+from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
+from spherecal_files.json_file import JsonValue
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import COVARIANCE_FILE, check_rig_bytes, covariance_bytes, read_rig, rig_bytes
+from spherecal_files.target_set_file import read_target_set, write_target_set
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
 from spherecal_measuring.measure_sets import run as measure_sets
 from spherecal_measuring.measure_sets import sets_of_session
@@ -72,8 +68,9 @@ from spherecal_measuring.pose import read_body, write_body
 from spherecal_measuring.series_file import TableKind
 from spherecal_rigs.check_rig import Check, check, read_known_ball
 from spherecal_rigs.compare_rigs import Comparison, compare
+from spherecal_rigs.cross_validate import LeftOut, cross_validate
+from spherecal_rigs.framed_rig import FRAME, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
-from spherecal_rigs.framed_rig import read_frame, write_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal_rigs.recalibrate import Selection, What, recalibrate
@@ -85,6 +82,9 @@ from spherecal_rigs.user_frame import FrameDefinition, UserFrame
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session as simulate
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
+from spherecal_verify.limit import LengthLimit, parse_limit
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import VerifySettings, verify
 
 __all__ = [
     "FORMATS", "BallProfile", "Bar", "BarLength", "BarPose", "Body", "BodyPoint", "BodyPose", "Calibration",
@@ -832,7 +832,7 @@ def save_ball(ball: BallProfile, path: AnyPath) -> None:
     OutputError
         Where the file cannot be written.
     """
-    write_file_whole(Path(path), ball_bytes(ball))
+    write_file_whole(Path(path), BALL.bytes(ball))
 
 
 # --- targets and simulation ------------------------------------------------------------------------------------------
@@ -1118,7 +1118,7 @@ def load_frame(path: AnyPath) -> UserFrame:
     InputError
         Names what is wrong in the file.
     """
-    return read_frame(Path(path))
+    return FRAME.read(Path(path))
 
 
 def save_frame(frame: UserFrame, path: AnyPath) -> None:

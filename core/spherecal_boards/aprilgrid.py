@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.targets.board_pattern import KALIBR_BORDER_BITS, BoardPattern
 from spherecal.targets.marker_set import marker_dictionary
+from spherecal_boards.board_pattern import KALIBR_BORDER_BITS, BoardPattern
 
 # Squares that touch tags at their corners make one outline of all; black is thinned by this many pixels to part them.
 _THINNED = (3, 5, 1)

@@ -147,13 +147,7 @@ def _refine(
 
 
 def _gated(
-    work: BarNetwork,
-    state: State,
-    used: BoolArray,
-    priors: Priors,
-    noise: float,
-    context: Context,
-    alone: bool = False,
+    work: BarNetwork, state: State, used: BoolArray, priors: Priors, noise: float, context: Context, alone: bool = False
 ) -> tuple[State, BarModel, IntArray, BoolArray, Minimum]:
     """Gate and least squares in turns until the gate stays; points without a place get one, but of a pair `alone`."""
     network, rounds, settings = work.network, 0, Settings(max_iterations=60) if alone else Settings()

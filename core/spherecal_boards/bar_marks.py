@@ -9,7 +9,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, Mark, Session
-from spherecal.verify.uncertainty import reference_length
+from spherecal.scale.bar_temperature import reference_length
 from spherecal_boards.bar_model import Lengths
 
 # A certificate of micrometres ties marks as if they were one body; no real bar is stiffer while it is waved.

@@ -4,10 +4,10 @@ import numpy as np
 
 from spherecal.base.arrays import IntArray
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.board_pattern import BoardPattern
 from spherecal.targets.detection import Detections, DetectionSettings
 from spherecal.targets.masks import masked
 from spherecal_boards.board_images import find_board
+from spherecal_boards.board_pattern import BoardPattern
 
 _POINTS = ("centre",)
 # Nominal, since the finders state none; what a board's points are off by is its print, alike for all (board_images).

@@ -17,11 +17,10 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
-from spherecal.files.json_file import JsonValue
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.board_pattern import BoardPattern, charuco_board
 from spherecal.targets.images import check_size, read_image
 from spherecal_boards.aprilgrid import find_aprilgrid
+from spherecal_boards.board_pattern import BoardPattern, charuco_board
 from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.circles import find_circles
 from spherecal_boards.lattice import label_board, label_shifted
@@ -35,6 +34,7 @@ from spherecal_boards.looking import (
     with_lengths,
 )
 from spherecal_boards.pattern_entry import board_pattern
+from spherecal_files.json_file import JsonValue
 
 STAGE = "finding boards"
 _FIRST = 20  # images, spread over the recording, of which one at least must show the board

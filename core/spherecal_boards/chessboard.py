@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
-from spherecal.targets.board_pattern import BoardPattern
+from spherecal_boards.board_pattern import BoardPattern
 from spherecal_boards.corner_fit import fit_corners
 
 Grey = NDArray[np.uint8]

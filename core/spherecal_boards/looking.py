@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.board_pattern import APRILTAGS
 from spherecal.targets.marker_set import marker_dictionary
+from spherecal_boards.board_pattern import APRILTAGS
 from spherecal_boards.chessboard import largest_chessboard
 
 Grey = NDArray[np.uint8]

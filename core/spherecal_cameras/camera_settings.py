@@ -5,13 +5,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
 from dataclasses import field as default
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
-from spherecal.files import codec
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import name, serial
-from spherecal.files.json_file import JsonValue, unique
 from spherecal_cameras.protocol import CameraSettings, Region, TriggerMode
+from spherecal_files import codec
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.codec import name, serial
+from spherecal_files.json_file import JsonValue, unique
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def read_profile(path: Path) -> CameraProfile:
     return CAMERAS.read(path)
 
 
-_SETTINGS = codec.record(
+SETTINGS = codec.record(
     "Settings that are applied when it is opened.",
     CameraSettings,
     codec.optional("exposure_us", codec.positive("Exposure time."), omit=None),
@@ -97,7 +97,7 @@ _CAMERA = codec.record(
     codec.optional("focal_length_mm", codec.positive("Focal length of its lens.", "mm"), omit=None),
     codec.optional("pixel_pitch_um", codec.positive("Pixel pitch of its sensor.", "um"), omit=None),
     codec.optional("in_rig", codec.boolean("Whether it belongs to the rig; else it is never opened."), omit=True),
-    codec.optional("settings", _SETTINGS),
+    codec.optional("settings", SETTINGS),
 )
 
 
@@ -134,8 +134,3 @@ def write_profile(path: Path, profile: CameraProfile) -> None:
     """Write the profile whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_file_whole(path, (json.dumps(CAMERAS.document(profile), indent=1) + "\n").encode())
-
-
-def settings_json(settings: CameraSettings) -> dict[str, Any]:
-    """All settings as in the profile's file; those that are None are left out."""
-    return _SETTINGS.entry(settings)

@@ -13,16 +13,16 @@ from spherecal.base import filesystem
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal.files.capture_file import CAMERAS as CAPTURED_CAMERAS
-from spherecal.files.capture_file import CAPTURE_FILE, FORMAT, VERSION
-from spherecal.files.json_file import JsonValue, read_json
-from spherecal.files.read_session import FORMAT as SESSION_FORMAT
-from spherecal.files.read_session import VERSION as SESSION_VERSION
-from spherecal.files.target_set_file import target_set_bytes
-from spherecal.targets.png_file import png_bytes
 from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
+from spherecal_files.capture_file import CAMERAS as CAPTURED_CAMERAS
+from spherecal_files.capture_file import CAPTURE_FILE, FORMAT, VERSION
+from spherecal_files.json_file import JsonValue, plain_fields, read_json
+from spherecal_files.png_file import png_bytes
+from spherecal_files.read_session import FORMAT as SESSION_FORMAT
+from spherecal_files.read_session import VERSION as SESSION_VERSION
+from spherecal_files.target_set_file import TARGETS
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class SessionFolder:
             what = Phrase("error-cannot-write", {"file": str(self.folder), "why": reason(error)})
             raise OutputError(what, Phrase("error-name-folder")) from error
         if self.plan.target_set is not None:
-            filesystem.write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
+            filesystem.write_below(self.folder, "targets.json", TARGETS.bytes(self.plan.target_set))
         self._write_metadata()
 
     def _take_up(self) -> None:
@@ -205,16 +205,9 @@ def _image(image: JsonValue) -> str:
 def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:
     exposed = time.time() - (time.perf_counter() - frame.taken_s)
     known: dict[str, Any] = {
-        "frame_id": frame.frame_id,
-        "time_stamp_ns": frame.time_stamp_ns,
+        **plain_fields(frame, "frame_id time_stamp_ns"),
         "exposed": datetime.fromtimestamp(exposed, UTC).isoformat(timespec="milliseconds"),
-        "exposure_us": frame.exposure_us,
-        "gain_db": frame.gain_db,
-        "temperature_c": frame.temperature_c,
-        "pixel_format": frame.pixel_format,
-        "bits": frame.bits,
-        "averaged": frame.averaged,
+        **plain_fields(frame, "exposure_us gain_db temperature_c pixel_format bits averaged"),
+        **(plain_fields(stillness, "dots motion_px noise_px") if stillness is not None else {}),
     }
-    if stillness is not None:
-        known["dots"], known["motion_px"], known["noise_px"] = stillness.dots, stillness.motion_px, stillness.noise_px
     return {key: value for key, value in known.items() if value is not None}

@@ -10,15 +10,15 @@ from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import create
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, CameraSpec, Session
-from spherecal.files.capture_file import CAPTURE_FILE, PLANNED
-from spherecal.files.capture_file import FORMAT as CAPTURE_FORMAT
-from spherecal.files.capture_file import VERSION as CAPTURE_VERSION
-from spherecal.files.json_file import read_json
-from spherecal.files.observations_file import COLUMNS
-from spherecal.files.read_session import FORMAT, VERSION, read_session
-from spherecal.files.session_json import assumed_prior, session_json
-from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.capture_file import CAPTURE_FILE, PLANNED
+from spherecal_files.capture_file import FORMAT as CAPTURE_FORMAT
+from spherecal_files.capture_file import VERSION as CAPTURE_VERSION
+from spherecal_files.json_file import read_json
+from spherecal_files.observations_file import COLUMNS
+from spherecal_files.read_session import FORMAT, VERSION, read_session
+from spherecal_files.session_json import assumed_prior, session_json
+from spherecal_files.target_set_file import read_target_set, write_target_set
 
 _TAKEN_OVER = ("scale", "sphere", "bars", "board")
 

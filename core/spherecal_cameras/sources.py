@@ -10,10 +10,10 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.plugins import CAMERA_SOURCES, load, names
-from spherecal.files.read_session import read_session
 from spherecal.targets.images import read_image
 from spherecal_cameras.in_process import InProcessSource, NoImage
 from spherecal_cameras.protocol import CameraInfo, CameraSettings, CameraSource, Frame, GreyPixels, SourceKind
+from spherecal_files.read_session import read_session
 
 if TYPE_CHECKING:
     from spherecal_cameras.genicam.trust import Ask

@@ -11,12 +11,12 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.files.json_file import finite
-from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
-from spherecal.verify.outlying_views import CheckedPoints, Views
+from spherecal_files.json_file import finite
 from spherecal_measuring.measured_sets import CameraHealth, Health
 from spherecal_rigs.check_file import camera_entry, keep
 from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
+from spherecal_verify.consistency import CameraTest, Consistency, examine_cameras
+from spherecal_verify.outlying_views import CheckedPoints, Views
 
 FAST_SETS = 5  # half a second at 10 Hz
 SLOW_SETS = 100

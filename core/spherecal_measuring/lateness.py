@@ -9,9 +9,9 @@ from scipy.special import chdtri, ndtri, stdtrit
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project, project_with_point_derivatives
-from spherecal.verify.outlying_views import CheckedPoints, Views
-from spherecal.verify.uncertainty import PointErrors, point_errors
 from spherecal_measuring.rejection import reject_views
+from spherecal_verify.outlying_views import CheckedPoints, Views
+from spherecal_verify.uncertainty import PointErrors, point_errors
 
 # Beyond it the sets before say nothing of how a target carried by hand moved since.
 _LONGEST_S = 3.0

@@ -11,13 +11,13 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig
-from spherecal.data.session import Session
+from spherecal.data.session import CapturedSet, Session
 from spherecal.detect.session_images import observed
-from spherecal.files.capture_file import CapturedSet, read_captured_sets
-from spherecal.verify.rig_cameras import cameras_in_rig
+from spherecal_files.capture_file import read_captured_sets
 from spherecal_measuring.measured_sets import MeasuredSet, ObservedSet
 from spherecal_measuring.measurer import Measurer, measure_sets
 from spherecal_measuring.series_file import TableKind, write_series
+from spherecal_verify.rig_cameras import cameras_in_rig
 
 
 def sets_of_session(session: Session, rig: Rig, context: Context | None = None) -> Iterator[ObservedSet]:

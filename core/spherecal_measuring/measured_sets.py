@@ -7,8 +7,8 @@ import numpy as np
 
 from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.data.observations import Observations
-from spherecal.verify.consistency import CameraTest
 from spherecal_measuring.measuring_task import PointName
+from spherecal_verify.consistency import CameraTest
 
 ValueKind = Literal["distance", "angle", "bar"]
 

@@ -8,11 +8,12 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Rig
 from spherecal.data.session import Bar
-from spherecal.verify.marks import MarkPlace
-from spherecal.verify.uncertainty import PointErrors, length_budget, reference_length
+from spherecal.scale.bar_temperature import reference_length
 from spherecal_measuring.measured_sets import MeasuredValue
 from spherecal_measuring.measuring_task import PointName, Ruler
 from spherecal_measuring.places import LocatedPoints
+from spherecal_verify.marks import MarkPlace
+from spherecal_verify.uncertainty import PointErrors, length_budget
 
 # Below it two points are one: the direction between them is noise.
 _LEAST_MM = 1e-6

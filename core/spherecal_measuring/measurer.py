@@ -11,8 +11,6 @@ from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import lens_corrected, posed
-from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
-from spherecal.verify.uncertainty import PointErrors, point_errors
 from spherecal_measuring import measured_sets
 from spherecal_measuring.health import RigHealth
 from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
@@ -21,6 +19,8 @@ from spherecal_measuring.measuring_task import Task
 from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
 from spherecal_measuring.pose import measure_body
 from spherecal_measuring.rejection import reject_views
+from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
+from spherecal_verify.uncertainty import PointErrors, point_errors
 
 _POINTS = 1024  # names of points on a target; a key is target * _POINTS + point
 _FORGET = 0.98  # of the noise's sums from set to set: some 50 sets count

@@ -10,8 +10,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import id_problem
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
-from spherecal.files.bar_registry import RegisteredBar
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.bar_registry import RegisteredBar
 
 CENTRE = "centre"
 _MOST_TARGET = 2**40  # keys of points are target * 1024 + point

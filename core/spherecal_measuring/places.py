@@ -15,11 +15,11 @@ from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
 from spherecal.targets.centre import LEAST_DOTS
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.outlying_views import CheckedPoints
-from spherecal.verify.uncertainty import PointErrors
 from spherecal_measuring.measuring_task import CENTRE, PointName
+from spherecal_verify.outlying_views import CheckedPoints
+from spherecal_verify.uncertainty import PointErrors
 
-_WEAK_DOT = 5.0  # standard deviations over the median dot's, as verify/marks.py
+_WEAK_DOT = 5.0  # standard deviations over the median dot's, as spherecal_verify/marks.py
 _COLLINEAR = 0.01  # as targets/centre.py
 # A flat sticker's dots fit its layout by their noise; one bent on a ball of 250 mm is off by 0.1 mm, and which of its
 # dots are seen then shifts its centre by as much (benchmarks/studies/measure.md).

@@ -17,10 +17,10 @@ from spherecal.base.notebook import html_table
 from spherecal.data.from_arrays import above_zero, of_kind, points_by_ids
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import last_axis, lens_corrected, posed
-from spherecal.verify.outlying_views import Views, triangulate_checked, weighted_noise
-from spherecal.verify.uncertainty import PointErrors, point_errors
 from spherecal_rigs.framed_rig import in_frame
 from spherecal_rigs.user_frame import UserFrame
+from spherecal_verify.outlying_views import Views, triangulate_checked, weighted_noise
+from spherecal_verify.uncertainty import PointErrors, point_errors
 
 # What the detector reaches on clean prints is better, a laser dot or a feature matcher worse; the points' covariance
 # is proportional to its square, so that a caller who knows better can say so.

@@ -9,10 +9,10 @@ from scipy.special import chdtrc
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.codec import FileFormat, field, identifier, integer, items, name, number, optional, record
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.geometry.transform import fit_similarity
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.codec import FileFormat, field, identifier, integer, items, name, number, optional, record
 from spherecal_measuring.measured_sets import BodyPose
 from spherecal_measuring.measured_values import Unmeasured
 from spherecal_measuring.measuring_task import CENTRE, Body, BodyPoint, PointName

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project_with_point_derivatives
 from spherecal.geometry.triangulation import Triangulation
-from spherecal.verify.outlying_views import CheckedPoints, Views, robust_noise, weighted_noise
+from spherecal_verify.outlying_views import CheckedPoints, Views, robust_noise, weighted_noise
 
 # As outlying_views: a good view exceeds 4.5 standard deviations once in 25 000, none within 0.15 px is gross.
 _GATE_SIGMAS, _GATE_PX = 4.5, 0.15

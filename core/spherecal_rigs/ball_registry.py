@@ -9,13 +9,13 @@ import numpy as np
 from spherecal.base.arrays import ByValue
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import STANDARD_PLACEMENTS, Bar
-from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.bar_registry import figures_entry
-from spherecal.files.codec import FileFormat, field, items, name, only, optional, positive, record
-from spherecal.files.json_file import json_bytes
-from spherecal.files.registry import Registry
-from spherecal.files.target_set_file import TARGETS, write_target_set
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.atomic import make_parent, write_file_whole
+from spherecal_files.bar_registry import figures_entry
+from spherecal_files.codec import FileFormat, field, items, name, only, optional, positive, record
+from spherecal_files.json_file import json_bytes
+from spherecal_files.registry import Registry
+from spherecal_files.target_set_file import TARGETS, write_target_set
 
 # Printers err by 0.5 % at most (finding target-distance); a caliper on two dots of 3 mm reads to 0.1 mm of 28 mm.
 USUAL_PRINT = 0.005

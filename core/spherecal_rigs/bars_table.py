@@ -19,10 +19,10 @@ from spherecal.base.filesystem import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
 from spherecal.data.session import BarLength, Mark
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.bar_registry import RegisteredBar, read_lengths, read_registered_bar
-from spherecal.files.cells import cell, from_cell
-from spherecal.files.json_file import JsonValue, printable
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.bar_registry import REGISTERED_BAR, RegisteredBar, read_lengths
+from spherecal_files.cells import cell, from_cell
+from spherecal_files.json_file import JsonValue, printable
 
 _MOST_BYTES = 4 << 20  # ten thousand lengths take 1 MB
 _MOST_LINES = 20_000
@@ -333,7 +333,7 @@ class _Reader:
             if not draft.lengths:
                 continue
             try:
-                bars.append(read_registered_bar(JsonValue(_entry(draft), self._path)))
+                bars.append(REGISTERED_BAR.read(JsonValue(_entry(draft), self._path)))
             except InputError as error:
                 refused = _refused_by(error)
                 line = draft.given.get(refused.column, draft.lines[0])

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.messages.catalogue import phrase
-from spherecal.files.findings_file import FINDING
-from spherecal.files.json_file import finite, plain, plain_fields, software_entry
+from spherecal_files.findings_file import FINDING
+from spherecal_files.json_file import finite, plain, plain_fields, software_entry
 from spherecal_rigs.check_rig import Check, CheckedCamera
 from spherecal_rigs.kept_checks import keep_check
 from spherecal_rigs.store import is_profile, open_profile

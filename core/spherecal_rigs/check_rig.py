@@ -18,16 +18,16 @@ from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.geometry.transform import Similarity, fit_similarity
-from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
-from spherecal.verify.limit import LengthLimit
-from spherecal.verify.outlying_views import triangulate_checked
-from spherecal.verify.rig_cameras import cameras_in_rig
-from spherecal.verify.uncertainty import PointErrors, calibration_variance, point_errors
-from spherecal.verify.verification import MeasuredLength
-from spherecal.verify.verify_bars import VerifySettings, verify, views_of
+from spherecal_files.write_result import POINT_COLUMNS
 from spherecal_rigs.result_folder import read_csv
+from spherecal_verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
+from spherecal_verify.limit import LengthLimit
+from spherecal_verify.outlying_views import triangulate_checked
+from spherecal_verify.rig_cameras import cameras_in_rig
+from spherecal_verify.uncertainty import PointErrors, calibration_variance, point_errors
+from spherecal_verify.verification import MeasuredLength
+from spherecal_verify.verify_bars import VerifySettings, verify, views_of
 
 LEAST_DOTS = 12
 # A sticker that was replaced is off by millimetres, the reconstruction by hundredths.

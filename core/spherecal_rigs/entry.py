@@ -10,11 +10,11 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, Verdict
-from spherecal.files import codec
-from spherecal.files.codec import serial
-from spherecal.files.json_file import JsonValue, software_entry
-from spherecal.files.rig_file import read_rig
-from spherecal.verify.verification_file import OVERRIDE, Override
+from spherecal_files import codec
+from spherecal_files.codec import serial
+from spherecal_files.json_file import JsonValue, software_entry
+from spherecal_files.rig_file import read_rig
+from spherecal_files.verification_file import OVERRIDE, Override
 
 ENTRY_FILE = "entry.json"
 RIG_FILE = "rig.json"

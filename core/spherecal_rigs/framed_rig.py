@@ -11,17 +11,17 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
-from spherecal.files import codec
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
-from spherecal.files.json_file import JsonValue, printable, read_json
-from spherecal.files.rig_file import read_rig, rotation
-from spherecal.files.table_file import Table
-from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.verify.verification_file import VERIFICATION
+from spherecal_files import codec
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
+from spherecal_files.json_file import JsonValue, printable, read_json
+from spherecal_files.rig_file import read_rig, rotation
+from spherecal_files.table_file import Table
+from spherecal_files.verification_file import VERIFICATION
+from spherecal_files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal_rigs.result_folder import read_csv
 from spherecal_rigs.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
 
@@ -70,11 +70,6 @@ def write_frame(frame: UserFrame, path: Path) -> None:
 def frame_entry(frame: UserFrame) -> dict[str, Any]:
     """A frame as files have it."""
     return codec.record("", UserFrame, *FIELDS).entry(frame)
-
-
-def read_frame(path: Path) -> UserFrame:
-    """The frame in a file."""
-    return FRAME.read(path)
 
 
 _AXES = ("x_mm", "y_mm", "z_mm")

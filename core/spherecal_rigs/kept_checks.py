@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_below
 from spherecal.base.messages.values import Phrase
-from spherecal.files import codec
+from spherecal_files import codec
 
 FOLDER = "checks"
 _ID = re.compile(r"[0-9]{8}T[0-9]{12}Z")

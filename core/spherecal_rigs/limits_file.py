@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files import codec
-from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.codec import text
-from spherecal.files.json_file import JsonValue
-from spherecal.files.registry import settings_path
+from spherecal_files import codec
+from spherecal_files.atomic import make_parent, write_file_whole
+from spherecal_files.codec import text
+from spherecal_files.json_file import JsonValue
+from spherecal_files.registry import settings_path
 
 if TYPE_CHECKING:
     from spherecal_rigs.calibration_age import ValidityLimits
@@ -51,7 +51,7 @@ NAMES = tuple(field.name for field in fields(Limits))
 
 
 def _check_formula(text: str, value: JsonValue) -> None:
-    from spherecal.verify.limit import parse_limit
+    from spherecal_verify.limit import parse_limit
 
     try:
         if text:

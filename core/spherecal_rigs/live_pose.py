@@ -7,10 +7,10 @@ from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Rig
 from spherecal.data.session import Bar
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.marks import MarkFinder, MarkPlace
-from spherecal.verify.outlying_views import triangulate_checked
-from spherecal.verify.verify_bars import views_of
 from spherecal_rigs.pose_plan import BarMarks
+from spherecal_verify.marks import MarkFinder, MarkPlace
+from spherecal_verify.outlying_views import triangulate_checked
+from spherecal_verify.verify_bars import views_of
 
 
 def measured_ends(

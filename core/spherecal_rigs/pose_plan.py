@@ -15,7 +15,7 @@ from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Rig, RigCamera
 from spherecal.data.session import BarLength
 from spherecal.geometry.camera import is_unfolded, project
-from spherecal.verify.measuring_volume import LEAST_LENGTHS, MeasuringVolume, volume_box
+from spherecal_verify.measuring_volume import LEAST_LENGTHS, MeasuringVolume, volume_box
 
 # Where the three edge lines run, in half sides of the box: on edges that do not meet.
 _EDGES = ((0, (0.0, -1.0, -1.0)), (1, (1.0, 0.0, -1.0)), (2, (-1.0, 1.0, 0.0)))

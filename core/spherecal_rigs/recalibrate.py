@@ -32,10 +32,10 @@ from spherecal.scale.metric import MetricFit, Solution, fit_spheres
 from spherecal.steps.fit_ball import ball_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.steps.start_values import describe_network
-from spherecal.verify.consistency import camera_normal
-from spherecal.verify.measuring_volume import volume_box
-from spherecal.verify.outlying_views import triangulate_checked
-from spherecal.verify.verify_bars import views_of
+from spherecal_verify.consistency import camera_normal
+from spherecal_verify.measuring_volume import volume_box
+from spherecal_verify.outlying_views import triangulate_checked
+from spherecal_verify.verify_bars import views_of
 
 What = Literal["all", "pose", "intrinsics"]
 

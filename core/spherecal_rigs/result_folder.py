@@ -14,15 +14,15 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_file, write_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import PlacedSphere, Rig
-from spherecal.files.atomic import read_unchanged
-from spherecal.files.findings_file import with_values
-from spherecal.files.json_file import JsonValue, json_bytes, read_json
-from spherecal.files.rig_file import RIG, read_rig
-from spherecal.files.table_file import Table, read_table
-from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.camera import project
-from spherecal.verify.verification_file import VERIFICATION, BarReport, BarRow, Override
-from spherecal.verify.write_verification import BAR_COLUMNS
+from spherecal_files.atomic import read_unchanged
+from spherecal_files.findings_file import with_values
+from spherecal_files.json_file import JsonValue, json_bytes, read_json
+from spherecal_files.rig_file import RIG, read_rig
+from spherecal_files.table_file import Table, read_table
+from spherecal_files.verification_file import VERIFICATION, BarReport, BarRow, Override
+from spherecal_files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal_files.write_verification import BAR_COLUMNS
 
 _MOST_BYTES = 128 << 20  # two million residuals
 

@@ -9,8 +9,8 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.files.rig_file import read_rig
-from spherecal.verify.verification_file import Override
+from spherecal_files.rig_file import read_rig
+from spherecal_files.verification_file import Override
 from spherecal_rigs.compare_rigs import ComparisonVolume, seen_volume
 from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
 from spherecal_rigs.result_folder import refuse_failed

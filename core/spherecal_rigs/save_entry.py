@@ -12,16 +12,16 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.data.session import CameraSpec, Session
+from spherecal.data.session import CameraSpec, CapturedSet, Session
 from spherecal.data.verdict import named
-from spherecal.files.capture_file import CapturedSet, last_taken, read_captured_sets
-from spherecal.files.json_file import read_bytes, read_json
-from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.target_set_file import TARGETS
-from spherecal.files.write_result import POINT_COLUMNS
-from spherecal.verify.verification_file import VERIFICATION
-from spherecal_cameras.camera_settings import read_profile, settings_json
+from spherecal_cameras.camera_settings import SETTINGS, read_profile
+from spherecal_files.capture_file import last_taken, read_captured_sets
+from spherecal_files.json_file import read_bytes, read_json
+from spherecal_files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.target_set_file import TARGETS
+from spherecal_files.verification_file import VERIFICATION
+from spherecal_files.write_result import POINT_COLUMNS
 from spherecal_rigs.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal_rigs.result_folder import read_csv
 from spherecal_rigs.store import Profile, add_entry
@@ -121,7 +121,7 @@ def _cameras(
                 pixel_pitch_um=spec.pixel_pitch_um or (own.pixel_pitch_um if own else None),
                 focal_length_mm=spec.focal_length_mm or (own.focal_length_mm if own else None),
                 temperature_c=warm.get(camera.id),
-                settings=settings_json(own.settings) if own else None,
+                settings=SETTINGS.entry(own.settings) if own else None,
             )
         )
     return tuple(entries)

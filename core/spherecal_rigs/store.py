@@ -20,9 +20,9 @@ from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
 from spherecal.data.rig import Rig
-from spherecal.files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
-from spherecal.files.json_file import JsonValue
-from spherecal.files.lock import LOCK, locked
+from spherecal_files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
+from spherecal_files.json_file import JsonValue
+from spherecal_files.lock import LOCK, locked
 from spherecal_rigs.calibration_age import Validity, ValidityLimits, validity
 from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, entry_bytes, read_entry
 from spherecal_rigs.kept_checks import FOLDER as CHECKS

@@ -16,9 +16,9 @@ from spherecal.base.filesystem import create, move_below, remove_own_folder, scr
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import cache_folder
 from spherecal.data.session import BarPose, Placement, Session
-from spherecal.files.atomic import SESSION, write_folder_whole
-from spherecal.targets.png_file import png_bytes
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.atomic import SESSION, write_folder_whole
+from spherecal_files.png_file import png_bytes
 from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots
 from spherecal_sim.optics import Image
 from spherecal_sim.render import Rendered, render_image

@@ -11,6 +11,7 @@ from spherecal.base.arrays import BoolArray, ByValue, FloatArray
 from spherecal.base.filesystem import create
 from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.geometry.rotation import exp_rotation
+from spherecal_files.json_file import plain_fields
 from spherecal_sim.rigs import Layout, TrueCamera, Turns
 from spherecal_sim.simulated_ball import Ball
 
@@ -168,13 +169,8 @@ def _as_json(truth: Truth) -> dict[str, Any]:
             for b in truth.bars
         ],
         "bar_poses": [
-            {
-                "id": p.id,
-                "bar": p.bar,
-                "rotation": p.rotation.tolist(),
-                "translation_mm": p.place_mm.tolist(),
-                "temperature_c": p.temperature_c,
-            }
+            plain_fields(p, "id bar rotation")
+            | {"translation_mm": p.place_mm.tolist(), "temperature_c": p.temperature_c}
             for p in truth.bar_poses
         ],
         "outliers": np.flatnonzero(truth.outlier).tolist(),

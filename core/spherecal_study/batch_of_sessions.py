@@ -18,20 +18,20 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.files.atomic import RESULT, SESSION
-from spherecal.files.cells import cell
-from spherecal.files.json_file import json_bytes
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import verify
-from spherecal.verify.write_verification import write_verification
 from spherecal_documents.report.model import Cell, Strong
 from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, report_style, significant
+from spherecal_files.atomic import RESULT, SESSION
+from spherecal_files.cells import cell
+from spherecal_files.json_file import json_bytes
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_study.executor import Result, Trial, Workers, run_trials, trial_file
 from spherecal_study.study_page import Document
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import verify
 
 _WORDS = {
     "valid": Strong("valid", GOOD), "use with care": Strong("with care", CAUTION),

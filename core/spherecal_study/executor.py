@@ -24,8 +24,8 @@ from spherecal import __version__
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.json_file import json_bytes
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.json_file import json_bytes
 
 Result = dict[str, Any]
 # A trial that takes its worker down this often is at fault itself.

@@ -10,8 +10,8 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
 from spherecal_documents.report.style import report_style
+from spherecal_files.read_session import read_session
 from spherecal_study.batch_of_sessions import fingerprint_of
 from spherecal_study.executor import Result, Trial, Workers, run_trials
 from spherecal_study.path_study import SEARCHES, draw_graph

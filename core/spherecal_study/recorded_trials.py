@@ -13,12 +13,12 @@ from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.files.observations_file import read_observations, write_observations
-from spherecal.files.read_session import read_session
 from spherecal.geometry.transform import fit_similarity
 from spherecal.initialise.camera_path import Search
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings, Method
+from spherecal_files.observations_file import read_observations, write_observations
+from spherecal_files.read_session import read_session
 from spherecal_study.study_agreement import bar_figures, outcome, residual_figures
 
 

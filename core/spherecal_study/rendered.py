@@ -20,12 +20,12 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import OutputError
 from spherecal.base.filesystem import create, move_below, remove_own_folder, scratch_beside
 from spherecal.data.session import BarPose, Placement, Session
-from spherecal.files.atomic import SESSION
-from spherecal.files.json_file import json_bytes
-from spherecal.files.read_session import read_session
-from spherecal.files.session_json import session_json
-from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.transform import fit_similarity
+from spherecal_files.atomic import SESSION
+from spherecal_files.json_file import json_bytes
+from spherecal_files.read_session import read_session
+from spherecal_files.session_json import session_json
+from spherecal_files.target_set_file import write_target_set
 from spherecal_sim.dot_truth import Station, TrueDots, bar_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, render_session, station_at, write_png

@@ -9,11 +9,11 @@ from typing import Any
 from file_formats.other import FORMATS as _OTHER
 from file_formats.results import FORMATS as _RESULTS
 from file_formats.sessions import FORMATS as _SESSIONS
-from spherecal.files.bar_registry import BARS
-from spherecal.files.codec import FileFormat
 from spherecal_cameras.camera_settings import CAMERAS
 from spherecal_cameras.genicam.trust import DRIVERS
 from spherecal_documents.report.dcc import ISSUER
+from spherecal_files.bar_registry import BARS
+from spherecal_files.codec import FileFormat
 from spherecal_rigs.ball_registry import BALLS
 from spherecal_rigs.entry import ENTRY
 from spherecal_rigs.kept_checks import PROFILE_CHECK

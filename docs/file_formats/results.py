@@ -18,11 +18,11 @@ from file_formats.vocabulary import (
     text,
     written,
 )
-from spherecal.files.ball_file import BALL
-from spherecal.files.codec import record as frame_record
-from spherecal.files.findings_file import FINDINGS
-from spherecal.files.rig_file import RIG
-from spherecal.verify.verification_file import VERIFICATION
+from spherecal_files.ball_file import BALL
+from spherecal_files.codec import record as frame_record
+from spherecal_files.findings_file import FINDINGS
+from spherecal_files.rig_file import RIG
+from spherecal_files.verification_file import VERIFICATION
 from spherecal_rigs.framed_rig import FIELDS as FRAME_FIELDS
 from spherecal_rigs.framed_rig import FRAME
 

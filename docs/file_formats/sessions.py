@@ -20,11 +20,11 @@ from file_formats.vocabulary import (
     text,
     written,
 )
-from spherecal.files.bar_registry import FIGURES, SERIAL
-from spherecal.files.bundle_file import BUNDLE
-from spherecal.files.capture_file import CAPTURE
-from spherecal.files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
-from spherecal.files.target_set_file import TARGETS, given
+from spherecal_files.bar_registry import FIGURES, SERIAL
+from spherecal_files.bundle_file import BUNDLE
+from spherecal_files.capture_file import CAPTURE
+from spherecal_files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
+from spherecal_files.target_set_file import TARGETS, given
 
 _FIGURES: dict[str, Schema] = {one.key: one.kind.schema for one in FIGURES}
 _BAR: Schema = record(

@@ -1,10 +1,10 @@
-"""The words of the formats that are read by hand or only written: JSON Schemas, by the kinds of `spherecal.files.codec`."""  # noqa: E501
+"""The words of the formats that are read by hand or only written: JSON Schemas, by the kinds of `spherecal_files.codec`."""  # noqa: E501
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec
 
-from spherecal.files import codec, rig_file, session_file
-from spherecal.files.codec import UNREAD, FileFormat, Kind, Schema
+from spherecal_files import codec, rig_file, session_file
+from spherecal_files.codec import UNREAD, FileFormat, Kind, Schema
 
 __all__ = ["FileFormat", "Schema"]
 _P = ParamSpec("_P")
@@ -73,6 +73,6 @@ SOFTWARE = codec.software().kind.schema
 
 def finding(about: str = "A finding.") -> Schema:
     """A finding as rig.json, verification.json and check.json have it."""
-    from spherecal.files.findings_file import FINDING
+    from spherecal_files.findings_file import FINDING
 
     return FINDING.described(about).schema

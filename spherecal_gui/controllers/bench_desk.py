@@ -9,9 +9,9 @@ from typing import TypeVar
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
-from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
-from spherecal.files.target_set_file import read_target_set
 from spherecal_cameras.plan import CapturePlan, read_plan
+from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
+from spherecal_files.target_set_file import read_target_set
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
 from spherecal_gui.presenters.bench_presenter import (

@@ -10,7 +10,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject
 
 from spherecal.base.errors import OutputError
-from spherecal.files.lock import InUse, locked
+from spherecal_files.lock import InUse, locked
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.advice_controller import AdviceController
 from spherecal_gui.controllers.bar_controller import BarController

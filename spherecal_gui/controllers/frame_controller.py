@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # rotations need scipy, for which the window does not wait
     from spherecal_gui.controllers.controller import Controller
     from spherecal_rigs.user_frame import FrameDefinition, UserFrame
 
-FRAME = "frame.json"
+_FILE = "frame.json"
 
 
 class FrameController(ControllerPart):
@@ -38,7 +38,7 @@ class FrameController(ControllerPart):
     @property
     def file(self) -> Path | None:
         """Where the project keeps its frame."""
-        return self.project.folder / FRAME if self.project is not None else None
+        return self.project.folder / _FILE if self.project is not None else None
 
     def _renew_frame(self) -> None:
         """The project's frame with the result that is there now: its numbers are made from its definition again."""
@@ -48,14 +48,14 @@ class FrameController(ControllerPart):
         self._frame_of, self.frame, self.definition, self.problem = made_for, None, None, ""
         if made_for is None:
             return
-        if not (made_for[0] / FRAME).is_file():
+        if not (made_for[0] / _FILE).is_file():
             self.frame = self._frame_of_profile()
             return
-        from spherecal_rigs.framed_rig import frame_of, read_frame, write_frame  # needs scipy
+        from spherecal_rigs.framed_rig import FRAME, frame_of, write_frame  # needs scipy
 
-        path = made_for[0] / FRAME
+        path = made_for[0] / _FILE
         try:
-            kept = read_frame(path)
+            kept = FRAME.read(path)
             self.definition = kept.definition
             fresh = (
                 kept
@@ -76,13 +76,13 @@ class FrameController(ControllerPart):
 
     def _frame_of_profile(self) -> "UserFrame | None":
         """The frame kept with the rig; None where there is none, or where it is of another camera's world."""
-        path = profile_of(self.project) / FRAME if self.project is not None else None
+        path = profile_of(self.project) / _FILE if self.project is not None else None
         if path is None or self.main.outcome is None or not path.is_file():
             return None
-        from spherecal_rigs.framed_rig import read_frame  # needs scipy
+        from spherecal_rigs.framed_rig import FRAME  # needs scipy
 
         try:
-            kept = read_frame(path)
+            kept = FRAME.read(path)
         except InputError as error:
             self.main.note(error_text(error)[0])
             return None
@@ -96,7 +96,7 @@ class FrameController(ControllerPart):
         from spherecal_rigs.framed_rig import frame_of, write_frame  # needs scipy
         from spherecal_rigs.user_frame import FrameDefinition
 
-        if definition == FrameDefinition() and not (profile_of(self.project) / FRAME).is_file():
+        if definition == FrameDefinition() and not (profile_of(self.project) / _FILE).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))
         else:
             places, rig = self.main.outcome.places, self.main.outcome.result.rig

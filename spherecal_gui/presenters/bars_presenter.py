@@ -11,8 +11,8 @@ from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
-    from spherecal.verify.limit import Acceptance
-    from spherecal.verify.verification_file import BarReport
+    from spherecal_files.verification_file import BarReport
+    from spherecal_verify.limit import Acceptance
 
 
 def pose_name(pose: str, poses: Sequence[str]) -> str:

@@ -13,10 +13,10 @@ from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import STANDARD_PLACEMENTS, Bar
-from spherecal.files.bar_registry import MARKS, RegisteredBar, read_lengths, read_registered_bar
-from spherecal.files.json_file import JsonValue, printable
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.bar_registry import MARKS, REGISTERED_BAR, RegisteredBar, read_lengths
+from spherecal_files.json_file import JsonValue, printable
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
 from spherecal_gui.presenters.certificates import state_words
@@ -257,7 +257,7 @@ def _checked(entry: Mapping[str, object], problems: Problems) -> RegisteredBar |
         }
     whole = not problems
     try:
-        bar = read_registered_bar(JsonValue(dict(entry), Path()))
+        bar = REGISTERED_BAR.read(JsonValue(dict(entry), Path()))
     except InputError as error:
         for key, text in _by_field(error, _BAR_FIELDS).items():
             problems.setdefault(key, text)
@@ -476,10 +476,7 @@ def bars_of(known: Mapping[str, RegisteredBar], on_bench: Iterable[Bar]) -> tupl
 def bench_draft(
     plan: "CapturePlan | None", balls: Mapping[str, RegisteredBall], known: Mapping[str, RegisteredBar]
 ) -> BenchDraft:
-    """The bench that a plan describes, beside all that the library has.
-
-    `plan` None, or without targets: nothing that is known.
-    """
+    """The bench that a plan describes, beside all that the library has."""
     if plan is None or plan.target_set is None:
         ball = next((ball_draft(one) for one in balls.values()), BallDraft()) if len(balls) == 1 else BallDraft()
         return BenchDraft(ball, bars_of(known, ()))

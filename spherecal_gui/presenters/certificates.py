@@ -6,21 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.errors import SpherecalError
-from spherecal.files.json_file import read_json
+from spherecal_files.json_file import read_json
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
 from spherecal_gui.standing import Level, worst
 
 if TYPE_CHECKING:
     from spherecal.data.session import Bar, Certificate
-    from spherecal.files.bar_registry import RegisteredBar
+    from spherecal_files.bar_registry import RegisteredBar
 
 # Imported inside functions: sessions and bars take 15 ms, for which the window does not wait.
 
 
 def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
     """The state of a certificate in a few words, and the colour of that. `certificate` None where it has none."""
-    from spherecal.files.bar_registry import expiry
+    from spherecal.data.session import expiry
 
     said = expiry(certificate, today)
     word = said[0] if said is not None else "ok"
@@ -41,7 +41,8 @@ def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Le
 
 def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, Level]:
     """One sentence about the bars whose certificate has expired or soon will, and its colour; empty where none has."""
-    from spherecal.files.bar_registry import RegisteredBar, expiry
+    from spherecal.data.session import expiry
+    from spherecal_files.bar_registry import RegisteredBar
 
     names: dict[str, list[str]] = {"expired": [], "not-yet": [], "expires-soon": []}
     for bar in bars:
@@ -66,8 +67,8 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, L
 
 def bench_reminder(bench: Path, today: date) -> tuple[str, Level]:
     """Of the bars on the rig's bench; where none was described, of all bars of the library."""
-    from spherecal.files.bar_registry import BAR_REGISTRY
-    from spherecal.files.read_bars import read_bars
+    from spherecal_files.bar_registry import BAR_REGISTRY
+    from spherecal_files.read_bars import read_bars
     from spherecal_rigs.ball_registry import FORMAT, VERSION
 
     bars: Iterable[Bar | RegisteredBar] = ()

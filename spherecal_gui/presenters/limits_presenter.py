@@ -4,11 +4,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from spherecal.base.errors import InputError, SpherecalError
-from spherecal.verify.limit import parse_limit
 from spherecal_gui import limits_in_force as in_use
 from spherecal_gui.languages import translate
 from spherecal_gui.texts import error_line
 from spherecal_rigs.limits_file import DOTS, HOURS, KELVIN, PAIRS, Limits, Value, limits_path, read_limits, write_limits
+from spherecal_verify.limit import parse_limit
 
 
 @dataclass(frozen=True)

@@ -60,10 +60,7 @@ NOTHING_EXPECTED = Expected()
 
 
 def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float) -> str:
-    """A camera's serial number, images a second, exposure, temperature, as far as they are known.
-
-    `status` None: not known.
-    """
+    """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
     parts = [serial]
     if status is not None and status.state.usable and status.counters.rate_hz:
         parts.append(translate("Look", "{rate:.0f} fps").format(rate=status.counters.rate_hz))
@@ -81,11 +78,7 @@ def tile_state(
     newest: "Frame | None" = None,
     bumped_px: float | None = None,
 ) -> TileState:
-    """What to say about a camera: its own trouble first, then light, then focus, then that all is well.
-
-    `status` None: not known; `sight` None: none was examined yet; `newest` None: none has arrived; `bumped_px` None: it
-    was not.
-    """
+    """What to say about a camera: its own trouble first, then light, then focus, then that all is well."""
     if status is not None and not status.state.usable:
         word, details, since = camera_trouble(status), camera_details(status), since_text(newest)
         return TileState(name, "bad", word, details=details, since=since, lost=True)

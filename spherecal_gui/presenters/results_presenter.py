@@ -15,7 +15,7 @@ from spherecal_gui.languages import translate
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
-    from spherecal.verify.verification_file import BarReport
+    from spherecal_files.verification_file import BarReport
     from spherecal_gui.tasks.outcome import Compared
     from spherecal_rigs.result_folder import Result
 
@@ -166,10 +166,7 @@ def _why_failed(bars: "BarReport") -> str:
 
 
 def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[CameraRow]:
-    """All cameras, those that could not be placed and the largest rms first; with the change since another result.
-
-    `compared` None: there is none.
-    """
+    """All cameras, those that could not be placed and the largest rms first; with the change since another result."""
     rows = []
     contradicting = ~result.residuals.used & ~_seen_by_one(result)
     changes = {one.id: one for one in compared.comparison.cameras} if compared is not None else {}

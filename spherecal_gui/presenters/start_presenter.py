@@ -35,10 +35,7 @@ class ProjectLine:
 
 
 def picture_of(profile: Path, number: str | None) -> Path:
-    """The picture of the rig as one of its calibrations has it, in the profile's folder.
-
-    `number` None: none is in use.
-    """
+    """The picture of the rig as one of its calibrations has it, in the profile's folder."""
     own = profile / picture_name(number or "")
     return own if own.is_file() else profile / "picture.png"  # profiles saved before each had its own
 

@@ -14,8 +14,8 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.atomic import RESULT, check_folder, write_file_whole
-from spherecal.files.json_file import JsonValue, json_bytes, read_json
+from spherecal_files.atomic import RESULT, check_folder, write_file_whole
+from spherecal_files.json_file import JsonValue, json_bytes, read_json
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots
 from spherecal_gui.languages import translate
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
     from spherecal.data.session import Bar, Session
     from spherecal.targets.detection import Detector
-    from spherecal.verify.verification_file import BarReport
     from spherecal_boards.board_detector import BoardDetector
     from spherecal_cameras.averaging import Stillness
     from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.genicam.trust import Ask
     from spherecal_cameras.plan import CapturePlan
     from spherecal_cameras.protocol import CameraSource, Discovery, FrameSet, SetupReport
+    from spherecal_files.verification_file import BarReport
     from spherecal_gui.tasks.live_detection import Connection
     from spherecal_rigs.check_rig import Check
     from spherecal_rigs.user_frame import UserFrame
@@ -294,7 +294,7 @@ def kept_reference(profile: Path, result: Path) -> str | None:
 
     None where there is neither, or one cannot be read: then it is chosen as for the first one.
     """
-    from spherecal.files.rig_file import read_rig
+    from spherecal_files.rig_file import read_rig
     from spherecal_rigs.store import is_profile, open_profile
 
     try:
@@ -319,10 +319,10 @@ def calibrate(
     `reference` None: it is chosen; `chosen`: the method, empty for the program's own.
     """
     from spherecal.calibrate import calibrate as run
-    from spherecal.files.read_session import read_session
-    from spherecal.files.write_result import write_result
     from spherecal.steps.repairs import Repairs
     from spherecal.steps.settings import CalibrationSettings, Method
+    from spherecal_files.read_session import read_session
+    from spherecal_files.write_result import write_result
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -358,14 +358,14 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
     """
     from spherecal.detect.session_images import observed
-    from spherecal.files.read_session import read_session
-    from spherecal.files.rig_file import read_rig
-    from spherecal.verify.limit import parse_limit
-    from spherecal.verify.verify_bars import VerifySettings
-    from spherecal.verify.verify_bars import verify as run
-    from spherecal.verify.write_verification import write_verification
+    from spherecal_files.read_session import read_session
+    from spherecal_files.rig_file import read_rig
+    from spherecal_files.write_verification import write_verification
     from spherecal_rigs.result_folder import read_bar_report
     from spherecal_rigs.save_entry import points_box
+    from spherecal_verify.limit import parse_limit
+    from spherecal_verify.verify_bars import VerifySettings
+    from spherecal_verify.verify_bars import verify as run
 
     check_folders(result.parent)
     context.report("reading the session", 0.0)
@@ -406,7 +406,7 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 
 def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
-    from spherecal.files.read_session import read_session
+    from spherecal_files.read_session import read_session
     from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
     from spherecal_rigs.check_rig import read_known_ball
@@ -424,8 +424,8 @@ def repair(
     folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context
 ) -> "tuple[Verdict, Check]":
     """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
-    from spherecal.files.read_session import read_session
-    from spherecal.files.write_result import write_result
+    from spherecal_files.read_session import read_session
+    from spherecal_files.write_result import write_result
     from spherecal_rigs.check_rig import check as run
     from spherecal_rigs.check_rig import read_known_ball
     from spherecal_rigs.repose import repose
@@ -476,8 +476,8 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
 
 def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, note: str, context: Context) -> str:
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
-    from spherecal.files.read_session import read_session
-    from spherecal.files.rig_file import read_rig
+    from spherecal_files.read_session import read_session
+    from spherecal_files.rig_file import read_rig
     from spherecal_rigs.result_folder import refuse_failed
     from spherecal_rigs.save_entry import SaveOptions, save_result
     from spherecal_rigs.store import apply, create_profile, open_profile, saying_what_is_in_use
@@ -503,10 +503,10 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
 
 def _keep_frame(own: Path, kept: Path) -> None:
     """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
-    from spherecal_rigs.framed_rig import read_frame, write_frame
+    from spherecal_rigs.framed_rig import FRAME, write_frame
 
     if own.is_file():
-        write_frame(read_frame(own), kept)
+        write_frame(FRAME.read(own), kept)
 
 
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:
@@ -514,8 +514,8 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
 
     `frame` None: the reference camera's.
     """
-    from spherecal.files.rig_file import read_rig
     from spherecal_documents.export.write_export import export_rig
+    from spherecal_files.rig_file import read_rig
     from spherecal_rigs.result_folder import refuse_failed
 
     context.report("exporting", 0.0, form)

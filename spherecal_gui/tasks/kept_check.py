@@ -8,8 +8,10 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
-from spherecal.data.findings import Finding, as_written
-from spherecal.files.json_file import JsonValue, read_json
+from spherecal.data.findings import Finding
+from spherecal_files.codec import boolean, choice, field, items, number, optional, record, text
+from spherecal_files.findings_file import FINDING
+from spherecal_files.json_file import read_json
 from spherecal_rigs.check_file import FORMAT, VERSION
 
 FILE = "check.json"
@@ -37,8 +39,8 @@ class _Camera:
 
 @dataclass(frozen=True)
 class _Ball:
-    scale_ppm: float
-    scale_sd_ppm: float
+    scale_ppm: float = math.nan
+    scale_sd_ppm: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -58,51 +60,38 @@ class CheckSummary:
         return tuple(camera.test.id for camera in self.cameras if camera.test.moved)
 
 
+def _camera(id: str, verdict: str, moved: bool, calibrated_rms_px: float | None = None, **figures: float) -> _Camera:
+    known = dict.fromkeys(_FIGURES, math.nan) | figures  # not a number where there is none
+    shift, turn = np.array([known.pop("shift_mm")]), np.radians([known.pop("turn_deg")])
+    return _Camera(_Test(id, moved, **known, shift_mm=shift, turn_rad=turn), verdict, calibrated_rms_px)
+
+
+_FIGURES = ("move_px", "point_mm", "rms_px", "shift_mm", "turn_deg")
+_VERDICT = field("verdict", choice("", ("ok", "watch", "recalibrate")))
+_CAMERA = record(
+    "",
+    _camera,
+    field("id", text("")),
+    _VERDICT,
+    field("moved", boolean("")),
+    *(optional(key, number("")) for key in (*_FIGURES, "calibrated_rms_px")),
+)
+_BALL = record("", _Ball, *(optional(key, number("")) for key in ("scale_ppm", "scale_sd_ppm")))
+_CHECK = record(
+    "",
+    CheckSummary,
+    _VERDICT,
+    optional("tolerance_mm", number("")),
+    field("cameras", items("", _CAMERA)),
+    field("untested", items("", text(""))),
+    field("balls", items("", _BALL)),
+    field("findings", items("", FINDING)),
+)
+
+
 def read_kept_check(folder: Path) -> CheckSummary | None:
     """The check of a project; None where there is none that can be read."""
     try:
-        f = read_json(folder / FILE, FORMAT, VERSION, below=folder).fields(
-            ("verdict", "cameras", "untested", "balls", "findings"), ("tolerance_mm",)
-        )
-        return CheckSummary(
-            f["verdict"].choice("ok", "watch", "recalibrate"),
-            _optional(f, "tolerance_mm"),
-            tuple(_camera(one) for one in f["cameras"].items()),
-            tuple(one.text() for one in f["untested"].items()),
-            tuple(_ball(one) for one in f["balls"].items()),
-            tuple(_finding(one) for one in f["findings"].items()),
-        )
+        return _CHECK.read(read_json(folder / FILE, FORMAT, VERSION, below=folder))
     except SpherecalError:
         return None
-
-
-def _camera(entry: JsonValue) -> _Camera:
-    f = entry.fields(
-        ("id", "verdict", "moved"), ("move_px", "point_mm", "rms_px", "shift_mm", "turn_deg", "calibrated_rms_px")
-    )
-    figures = _number(f, "move_px"), _number(f, "point_mm"), _number(f, "rms_px")
-    sizes = np.array([_number(f, "shift_mm")]), np.radians([_number(f, "turn_deg")])
-    test = _Test(f["id"].text(), f["moved"].boolean(), *figures, *sizes)
-    return _Camera(test, f["verdict"].choice("ok", "watch", "recalibrate"), _optional(f, "calibrated_rms_px"))
-
-
-def _ball(entry: JsonValue) -> _Ball:
-    f = entry.fields((), ("scale_ppm", "scale_sd_ppm"))
-    return _Ball(_number(f, "scale_ppm"), _number(f, "scale_sd_ppm"))
-
-
-def _finding(entry: JsonValue) -> Finding:
-    f = entry.fields(("severity", "code"), ("message", "hint", "where"))
-    said = [f[key].prose() if key in f else "" for key in ("message", "hint")]
-    where = tuple(one.prose() for one in f["where"].items()) if "where" in f else ()
-    return as_written(f["severity"].choice("error", "warning", "info"), f["code"].prose(), said[0], said[1], where)
-
-
-def _number(f: dict[str, JsonValue], key: str) -> float:
-    """A figure; not a number where it was none."""
-    found = _optional(f, key)
-    return math.nan if found is None else found
-
-
-def _optional(f: dict[str, JsonValue], key: str) -> float | None:
-    return f[key].number() if key in f else None

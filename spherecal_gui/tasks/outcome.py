@@ -76,8 +76,8 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar
 
 def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
     """The last image of each camera; none where the session cannot be read, as the result does not depend on it."""
-    from spherecal.files.read_session import read_session
     from spherecal_documents.scene.picture import last_images
+    from spherecal_files.read_session import read_session
 
     try:
         return last_images(read_session(folder))
@@ -87,10 +87,10 @@ def _last_images(folder: Path) -> "Mapping[str, NDArray[np.uint8]]":
 
 def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
     """The places to define a frame by, with those that the project's own frame names."""
-    from spherecal_rigs.framed_rig import read_frame, result_places
+    from spherecal_rigs.framed_rig import FRAME, result_places
 
     try:
-        wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
+        wanted = FRAME.read(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
     except SpherecalError:  # reported where the frame is used
         wanted = ()
     return result_places(folder, wanted)
@@ -120,8 +120,8 @@ def _compared(rig: "Rig", profile: Path) -> Compared | None:
 
 def _links(result: "Result", session: Path, context: Context) -> tuple[tuple[str, str], ...]:
     """The paths that OPT finds in the result's observations, from the session's own start values."""
-    from spherecal.files.read_session import read_session
     from spherecal.initialise.local import reconstruct_locally
+    from spherecal_files.read_session import read_session
 
     try:
         cameras = {camera.id: camera.prior for camera in read_session(session).cameras}

@@ -12,11 +12,11 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.filesystem import create
 from spherecal.data.observations import Observations
-from spherecal.files.observations_file import COLUMNS
-from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.observations_file import COLUMNS
+from spherecal_files.target_set_file import write_target_set
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import SetDots
 from spherecal_gui.placement_view import GuidanceView
@@ -38,10 +38,7 @@ _IN_SIGHT = "live"
 def plan_coarse(
     document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
 ) -> GuidanceView | None:
-    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with.
-
-    `target_set` None where the session has none.
-    """
+    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with."""
     from spherecal.calibrate import calibrate
     from spherecal.steps.settings import CalibrationSettings
     from spherecal_gui.tasks.ghost import thinned
@@ -58,10 +55,7 @@ def plan_coarse(
 
 
 def survey(document: Document, target_set: TargetSet | None, dots: SetDots, context: Context) -> GuidanceView | None:
-    """Where cameras and ball are, as far as what is in sight says, in millimetres of the print.
-
-    `target_set` None where the session has none.
-    """
+    """Where cameras and ball are, as far as what is in sight says, in millimetres of the print."""
     alone: Document = {**document, "placements": [{"id": _IN_SIGHT}]}
     return plan_coarse(alone, target_set, {_IN_SIGHT: dots}, context)
 
@@ -73,10 +67,7 @@ def _dots_in(sets: Mapping[str, SetDots]) -> int:
 def plan_next(
     document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots], context: Context
 ) -> GuidanceView | None:
-    """Where to put the ball next; None where the placements so far give nothing to plan with.
-
-    `target_set` None where the session has none.
-    """
+    """Where to put the ball next; None where the placements so far give nothing to plan with."""
     from spherecal.calibrate import calibrate
     from spherecal_rigs.next_placement import advise
 
@@ -114,10 +105,7 @@ def _shown(
 
 
 def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapping[str, SetDots]) -> "Session":
-    """A session with these dots as its observations; the reader of sessions checks all the rest.
-
-    `target_set` None where the session has none.
-    """
+    """A session with these dots as its observations; the reader of sessions checks all the rest."""
     placements = [one["id"] for one in document["placements"] if one["id"] in dots]
     cameras = [camera["id"] for camera in document["cameras"]]
     bare = {key: value for key, value in document.items() if key not in ("bars", "bar_poses", "target_set")}
@@ -132,10 +120,7 @@ def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapp
 def observations_of(
     placements: list[str], cameras: list[str], dots: Mapping[str, SetDots], target_set: TargetSet | None
 ) -> Observations:
-    """The dots of these placements and cameras, or the corners of markers, as one table.
-
-    `target_set` None counts as targets of dots.
-    """
+    """The dots of these placements and cameras, or the corners of markers, as one table."""
     shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
     found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]
     count = [len(one) for _, _, one in found]
@@ -168,7 +153,7 @@ def printed_scale(target_set: TargetSet) -> Document | None:
 
 
 def _read(document: Document, target_set: TargetSet | None) -> "Session":
-    from spherecal.files.read_session import read_session
+    from spherecal_files.read_session import read_session
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

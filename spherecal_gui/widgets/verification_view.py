@@ -23,7 +23,7 @@ from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
 
 if TYPE_CHECKING:  # imports scipy
-    from spherecal.verify.verification_file import BarReport
+    from spherecal_files.verification_file import BarReport
 
 _LEAST_PX = 40  # of the plot
 _LOWEST_PX = -20  # two lines more, and it leaves its room to the tables

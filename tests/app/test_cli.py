@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import spherecal.files.write_result as writing
+import spherecal_files.write_result as writing
 from spherecal.base.arrays import FloatArray
-from spherecal.files.rig_file import read_rig
 from spherecal_app.cli import calibrate_command as command
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE, NOT_VALID
 from spherecal_app.cli.main import main
+from spherecal_files.rig_file import read_rig
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions

@@ -18,8 +18,8 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
+from spherecal_files.read_session import read_session
 from spherecal_sim.render_session import demo_session
 
 

@@ -16,9 +16,9 @@ import pytest
 from conftest import ROOT
 
 from spherecal.base.messages.catalogue import table
-from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
 from spherecal_app.cli.options import make_parser
+from spherecal_files.read_session import read_session
 
 DOCS = ROOT / "docs"
 # The wizard's own page and studies are written by runs, decisions tell of what was.

@@ -179,7 +179,7 @@ def test_the_command_says_what_it_read(images: Path, tmp_path: Path, capsys) -> 
 
 
 def test_a_session_says_that_its_focal_lengths_are_assumed(images: Path, tmp_path: Path) -> None:
-    from spherecal.files.assumed import assumed_of_session
+    from spherecal.data.assumed import assumed_of_session
 
     session = spherecal.new_session(tmp_path / "new", images, board=BOARD).session
     messages = [finding.message for finding in assumed_of_session(session)]

@@ -13,8 +13,6 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.files.observations_file import write_observations
-from spherecal.files.read_session import read_session
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings
@@ -22,6 +20,8 @@ from spherecal_app.cli.main import main
 from spherecal_boards.board import calibrate_board
 from spherecal_boards.board_images import find_boards
 from spherecal_boards.pattern_entry import read_board_pattern
+from spherecal_files.observations_file import write_observations
+from spherecal_files.read_session import read_session
 from spherecal_sim.simulated_boards import SimulatedRecording, simulate_board
 
 PITCH = 33.0

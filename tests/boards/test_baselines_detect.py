@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from spherecal.targets.board_pattern import BoardKind, BoardPattern
 from spherecal_boards.board_images import find_board
+from spherecal_boards.board_pattern import BoardKind, BoardPattern
 from spherecal_boards.circles import find_circles
 
 SIZE = (1200, 900)

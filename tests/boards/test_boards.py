@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from benchmarks.simulators.rendered_stickers import BoardCamera, render_board
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal.targets.marker_set import marker_dictionary
 from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board
+from spherecal_boards.board_pattern import BoardPattern, figure
 from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_documents.sheets.board_sheet import BOARD_PAGES_MM, words, write_board_sheet
+from spherecal_files.json_file import JsonValue
 
 CAMERA = BoardCamera(
     intrinsics_vector(np.array([[900.0, 0, 322], [0, 905, 236], [0, 0, 1]]), [-0.15, 0.05, 0.0005, -0.0003, 0]),

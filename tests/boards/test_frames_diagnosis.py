@@ -30,9 +30,9 @@ from benchmarks.studies.photographs import CHESSBOARDS, halves, named, recorded
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import UNMEASURED_PRINT
-from spherecal.files.read_session import read_session
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.camera_lag import AGREE_PX, least_error
+from spherecal_files.read_session import read_session
 from tests.networks import one_thread
 
 __all__ = ["one_thread"]

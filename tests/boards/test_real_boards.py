@@ -13,14 +13,14 @@ from benchmarks.simulators.rendered_stickers import paint
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue
-from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board, spread
+from spherecal_boards.board_pattern import BoardPattern, figure
 from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.corner_fit import fit_corners
 from spherecal_boards.looking import boards_of, look_for_chessboard, look_for_markers
 from spherecal_boards.pattern_entry import board_entry, board_pattern
+from spherecal_files.json_file import JsonValue
 
 
 def pattern(text: str) -> BoardPattern:

@@ -9,12 +9,12 @@ import sys
 import pytest
 from conftest import ROOT
 
-from spherecal.files.read_session import read_session
-from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.main import main
 from spherecal_cameras.genicam.discovery import together
 from spherecal_cameras.protocol import CameraInfo, ProducerVerdict
+from spherecal_files.read_session import read_session
+from spherecal_files.target_set_file import write_target_set
 from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from tests.built_producer import built_producer
 from tests.gige_rig import aravis_producer

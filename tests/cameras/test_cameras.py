@@ -18,8 +18,6 @@ from hypothesis import strategies as st
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
-from spherecal.files.read_session import read_session
-from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.camera import project
 from spherecal.targets.detection import Detector
 from spherecal.targets.family import make_target_set
@@ -45,6 +43,8 @@ from spherecal_cameras.protocol import (
 from spherecal_cameras.simulated.simulated_source import SimulatedFault, SimulatedSource, parse_fault
 from spherecal_cameras.simulated.stage import Stage, StageView
 from spherecal_cameras.sources import ReplaySource, open_source
+from spherecal_files.read_session import read_session
+from spherecal_files.target_set_file import write_target_set
 
 
 @pytest.fixture(scope="module")

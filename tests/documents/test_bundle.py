@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 from spherecal.base.errors import InputError
-from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
 from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, unpacked_session, write_bundle
+from spherecal_files.read_session import read_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions

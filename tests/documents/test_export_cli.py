@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from spherecal.data.rig import Quality, RigScale
-from spherecal.files.rig_file import rig_bytes
 from spherecal_app.cli.main import main
 from spherecal_documents.export.write_export import FORMATS
+from spherecal_files.rig_file import rig_bytes
 from tests.export_rigs import make_rig
 
 

@@ -22,9 +22,6 @@ from pypdf import PdfReader
 from spherecal.base.errors import InputError, OutputError
 from spherecal.data.findings import as_written
 from spherecal.data.rig import Quality, Rig, RigScale
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig, rig_bytes
-from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_documents.report.detections import choose_detections, find_session, read_grey
@@ -33,6 +30,9 @@ from spherecal_documents.report.rig_drawing import ScenePicture
 from spherecal_documents.report.rig_view import make_scene
 from spherecal_documents.report.style import number, report_style, shortened, significant, text_width
 from spherecal_documents.report.write_report import make_report, report_bytes, write_report
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig, rig_bytes
+from spherecal_files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session

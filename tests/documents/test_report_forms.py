@@ -13,7 +13,7 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal_app.cli.main import main
-from spherecal_documents.report.dcc import clean, dcc_bytes, decimal, read_issuer
+from spherecal_documents.report.dcc import ISSUER, clean, dcc_bytes, decimal
 from spherecal_documents.report.html import _STYLE
 from spherecal_documents.report.sections_rig import image_cells
 from spherecal_documents.report.write_report import make_report, write_report
@@ -21,7 +21,7 @@ from spherecal_documents.scene.picture import scene_picture
 from spherecal_rigs.result_folder import read_result
 from tests.documents.test_report import PICTURE, page_texts
 
-ISSUER = {
+STATED = {
     "format": "spherecal/issuer", "version": 1,
     "laboratory": {"name": "Measuring Room 3", "city": "Braunschweig", "country": "DE", "email": "m3@example.com"},
     "customer": {"name": "Works & Sons <Ltd>", "city": "Ulm", "country": "DE"}, "person": "A. Person",
@@ -33,12 +33,12 @@ ISSUER = {
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit."""
     from spherecal.calibrate import calibrate
-    from spherecal.files.write_result import write_result
-    from spherecal.verify.limit import parse_limit
-    from spherecal.verify.verify_bars import VerifySettings, verify
-    from spherecal.verify.write_verification import write_verification
+    from spherecal_files.write_result import write_result
+    from spherecal_files.write_verification import write_verification
     from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
+    from spherecal_verify.limit import parse_limit
+    from spherecal_verify.verify_bars import VerifySettings, verify
 
     folder = tmp_path_factory.mktemp("forms") / "result"
     session, _ = simulate_session("rigA", 2, SimulationOptions(targets=40, placements=3, bar_poses=2))
@@ -138,7 +138,7 @@ def test_hostile_names_stay_text(tmp_path: Path, result: Path) -> None:
     write_report(copy, tmp_path / "r.html")
     html = (tmp_path / "r.html").read_text()
     assert "<script" not in html and "<b>C&1" not in html and "&lt;b&gt;C&amp;1" in html
-    Xml.fromstring(dcc_bytes(read_result(copy), read_issuer(written(tmp_path, ISSUER))))
+    Xml.fromstring(dcc_bytes(read_result(copy), ISSUER.read(written(tmp_path, STATED))))
 
 
 def test_image_cells_count_the_used_observations(result: Path) -> None:
@@ -253,7 +253,7 @@ def check_model(element: Xml.Element) -> None:
 def test_the_certificate_keeps_the_content_model(result: Path, tmp_path: Path) -> None:
     """As far as a transcription of the schema goes; `test_the_certificate_is_valid` asks the schema itself."""
     output = tmp_path / "certificate.xml"
-    assert main(["report", str(result), "-o", str(output), "--issuer", str(written(tmp_path, ISSUER))]) == 0
+    assert main(["report", str(result), "-o", str(output), "--issuer", str(written(tmp_path, STATED))]) == 0
     root = Xml.fromstring(output.read_bytes())
     assert root.get("schemaVersion") == "3.2.1"
     check_model(root)
@@ -276,7 +276,7 @@ def test_the_certificate_keeps_the_content_model(result: Path, tmp_path: Path) -
     assert float(quantity.findtext(f".//{si}uncertainty") or "nan") == pytest.approx(length.expanded_uncertainty_mm)
     assert root.findtext(f".//{dcc}conformity") == "pass"
     assert root.findtext(f".//{dcc}customer/{dcc}name/{dcc}content") == "Works & Sons <Ltd>"
-    again = dcc_bytes(read, read_issuer(tmp_path / "issuer.json"))
+    again = dcc_bytes(read, ISSUER.read(tmp_path / "issuer.json"))
     assert again == output.read_bytes()
 
 
@@ -331,8 +331,8 @@ def changed(result: Path, folder: Path, change: Callable[[dict, dict], None] | N
         change(rig, verification)
         (copy / "rig.json").write_text(json.dumps(rig))
         (copy / "verification.json").write_text(json.dumps(verification))
-    issuer = {key: value for key, value in ISSUER.items() if key not in ("begin", "end", "place")}
-    return dcc_bytes(read_result(copy), read_issuer(written(folder, issuer)))
+    issuer = {key: value for key, value in STATED.items() if key not in ("begin", "end", "place")}
+    return dcc_bytes(read_result(copy), ISSUER.read(written(folder, issuer)))
 
 
 @pytest.mark.parametrize("change", [None, *CHANGES])
@@ -368,15 +368,15 @@ def test_the_certificate_is_valid(result: Path, tmp_path: Path, change) -> None:
 )  # fmt: skip
 def test_an_issuer_that_cannot_be_used_is_named(tmp_path: Path, changes: dict, said: str) -> None:
     with pytest.raises(InputError, match=re.escape(said)):
-        read_issuer(written(tmp_path, {**ISSUER, **changes}))
+        ISSUER.read(written(tmp_path, {**STATED, **changes}))
 
 
 def test_a_certificate_needs_its_issuer_and_a_scale(result: Path, tmp_path: Path, capsys) -> None:
     assert main(["report", str(result), "-o", str(tmp_path / "c.xml")]) == 2
     assert "--issuer" in capsys.readouterr().err
-    late = {**ISSUER, "begin": "2026-12-01"}
+    late = {**STATED, "begin": "2026-12-01"}
     with pytest.raises(InputError, match="before it begins"):
-        dcc_bytes(read_result(result), read_issuer(written(tmp_path, late)))
+        dcc_bytes(read_result(result), ISSUER.read(written(tmp_path, late)))
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,6 @@ from pypdf.generic import DictionaryObject
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.data.findings import as_written
-from spherecal.files.written_phrase import Sentence
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verify_bars import VerifySettings, verify
-from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_documents.report import language as language_module
 from spherecal_documents.report.detections import Detection, detection_sections
@@ -31,7 +27,11 @@ from spherecal_documents.report.model import FindingText, Report, Strong
 from spherecal_documents.report.sections_rig import rig_sections
 from spherecal_documents.report.style import chinese_fonts
 from spherecal_documents.report.write_report import make_report, write_report
+from spherecal_files.write_verification import write_verification
+from spherecal_files.written_phrase import Sentence
 from spherecal_rigs.result_folder import Result, read_bar_report, read_result
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.documents.test_report import pdf_texts
 
 OTHERS = [name for name in LANGUAGES if name != "en"]
@@ -45,7 +45,7 @@ _NO_WORDS = re.compile(r"[\w.]+\.(json|csv|npy)|[0-9a-f]{16,}|[A-Z]?[\d .,%°×x
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit with a bar whose certificate is wrong."""
     from spherecal.calibrate import calibrate
-    from spherecal.files.write_result import write_result
+    from spherecal_files.write_result import write_result
     from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
 from spherecal.targets.images import read_image
 from spherecal_app.cli.main import main
 from spherecal_app.cli.producer_command import show_gige
 from spherecal_cameras.simulated.stage import Stage
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.producer.feed import SessionScenes
 from tests.gige_rig import aravis_producer, wired_as

@@ -13,11 +13,11 @@ import pytest
 from PIL import Image
 
 from spherecal.base.errors import InputError
-from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli import producer_command as command
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
+from spherecal_files.target_set_file import write_target_set
 from spherecal_gentl.producer.feed import RigFeed
 from spherecal_gentl.producer.producer_control import ProducerControl
 from spherecal_sim.session_folder import write_session

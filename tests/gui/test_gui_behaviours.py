@@ -21,9 +21,9 @@ from PySide6.QtWidgets import QLineEdit
 
 from spherecal.base.context import Context, Progress
 from spherecal.data.findings import Finding, leave_out
-from spherecal.files.write_result import write_result
 from spherecal_app.cli.main import main
 from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, Counters
+from spherecal_files.write_result import write_result
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.pages.calibrate_page import CalibratePage

@@ -19,9 +19,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMessageBox, QPushButton
 
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal.targets.family import make_target_set
 from spherecal_cameras.plan import read_plan
+from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_dialog import BenchDialog
 from spherecal_gui.presenters.bench_presenter import (
@@ -303,7 +303,7 @@ def test_a_bar_that_is_renamed_or_removed_leaves_no_double(tmp_path):
 def test_a_handwritten_bench_is_taken_up_with_its_bars_and_their_ids(tmp_path):
     bench = rig_bench(tmp_path)
     bench.parent.mkdir()
-    from spherecal.files.target_set_file import write_target_set
+    from spherecal_files.target_set_file import write_target_set
 
     write_target_set(bench.parent / "targets.json", make_target_set(208))
     length = {"from": "A1", "to": "A2", "length_mm": 412.345, "expanded_uncertainty_mm": 0.004}
@@ -325,8 +325,8 @@ def test_a_handwritten_bench_is_taken_up_with_its_bars_and_their_ids(tmp_path):
 
 
 def test_targets_of_another_family_come_from_a_file(qtbot, dialog, tmp_path):
-    from spherecal.files.target_set_file import write_target_set
     from spherecal.targets.marker_set import make_marker_set
+    from spherecal_files.target_set_file import write_target_set
 
     write_target_set(tmp_path / "markers.json", make_marker_set("DICT_4X4_50", 30.0, None, "dark-on-light"))
     dialog.ball.take_targets(tmp_path / "markers.json")

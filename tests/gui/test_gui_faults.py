@@ -138,8 +138,8 @@ def test_targets_that_are_not_on_the_ball_are_not_found(qapp, tmp_path):
     """The wrong ball: the page says that nothing is seen, and nothing can be calibrated with it."""
     import json
 
-    from spherecal.files.target_set_file import write_target_set
     from spherecal.targets.family import make_target_set
+    from spherecal_files.target_set_file import write_target_set
     from spherecal_gui.pages.placement_page import PlacementPage
 
     bench = tmp_path / "bench"

@@ -15,8 +15,8 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from spherecal.base.context import Context
-from spherecal.files.write_result import write_result
 from spherecal_app.cli.main import main
+from spherecal_files.write_result import write_result
 from spherecal_gui import languages, theme
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller import Controller
@@ -28,7 +28,7 @@ from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
-from spherecal_rigs.framed_rig import read_frame, write_frame
+from spherecal_rigs.framed_rig import FRAME, write_frame
 from spherecal_rigs.user_frame import FrameDefinition
 from spherecal_sim.session_folder import write_session
 from tests.gui_walking import settle
@@ -255,11 +255,11 @@ def test_the_command_makes_the_same_file(controller, folder, tmp_path, capsys):
 
 def test_another_calibration_makes_the_frame_anew_or_says_that_it_cannot(controller, folder, outcome):
     controller.user_frame.choose(THREE)
-    before = read_frame(folder / "frame.json")
+    before = FRAME.read(folder / "frame.json")
     moved = {n: replace(p, place_mm=p.place_mm + np.array([0, 0, 5.0])) for n, p in outcome.places.items()}
     controller.outcome = replace(outcome, places=moved)
     controller.result_changed.emit()
-    after = read_frame(folder / "frame.json")
+    after = FRAME.read(folder / "frame.json")
     assert after.origin_mm == pytest.approx(before.origin_mm + np.array([0, 0, 5.0]))
     assert controller.user_frame.frame.origin_mm == pytest.approx(after.origin_mm)
 

@@ -12,9 +12,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from benchmarks.studies.ghost import errors, recorded_dots, seen_dots
 from spherecal.base.context import Context
-from spherecal.files.session_json import session_json
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation
+from spherecal_files.session_json import session_json
 from spherecal_gui.coverage import Dots, same_place
 from spherecal_gui.presenters.guidance_presenter import is_enough, now_text
 from spherecal_gui.presenters.placement_presenter import Scene, need_text

@@ -13,7 +13,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
-from spherecal.files.session_json import session_json
+from spherecal_files.session_json import session_json
 from spherecal_gui import coverage as cov
 from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.guidance_presenter import next_text, now_text

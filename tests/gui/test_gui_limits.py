@@ -29,7 +29,7 @@ from PySide6.QtWidgets import (
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.data.session import Bar, BarLength
-from spherecal.files.write_result import write_result
+from spherecal_files.write_result import write_result
 from spherecal_gui import languages, theme
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui import project as changes

@@ -395,7 +395,7 @@ def test_a_project_that_another_window_has_open_is_left_alone(qtbot, window, hom
     folder = home / "projects" / "one"
     save_project(Project(folder, "simulated:nonsense"))
     code = (
-        "import sys, time; from pathlib import Path; from spherecal.files.lock import locked\n"
+        "import sys, time; from pathlib import Path; from spherecal_files.lock import locked\n"
         "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
     )
     other = subprocess.Popen([sys.executable, "-c", code, str(folder / "wizard.json")], stdout=subprocess.PIPE)

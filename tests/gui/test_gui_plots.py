@@ -15,9 +15,8 @@ from PySide6.QtGui import QTextLayout
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
-from spherecal.files.written_phrase import Sentence
-from spherecal.verify.limit import Acceptance, LengthConformity, parse_limit
-from spherecal.verify.verification_file import BarReport, BarRow, ProcedureReport
+from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
+from spherecal_files.written_phrase import Sentence
 from spherecal_gui import languages
 from spherecal_gui.presenters.bars_presenter import Errors
 from spherecal_gui.presenters.bars_presenter import errors_of as verification_errors
@@ -27,6 +26,7 @@ from spherecal_gui.widgets.charts import ConvergenceChart, ErrorChart
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene_panel import SceneSplit
 from spherecal_gui.widgets.table import Table
+from spherecal_verify.limit import Acceptance, LengthConformity, parse_limit
 
 
 def errors_of(poses: int, lengths: int) -> Errors:

@@ -17,15 +17,12 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.context import Context, Progress
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.files.written_phrase import Sentence
-from spherecal.verify.budget import Budget, Contribution
-from spherecal.verify.limit import Acceptance, Conformity, LengthConformity, LengthLimit
-from spherecal.verify.verification import LengthStatistics
-from spherecal.verify.verification_file import BarReport, BarRow, ProcedureReport
 from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
+from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
+from spherecal_files.written_phrase import Sentence
 from spherecal_gui import coverage as cov
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.bars_presenter import (
@@ -43,6 +40,9 @@ from spherecal_gui.presenters.results_presenter import CameraRow, bar_verdict
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.presenters.step_states import BarFacts, PlacementFacts, bar_says, left_text, placement_says, seeing
 from spherecal_gui.tasks.ghost import ToGo
+from spherecal_verify.budget import Budget, Contribution
+from spherecal_verify.limit import Acceptance, Conformity, LengthConformity, LengthLimit
+from spherecal_verify.verification import LengthStatistics
 from tests.conftest import ROOT
 
 SIZE = (1000, 500)

@@ -20,8 +20,8 @@ from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding
-from spherecal.files.write_result import write_result
 from spherecal_documents.scene.model import SceneData, scene_data
+from spherecal_files.write_result import write_result
 from spherecal_gui import project as changes
 from spherecal_gui import theme
 from spherecal_gui.presenters.results_presenter import (

@@ -21,9 +21,9 @@ from PySide6.QtWidgets import QMessageBox, QPushButton
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
-from spherecal.files.read_session import read_session
 from spherecal.targets.masks import masked
 from spherecal_cameras.simulated import simulated_source
+from spherecal_files.read_session import read_session
 from spherecal_gui import languages
 from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.pages.camera_dialog import CameraDialog
@@ -334,10 +334,10 @@ def test_a_finding_speaks_the_readers_language_with_its_figures(german):
 def real_errors(tmp_path: Path) -> list:
     """What the engine says to mistakes and broken files."""
     from spherecal.base.errors import SpherecalError
-    from spherecal.files.atomic import write_file_whole
     from spherecal.targets.images import read_image
-    from spherecal.verify.limit import parse_limit
     from spherecal_cameras.sources import open_source
+    from spherecal_files.atomic import write_file_whole
+    from spherecal_verify.limit import parse_limit
 
     (tmp_path / "no.png").write_bytes(b"no picture")
     found = []

@@ -12,11 +12,7 @@ from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal.targets.centre import target_centre
-from spherecal.verify.consistency import CameraTest, Consistency
-from spherecal.verify.marks import centre_by_point
-from spherecal.verify.outlying_views import CheckedPoints, Views
-from spherecal.verify.verify_bars import verify
+from spherecal.targets.centre import centre_by_point, target_centre
 from spherecal_measuring.health import RigHealth, health_document
 from spherecal_measuring.measure_sets import one_set, sets_of_session
 from spherecal_measuring.measured_sets import MeasuredSet, ObservedSet
@@ -25,6 +21,9 @@ from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler
 from spherecal_measuring.places import Layouts, _centres
 from spherecal_measuring.rejection import reject_views
 from spherecal_rigs.check_rig import check
+from spherecal_verify.consistency import CameraTest, Consistency
+from spherecal_verify.outlying_views import CheckedPoints, Views
+from spherecal_verify.verify_bars import verify
 from tests.networks import calibrated, one_thread
 
 __all__ = ["one_thread"]
@@ -329,7 +328,7 @@ def test_two_views_that_contradict_give_no_point(demo: tuple[Session, Rig]) -> N
 
 def test_rejection_agrees_with_the_search_by_triangulation(demo: tuple[Session, Rig]) -> None:
     """The closed form finds the views that leaving out one after the other finds."""
-    from spherecal.verify.outlying_views import triangulate_checked
+    from spherecal_verify.outlying_views import triangulate_checked
 
     rig = exact(demo[1])
     rng = np.random.default_rng(8)

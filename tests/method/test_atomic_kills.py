@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.studies.profiles import kill_sessions
-from spherecal.files import atomic
-from spherecal.files.atomic import RESULT, write_folder_whole
+from spherecal_files import atomic
+from spherecal_files.atomic import RESULT, write_folder_whole
 
 
 def test_killed_while_a_session_is_written(tmp_path: Path) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError, OutputError, SpherecalError
-from spherecal.files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig, rig_bytes
-from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.targets.family import make_target_set
+from spherecal_files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig, rig_bytes
+from spherecal_files.target_set_file import read_target_set, write_target_set
 from tests.example_session import OBSERVATIONS, VALID, changed, make_session, without
 from tests.method.test_results import example_calibration
 

@@ -19,14 +19,14 @@ from spherecal.ball.ball_shape import shape_cofactors
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.rig import BallShape, Calibration, RigScale
+from spherecal.data.rig import BallProfile, BallShape, Calibration, RigScale
 from spherecal.data.session import Session
-from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
-from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
+from spherecal_files.ball_file import BALL, read_ball
+from spherecal_files.write_result import write_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import Truth
 from tests.method.test_covariance import assert_matrices_agree, whole_by_brute_force, with_world
@@ -250,7 +250,7 @@ def test_other_methods_and_targets_are_refused(story: Story) -> None:
 
 def test_what_is_written_is_read_back(story: Story, tmp_path: Path) -> None:
     path = tmp_path / "ball.json"
-    path.write_bytes(ball_bytes(replace(story.profile, name="B500 no. 1", family="dots8", target_size_mm=28.0)))
+    path.write_bytes(BALL.bytes(replace(story.profile, name="B500 no. 1", family="dots8", target_size_mm=28.0)))
     again = read_ball(path)
     assert (again.name, again.family, again.target_size_mm) == ("B500 no. 1", "dots8", 28.0)
     shape = story.profile.shape
@@ -260,7 +260,7 @@ def test_what_is_written_is_read_back(story: Story, tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         again.shape.covariance_mm2, np.triu(shape.covariance_mm2) + np.triu(shape.covariance_mm2, 1).transpose(0, 2, 1)
     )
-    assert ball_bytes(again) == path.read_bytes()
+    assert BALL.bytes(again) == path.read_bytes()
 
 
 def small_file(tmp_path: Path, change: Callable[[dict], None]) -> Path:
@@ -273,7 +273,7 @@ def small_file(tmp_path: Path, change: Callable[[dict], None]) -> Path:
         np.tile(np.eye(3) * 1e-4, (n, 1, 1)),
         RigScale("bar", 1e-5),
     )
-    document = json.loads(ball_bytes(BallProfile(shape)))
+    document = json.loads(BALL.bytes(BallProfile(shape)))
     change(document)
     path = tmp_path / "ball.json"
     path.write_text(json.dumps(document))

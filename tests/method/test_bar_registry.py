@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.files.bar_registry import BAR_REGISTRY, find_bar
-from spherecal.files.read_session import read_session
-from spherecal.files.session_json import session_json
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.main import main
 from spherecal_cameras.plan import read_plan
+from spherecal_files.bar_registry import BAR_REGISTRY, find_bar
+from spherecal_files.read_session import read_session
+from spherecal_files.session_json import session_json
 from spherecal_gui.tasks.jobs import artefacts_of
 from tests.example_session import VALID, changed, make_session
 

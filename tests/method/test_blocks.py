@@ -21,11 +21,11 @@ from spherecal.base import arrays
 from spherecal.base.arrays import blocks, blocks_of_groups
 from spherecal.calibrate import calibrate
 from spherecal.diagnose.score import ScoreTest, make_score_test
-from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import undistort, undistort_views
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.write_result import write_result
 from tests.method.test_covariance import with_world
 from tests.networks import Small, observed, one_thread, perturbed, simulated, small_network
 

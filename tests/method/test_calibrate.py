@@ -16,11 +16,11 @@ from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
-from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.read_session import read_session
+from spherecal_files.write_result import write_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove
 from tests.networks import (

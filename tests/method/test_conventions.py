@@ -12,7 +12,6 @@ from spherecal.adjust import engine
 from spherecal.adjust.network import free_network
 from spherecal.adjust.problem import moved
 from spherecal.data.rig import RigCamera
-from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import (
     FISHEYE_MARK,
     FISHEYE_NAMES,
@@ -25,6 +24,7 @@ from spherecal.geometry.camera import (
 )
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.family import make_target_set
+from spherecal_files.read_session import read_session
 from spherecal_sim.observe import look
 from spherecal_sim.simulated_ball import make_ball
 from tests.example_session import OBSERVATIONS, make_session

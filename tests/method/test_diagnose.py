@@ -11,8 +11,8 @@ from benchmarks.studies import diagnosis
 from benchmarks.studies.diagnosis import FAULTS, Case
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
-from spherecal.files.read_session import read_session
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.read_session import read_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 from tests.networks import observed, one_thread, simulated

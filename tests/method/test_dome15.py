@@ -10,8 +10,8 @@ import pytest
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.read_session import read_session
 from tests.networks import codes, observed, one_thread, with_observations
 
 __all__ = ["one_thread"]

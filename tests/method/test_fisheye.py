@@ -11,8 +11,6 @@ import pytest
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.data.lens_model import with_lens_model
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.geometry.camera import (
     FISHEYE_MARK,
     camera_matrix,
@@ -32,6 +30,8 @@ from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.opencv_yaml import read_opencv
 from spherecal_documents.export.priors import write_with_priors
 from spherecal_documents.export.write_export import FORMATS, export_rig
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig, rig_bytes
 from tests.export_rigs import make_rig
 
 SIZE = (2064, 1544)

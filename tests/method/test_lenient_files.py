@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import spherecal
-from spherecal.files.assumed import assumed_of_session
-from spherecal.files.bar_registry import bar_entry, read_registered_bar
-from spherecal.files.json_file import JsonValue
-from spherecal.verify.uncertainty import expansion_kelvin
-from spherecal.verify.verification import Verification
+from spherecal.data.assumed import assumed_of_session
+from spherecal.scale.bar_temperature import expansion_kelvin
 from spherecal_app.cli.main import main
 from spherecal_documents.support.redact import Redactor
+from spherecal_files.bar_registry import REGISTERED_BAR
+from spherecal_files.json_file import JsonValue
+from spherecal_verify.verification import Verification
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -184,11 +184,11 @@ def test_a_registered_bar_keeps_what_it_does_not_state(tmp_path: Path) -> None:
         "marks": {"A1": {"target": 1, "point": "centre"}, "A2": {"target": 2, "point": "centre"}},
         "lengths": [{"from": "A1", "to": "A2", "length_mm": 500.0, "expanded_uncertainty_mm": 0.01}],
     }
-    bar = read_registered_bar(JsonValue(given, Path("bars.json")))
+    bar = REGISTERED_BAR.read(JsonValue(given, Path("bars.json")))
     assert bar.serial == "4711" and bar.assumed == ("expansion_per_kelvin", "reference_temperature_c")
-    written = bar_entry(bar)
+    written = REGISTERED_BAR.entry(bar)
     assert "expansion_per_kelvin" not in written and "coverage_factor" not in written["lengths"][0]
-    assert read_registered_bar(JsonValue(written, Path("bars.json"))) == bar
+    assert REGISTERED_BAR.read(JsonValue(written, Path("bars.json"))) == bar
     spherecal.save_bar(bar, tmp_path / "bars.json")
     assert spherecal.load_bars(tmp_path / "bars.json") == {"4711": bar}
 

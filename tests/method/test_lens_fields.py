@@ -18,9 +18,6 @@ from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, CameraSigma
 from spherecal.data.rig_camera import RigCamera
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project, project_with_derivatives, undistort
 from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
@@ -29,6 +26,9 @@ from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose
 from spherecal_documents.export.import_rig import import_rig
 from spherecal_documents.export.mrcal_splined import MOST_PX, MRCAL_SPLINED
 from spherecal_documents.export.write_export import check_points, export_rig
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_sim.truth import SimulationOptions, Truth
 
 SIZE = np.array([2064.0, 1544.0])

@@ -12,11 +12,11 @@ from spherecal.data.findings import Finding
 from spherecal.data.lens_model import with_lens_model
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_model, undistort
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth

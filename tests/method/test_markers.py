@@ -24,8 +24,6 @@ from benchmarks.simulators.rendered_stickers import (
 from benchmarks.studies.markers import compared
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.files.rig_file import read_rig
-from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.geometry.camera import project
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.family import DOTS
@@ -33,6 +31,8 @@ from spherecal.targets.marker_set import CORNERS, make_marker_set, sticker_mm
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.cli.main import main
 from spherecal_documents.sheets.sticker_sheet import scaled, sticker_places, write_sheet
+from spherecal_files.rig_file import read_rig
+from spherecal_files.target_set_file import read_target_set, write_target_set
 from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.placement_advice import observations_of, printed_scale
 from spherecal_measuring.live_sets import collected

@@ -11,12 +11,12 @@ import pytest
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.detect.session_images import observed
-from spherecal.files.read_session import read_session
-from spherecal.files.session_json import session_json
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.masks import masked
 from spherecal.targets.staying_spots import staying_spots
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
+from spherecal_files.read_session import read_session
+from spherecal_files.session_json import session_json
 
 
 def test_a_rectangle_holds_its_border_and_nothing_beyond():
@@ -92,7 +92,7 @@ def test_nothing_is_proposed_where_nothing_stays_and_never_the_ball(placements):
 def write(folder: Path, source: SimulatedSource, ignore: object) -> None:
     from PIL import Image
 
-    from spherecal.files.target_set_file import write_target_set
+    from spherecal_files.target_set_file import write_target_set
 
     session = source.stage.session
     assert session.target_set is not None

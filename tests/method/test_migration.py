@@ -13,11 +13,11 @@ import pytest
 from conftest import ROOT
 
 from spherecal.base.errors import InputError
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.target_set_file import read_target_set
 from spherecal_cameras.camera_settings import read_profile as read_cameras
 from spherecal_cameras.genicam.trust import TrustStore
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.target_set_file import read_target_set
 from spherecal_rigs.result_folder import read_result
 from spherecal_rigs.store import open_profile
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spherecal.targets.png_file import png_bytes
+from spherecal_files.png_file import png_bytes
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

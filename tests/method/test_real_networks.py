@@ -16,14 +16,14 @@ from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.geometry.consensus import agreeing_views
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.resection import resected_poses
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_sim.rigs import look_at
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions

@@ -17,8 +17,6 @@ from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Affected, Calibration
 from spherecal.data.session import Session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.automatic_repairs import (
@@ -32,6 +30,8 @@ from spherecal.steps.automatic_repairs import (
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated

@@ -13,14 +13,14 @@ from spherecal.base.errors import OutputError
 from spherecal.data.findings import as_written
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
-from spherecal.files import atomic
-from spherecal.files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
-from spherecal.files.observations_file import read_observations, write_observations
-from spherecal.files.rig_file import read_rig, rig_bytes
-from spherecal.files.target_set_file import read_target_set, write_target_set
-from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.family import make_target_set
+from spherecal_files import atomic
+from spherecal_files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
+from spherecal_files.observations_file import read_observations, write_observations
+from spherecal_files.rig_file import read_rig, rig_bytes
+from spherecal_files.target_set_file import read_target_set, write_target_set
+from spherecal_files.write_result import write_result
 
 
 def example_observations(n: int = 24, sigma: bool = False) -> Observations:

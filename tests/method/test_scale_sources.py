@@ -15,17 +15,17 @@ from benchmarks.studies.mischief_world import make_world
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import UNMEASURED_PRINT, Scale, Session
-from spherecal.files.read_session import read_session
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import verify
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
+from spherecal_files.read_session import read_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import verify
 
 BY_PRINT = SimulationOptions(targets=80, placements=4, bar_poses=4)
 

@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 
 from docs.make_formats import SCHEMAS, made_files
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import JsonValue
+from spherecal_files.json_file import JsonValue
 from tests.schema_samples import SAMPLES
 
 PUBLISHED: dict[str, dict[str, Any]] = {

@@ -9,18 +9,16 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
-from spherecal.files.bar_registry import BAR_REGISTRY, read_registered_bar
-from spherecal.files.bundle_file import bundle_bytes
-from spherecal.files.json_file import JsonValue
-from spherecal.files.rig_file import read_rig
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verify_bars import VerifySettings, verify
-from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, write_profile
 from spherecal_cameras.genicam.trust import Driver, TrustStore
 from spherecal_cameras.protocol import CameraSettings, Region
 from spherecal_documents.export.write_export import export_rig
+from spherecal_files.bar_registry import BAR_REGISTRY, REGISTERED_BAR
+from spherecal_files.bundle_file import bundle_bytes
+from spherecal_files.json_file import JsonValue
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_verification import write_verification
 from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
@@ -32,6 +30,8 @@ from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits
 from spherecal_sim.session_folder import write_session
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.example_session import VALID
 from tests.method.test_schemas import PUBLISHED, assert_fits, closed
 from tests.networks import calibrated
@@ -163,7 +163,7 @@ def test_settings_are_described(tmp_path: Path) -> None:
     )
     assert_described(_load(tmp_path / "cameras.json"), "cameras")
     own = VALID["bars"][0]
-    bar = read_registered_bar(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))
+    bar = REGISTERED_BAR.read(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))
     BAR_REGISTRY.write({"B-7": bar}, tmp_path / "bars.json")
     assert_described(_load(tmp_path / "bars.json"), "bars")
     store = TrustStore(tmp_path / "drivers.json")

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spherecal.base.errors import SpherecalError
-from spherecal.files.read_session import read_session
+from spherecal_files.read_session import read_session
 from tests.example_session import OBSERVATIONS, VALID, changed, make_session
 
 

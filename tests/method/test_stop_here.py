@@ -9,10 +9,10 @@ from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, PartialResultAccepted
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_sim.render_session import demo_session
 from tests.networks import simulated
 

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
+from docs.make_code_book import admissible_triples, generate_codes, lattice
 from spherecal.base.errors import InputError
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.centre import target_centre
-from spherecal.targets.code_book import admissible_triples, generate_codes, lattice
 from spherecal.targets.family import CODE_COUNT, DOTS, TEMPLATE_MM, code_book, make_target_set
 
 

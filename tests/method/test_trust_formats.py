@@ -13,14 +13,14 @@ import pytest
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import create, write_whole
-from spherecal.files.atomic import RESULT, write_folder_whole
-from spherecal.files.lock import LOCK, locked, short_name
-from spherecal.files.read_session import read_session
 from spherecal_app.cli.main import main
 from spherecal_cameras.genicam.messages import Live
 from spherecal_cameras.genicam.wire import WireError, pack, unpack
 from spherecal_documents.support.redact import Redactor
 from spherecal_documents.support.support_bundle import BundleOptions, unpacked_session, write_bundle
+from spherecal_files.atomic import RESULT, write_folder_whole
+from spherecal_files.lock import LOCK, locked, short_name
+from spherecal_files.read_session import read_session
 from spherecal_gui.project_folder import load_project, recent_projects
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session

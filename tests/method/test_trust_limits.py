@@ -25,13 +25,6 @@ from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import PARTIAL, write_below, write_whole
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
-from spherecal.files.bar_registry import RegisteredBar
-from spherecal.files.cells import cell, from_cell
-from spherecal.files.json_file import read_json
-from spherecal.files.lock import locked
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.targets.images import read_image
 from spherecal_app.cli.main import main
 from spherecal_cameras.capture import SessionCamera, SessionFolder, session_ids
@@ -43,6 +36,13 @@ from spherecal_documents.export.anipose import read_toml
 from spherecal_documents.export.colmap import read_colmap
 from spherecal_documents.export.opencv_yaml import read_yaml
 from spherecal_documents.export.write_export import export_rig
+from spherecal_files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal_files.bar_registry import RegisteredBar
+from spherecal_files.cells import cell, from_cell
+from spherecal_files.json_file import read_json
+from spherecal_files.lock import locked
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig, rig_bytes
 from spherecal_rigs.bars_table import read_bars_table, write_bars_table
 from spherecal_rigs.result_folder import read_csv
 
@@ -76,7 +76,7 @@ def test_a_lock_names_its_holder_and_goes_with_it(tmp_path: Path) -> None:
 @posix
 def test_a_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from spherecal.files.lock import locked\n"
+        "import sys, time; from pathlib import Path; from spherecal_files.lock import locked\n"
         "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
     )
     holder = subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "x")], stdout=subprocess.PIPE, text=True)

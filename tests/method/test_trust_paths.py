@@ -12,12 +12,12 @@ from example_session import VALID, make_session
 from export_rigs import make_rig
 
 from spherecal.base.errors import InputError, OutputError, SpherecalError
-from spherecal.files.atomic import RESULT, check_folder
-from spherecal.files.rig_file import rig_bytes
 from spherecal_app.cli.main import main
 from spherecal_cameras.capture import SessionCamera, SessionFolder
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
+from spherecal_files.atomic import RESULT, check_folder
+from spherecal_files.rig_file import rig_bytes
 from spherecal_gui import project, project_folder
 from spherecal_gui import recorded_sets as recorded
 from spherecal_gui.tasks import dot_store
@@ -205,7 +205,7 @@ def test_a_pipe_in_a_profile_stops_nobody(profile: Path) -> None:
 
 @pytest.mark.parametrize("stranger", [".git/config", "notes.txt", "images/a.png", "empty/", "link"])
 def test_a_result_with_anything_else_is_not_replaced(tmp_path: Path, precious: Path, stranger: str) -> None:
-    from spherecal.files.atomic import RESULT, check_folder, write_folder_whole
+    from spherecal_files.atomic import RESULT, check_folder, write_folder_whole
 
     folder = result_folder(tmp_path / "out")
     place = folder / stranger
@@ -226,7 +226,7 @@ def test_a_result_with_anything_else_is_not_replaced(tmp_path: Path, precious: P
 
 
 def test_a_recorded_session_is_never_replaced_by_a_simulated_one(tmp_path: Path) -> None:
-    from spherecal.files.atomic import SESSION, check_folder
+    from spherecal_files.atomic import SESSION, check_folder
 
     (tmp_path / "recorded").mkdir()
     folder = make_session(tmp_path / "recorded", VALID)

@@ -22,22 +22,22 @@ from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, named, ruled, widening
 from spherecal.diagnose.plausibility import implausible
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.automatic_repairs import most_wrong, ways
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verify_bars import VerifySettings, verify
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.main import main
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_rigs.check_rig import check
 from spherecal_rigs.pose_plan import BarMarks, facing_cameras, plan_poses
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import calibrated, one_thread, with_observations
 from tests.wrong_recordings import (

@@ -14,15 +14,15 @@ from spherecal.base.errors import Cancelled, InputError, OutputError
 from spherecal.data.observations import Observations
 from spherecal.data.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.data.session import Bar, BarLength, Session
-from spherecal.files.rig_file import rig_bytes
-from spherecal.files.write_result import write_result
-from spherecal.verify.agreement import decide
-from spherecal.verify.uncertainty import length_statistics
-from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
-from spherecal.verify.verify_bars import verify
-from spherecal.verify.write_verification import write_verification
+from spherecal_files.rig_file import rig_bytes
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
+from spherecal_verify.agreement import decide
+from spherecal_verify.uncertainty import length_statistics
+from spherecal_verify.verification import LengthBudget, MeasuredLength, Verification
+from spherecal_verify.verify_bars import verify
 from tests.method.test_results import example_calibration
 
 

@@ -16,19 +16,19 @@ from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, RigScale
 from spherecal.data.session import BarLength, Certificate, Session
-from spherecal.files.bar_registry import RegisteredBar, bar_entry
-from spherecal.files.rig_file import rig_bytes
-from spherecal.verify.budget import Contribution, certificate_freedom, combine, resolution_mm
-from spherecal.verify.departures import lengths_on_lines
-from spherecal.verify.limit import LengthLimit, judge_against, parse_limit
-from spherecal.verify.measuring_volume import LINES, MeasuringVolume, volume_box
-from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
-from spherecal.verify.verify_bars import VerifySettings, verify
-from spherecal.verify.write_verification import write_verification
+from spherecal_files.bar_registry import REGISTERED_BAR, RegisteredBar
+from spherecal_files.rig_file import rig_bytes
+from spherecal_files.write_verification import write_verification
 from spherecal_rigs.live_pose import measured_ends
 from spherecal_rigs.pose_plan import BarMarks, cameras_that_see, judge_pose, plan_poses
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
+from spherecal_verify.budget import Contribution, certificate_freedom, combine, resolution_mm
+from spherecal_verify.departures import lengths_on_lines
+from spherecal_verify.limit import LengthLimit, judge_against, parse_limit
+from spherecal_verify.measuring_volume import LINES, MeasuringVolume, volume_box
+from spherecal_verify.verification import LengthBudget, MeasuredLength, Verification
+from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.export_rigs import make_rig
 from tests.method.test_verify import codes, simulate, true_rig
 
@@ -408,4 +408,4 @@ def test_the_box_lies_as_the_cameras_do() -> None:
 
 def test_a_registered_bar_keeps_what_it_is() -> None:
     bar = RegisteredBar("S", {}, (), 1e-5, certificate=Certificate("K", "lab", date(2026, 1, 2), None))
-    assert bar_entry(bar)["certificate"] == {"number": "K", "laboratory": "lab", "date": "2026-01-02"}
+    assert REGISTERED_BAR.entry(bar)["certificate"] == {"number": "K", "laboratory": "lab", "date": "2026-01-02"}

@@ -7,7 +7,7 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import Triangulation, triangulate
-from spherecal.verify.outlying_views import Views, triangulate_checked
+from spherecal_verify.outlying_views import Views, triangulate_checked
 
 
 def ring_of_cameras(n: int, seed: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -16,15 +16,15 @@ from spherecal.calibrate import calibrate
 from spherecal.data.session import Placement, Session
 from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.session_images import observed
-from spherecal.files.observations_file import write_observations
-from spherecal.files.read_session import read_session
-from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.camera import project
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import Cause, why_nothing
 from spherecal_app.cli.main import main
+from spherecal_files.observations_file import write_observations
+from spherecal_files.read_session import read_session
+from spherecal_files.target_set_file import write_target_set
 from spherecal_sim.dot_truth import Station, ball_dots
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED

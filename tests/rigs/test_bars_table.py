@@ -9,10 +9,10 @@ import pytest
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.session import BarLength, Certificate, Mark
-from spherecal.files.bar_registry import BAR_REGISTRY, RegisteredBar, find_bar
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.main import main
 from spherecal_cameras.plan import check_marks, read_plan
+from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar, find_bar
 from spherecal_rigs.ball_registry import (
     BALL_REGISTRY,
     Bench,

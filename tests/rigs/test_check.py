@@ -14,14 +14,10 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig, RigScale
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Placement, Session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.verify.consistency import examine_cameras
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.outlying_views import Views
-from spherecal.verify.verify_bars import views_of
 from spherecal_app.cli.main import main
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
 from spherecal_rigs.check_file import check_json
 from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.repose import repose
@@ -29,6 +25,10 @@ from spherecal_rigs.store import open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import observe_again, simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions
+from spherecal_verify.consistency import examine_cameras
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.outlying_views import Views
+from spherecal_verify.verify_bars import views_of
 
 OPTIONS = SimulationOptions(targets=80, placements=5, bar_poses=1)
 CALIBRATED = ("P1", "P2", "P3", "P4")

@@ -9,17 +9,17 @@ import pytest
 
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.cross_validate import cross_validate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.files.rig_file import read_rig
-from spherecal.files.write_result import write_result
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_documents.report.residual_drawings import length_map_figure
 from spherecal_documents.report.style import report_style
 from spherecal_documents.report.trend_chart import save_guidance_picture
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_result import write_result
+from spherecal_rigs.cross_validate import cross_validate
 from spherecal_rigs.limits_file import Limits
 from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
 from spherecal_rigs.recalibrate import Selection, recalibrate

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spherecal.base.errors import InputError, OutputError, SpherecalError
-from spherecal.files.write_result import write_result
 from spherecal.initialise.view_graph import MIN_COMMON
 from spherecal_app.cli.main import main
+from spherecal_files.write_result import write_result
 from spherecal_rigs.calibration_age import ValidityLimits
 from spherecal_rigs.limits_file import DOTS, LIMITS, NAMES, PAIRS, Limits, limits_in_use, read_limits, write_limits
 from spherecal_rigs.store import open_profile

@@ -10,8 +10,8 @@ import pytest
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
-from spherecal.files.rig_file import rig_bytes
 from spherecal_app.cli.console import kept_in_profile
+from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.calibration_age import ValidityLimits, validity
 from spherecal_rigs.check_file import keep
 from spherecal_rigs.kept_checks import keep_check, last_check, read_checks

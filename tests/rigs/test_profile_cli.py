@@ -10,13 +10,13 @@ import pytest
 
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import rig_bytes
-from spherecal.files.write_result import write_result
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_cameras.camera_settings import CameraDescription, CameraProfile, write_profile
 from spherecal_cameras.protocol import CameraSettings
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import rig_bytes
+from spherecal_files.write_result import write_result
 from spherecal_rigs.store import create_profile, open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session

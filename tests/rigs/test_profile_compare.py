@@ -10,9 +10,9 @@ import pytest
 from benchmarks.studies.profiles import trials
 from spherecal.base.errors import InputError
 from spherecal.data.rig import Rig
-from spherecal.files.rig_file import rig_bytes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_documents.report.trend_chart import write_trend_chart
+from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.calibration_age import ValidityLimits, validity
 from spherecal_rigs.compare_rigs import CameraChange, ComparisonVolume, MatchedCamera, compare, seen_volume, sights
 from spherecal_rigs.entry import Entry

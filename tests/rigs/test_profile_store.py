@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from benchmarks.studies.profiles import kill_while_writing
 from spherecal.base.errors import InputError, OutputError
 from spherecal.data.rig import Rig
-from spherecal.files.rig_file import rig_bytes
+from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs import entry as entry_module
 from spherecal_rigs import store
 from spherecal_rigs.calibration_age import ValidityLimits

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 import spherecal
 from spherecal.base.errors import InputError, SpherecalError
-from spherecal.files.rig_file import rig_bytes
-from spherecal.files.write_result import write_result
-from spherecal.verify.verify_bars import verify
-from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.main import main
 from spherecal_documents.export.write_export import FORMATS, export_rig
-from spherecal_rigs.framed_rig import in_frame, read_frame, result_places, write_frame
+from spherecal_files.rig_file import rig_bytes
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
+from spherecal_rigs.framed_rig import FRAME, in_frame, result_places, write_frame
 from spherecal_rigs.user_frame import LEAST_ANGLE_DEG, TURNS, FrameDefinition, turn_matrix, user_frame
+from spherecal_verify.verify_bars import verify
 from tests.export_rigs import make_rig
 from tests.method.test_session_fuzz import JSON_VALUES, leaves
 from tests.networks import calibrated, one_thread
@@ -243,7 +243,7 @@ def test_the_file_gives_the_same_frame_again(tmp_path: Path):
     rich = some_frame(make_rig(4, 6))
     for i, one in enumerate((frame, rich)):
         write_frame(one, tmp_path / f"{i}.json")
-        again = read_frame(tmp_path / f"{i}.json")
+        again = FRAME.read(tmp_path / f"{i}.json")
         assert (again.rotation == one.rotation).all() and (again.translation_mm == one.translation_mm).all()
         assert again.definition == one.definition
         assert (again.reference_camera, again.input_sha256) == (one.reference_camera, one.input_sha256)
@@ -278,7 +278,7 @@ def test_a_file_that_is_wrong_says_where(tmp_path: Path, key: str, value: object
     document = frame_document(tmp_path) | {key: value}
     (tmp_path / "frame.json").write_text(json.dumps(document))
     with pytest.raises(SpherecalError) as caught:
-        read_frame(tmp_path / "frame.json")
+        FRAME.read(tmp_path / "frame.json")
     assert words in str(caught.value) and "frame.json" in str(caught.value)
 
 
@@ -294,7 +294,7 @@ def test_whatever_the_file_holds_it_is_a_frame_or_one_of_our_errors(tmp_path_fac
     inner[path[-1]] = value
     (folder / "frame.json").write_text(json.dumps(document))
     try:
-        frame = read_frame(folder / "frame.json")
+        frame = FRAME.read(folder / "frame.json")
     except SpherecalError:
         return
     assert np.allclose(frame.rotation @ frame.rotation.T, np.eye(3), atol=1e-4)
@@ -307,7 +307,7 @@ def test_from_the_command_line_to_an_export(result: Path, tmp_path: Path, capsys
     said = capsys.readouterr().out
     assert "User's frame: origin P1, +X P2, XY P3, offset 0 0 -250 mm, turned x90 x90." in said
     assert "Standard uncertainty: origin" in said
-    made = read_frame(frame)
+    made = FRAME.read(frame)
     p1 = result_places(result)["P1"].place_mm
     assert made.apply(p1[None])[0] == pytest.approx([0, 0, 250]), "two turns about X turn Z about"
     assert main(["export", str(result / "rig.json"), "--to", "opencv", "-o", str(out), "--frame", str(frame)]) == 0

@@ -9,9 +9,9 @@ import pytest
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.data.session import Session
-from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import fisheye_vector, project
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.read_session import read_session
 from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots, outline_dots
 from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
 from spherecal_sim.radiance import CELLS, ideal_place

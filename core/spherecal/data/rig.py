@@ -4,7 +4,7 @@ from __future__ import annotations  # help() then shows ArrayLike by its name
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date, datetime
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -284,6 +284,21 @@ class BallShape(ByValue):
     places_mm: FloatArray
     covariance_mm2: FloatArray
     scale: RigScale
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BallProfile(ByValue):
+    """A ball's shape with its name, the day it was calibrated, its targets' family and size, and where it came from.
+
+    `input_sha256` is that of the calibration. None, or an empty text, is what is not known.
+    """
+
+    shape: BallShape
+    name: str = ""
+    calibrated: date | None = None
+    family: str | None = None
+    target_size_mm: float | None = None
+    input_sha256: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

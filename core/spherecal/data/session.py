@@ -130,6 +130,27 @@ class Certificate:
     valid_until: datetime.date | None = None
 
 
+# A shop needs a few weeks to send a bar away and have it back.
+_SOON_DAYS = 30
+
+
+def expiry(certificate: Certificate | None, today: datetime.date) -> tuple[str, Phrase] | None:
+    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said."""
+    if certificate is None:
+        return "no-certificate", Phrase("has-no-certificate")
+    if certificate.date is not None and certificate.date > today:
+        return "not-yet", Phrase("certificate-from", {"date": str(certificate.date)})
+    until = certificate.valid_until
+    if until is None:
+        return None
+    values = {"number": certificate.number, "date": str(until)}
+    if until < today:
+        return "expired", Phrase("certificate-until", values)
+    if (until - today).days <= _SOON_DAYS:
+        return "expires-soon", Phrase("certificate-still-until", values)
+    return None
+
+
 @dataclass(frozen=True)
 class Bar:
     """A reference bar; role `scale` gives the scale, role `check` only verifies, never both.
@@ -168,15 +189,34 @@ class BoardPoint:
     xyz_mm: tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class CapturedFrame:
+    """What a camera noted of one image: its frame number, its own clock, and when the host says it was exposed."""
+
+    frame_id: int | None = None
+    time_stamp_ns: int | None = None
+    exposed: datetime.datetime | None = None
+
+
+@dataclass(frozen=True)
+class CapturedSet:
+    """One set of images: when it was taken, temperatures and what was noted of each image, by camera id."""
+
+    id: str
+    taken: datetime.datetime | None
+    temperatures_c: dict[str, float]
+    frames: dict[str, CapturedFrame] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Session(ByValue):
     """A recorded session, checked; `observations` is None where there are only images.
 
     `observations` rows name placements and bar poses, in the order of `placements` then `bar_poses`, and cameras in
-    the order of `cameras`. `input_sha256` covers session.json and every file it names. `recorded_at`: when its last
-    placement was taken, where the cameras noted it. `sphere_sd_mm`: standard uncertainty of the diameter, over the
-    targets, where it was measured. `struck`: sources of scale (`print`, `ball`) that say nothing, by the user's wish.
-    `wanted_uncertainty_mm`: the expanded one (k = 2) that lengths are wanted with.
+    the order of `cameras`. `input_sha256` covers session.json and every file it names. `sphere_sd_mm`: standard
+    uncertainty of the diameter, over the targets, where it was measured. `struck`: sources of scale (`print`, `ball`)
+    that say nothing, by the user's wish. `wanted_uncertainty_mm`: the expanded one (k = 2) that lengths are wanted
+    with. `captured`: what the cameras noted of its sets; `recorded_at`: when the last placement was taken.
     """
 
     folder: Path
@@ -190,10 +230,11 @@ class Session(ByValue):
     target_set: TargetSet | None
     observations: Observations | None
     input_sha256: str
-    recorded_at: datetime.datetime | None = None
     sphere_sd_mm: float | None = None
     struck: tuple[str, ...] = ()
     wanted_uncertainty_mm: float | None = None
+    captured: tuple[CapturedSet, ...] = ()
+    recorded_at: datetime.datetime | None = None
 
     @classmethod
     def from_arrays(

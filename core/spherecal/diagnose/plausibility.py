@@ -16,12 +16,11 @@ from spherecal.base.errors import InputError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
-from spherecal.data.session import Session
+from spherecal.data.session import CapturedSet, Session
 from spherecal.diagnose.image_settings import image_settings
-from spherecal.files.capture_file import CapturedSet, read_captured_sets
+from spherecal.scale.bar_temperature import temperature_findings
 from spherecal.targets.images import read_image
 from spherecal.targets.why_nothing import reads_mirrored
-from spherecal.verify.bar_temperature import temperature_findings
 
 # Printers err by 0.1 to 0.5 % in size; beyond twice that the distance is another one, or another set.
 MOST_PRINT_ERROR = 0.01
@@ -251,10 +250,8 @@ def _identical(session: Session) -> Iterator[tuple[tuple[str, str], tuple[str, s
 
 def _capture_times(session: Session) -> list[Finding]:
     """Images that the cameras' own clocks, or the host's, put into another set."""
-    if session.folder == Path():  # made in memory
-        return []
     ids = [p.id for p in session.placements]
-    sets = {one.id: one for one in read_captured_sets(session.folder) if one.id in ids}
+    sets = {one.id: one for one in session.captured if one.id in ids}
     order = [sets[name] for name in ids if name in sets]
     late = {(c, s.id): why for s in order for c, why in _not_with_the_others(s)}
     for before, after in pairwise(order):

@@ -12,10 +12,9 @@ from spherecal.data.findings import Finding
 from spherecal.data.recording import Recording
 from spherecal.data.session import Bar, BarLength, Mark
 from spherecal.geometry.transform import fit_similarity
+from spherecal.scale.bar_temperature import reference_length, temperature_part
 from spherecal.scale.spacing import FoundScale
-from spherecal.targets.centre import target_centre
-from spherecal.verify.marks import centre_by_point
-from spherecal.verify.uncertainty import reference_length, temperature_part
+from spherecal.targets.centre import centre_by_point, target_centre
 
 # What keeps the lengths of one bar in different poses from being exactly proportional: the thermometer's last digit,
 # and how well a mark sits on the bar's line (1e-6 of the length: 0.5 um on 500 mm).

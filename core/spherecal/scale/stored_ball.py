@@ -8,11 +8,12 @@ from spherecal.ball.fit import BallFit, with_effects_unknown
 from spherecal.ball.rigid import BallNetwork
 from spherecal.ball.selection import ModelChoice
 from spherecal.ball.stored_shape import solve_on_ball
+from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.recording import Recording
+from spherecal.data.rig import BallProfile
 from spherecal.data.session import Session
-from spherecal.files.ball_file import BallProfile, check_targets
 from spherecal.scale.metric import MetricFit, Solution, by_stored_ball
 
 # Scales that differ by more standard uncertainties than this contradict each other; a print beside a bar may be off by
@@ -25,9 +26,7 @@ def on_known_ball(
 ) -> MetricFit | Finding:
     """The solution on the profile where the recorded ball is the profile's; else the finding that says why not."""
     session = recording.session
-    targets = session.target_set
-    family, size = (None, None) if targets is None else (targets.family, targets.size_mm)
-    check_targets(profile, family, size, session.folder)
+    _check_targets(profile, session)
     number, shape = {name: i for i, name in enumerate(recording.observations.points)}, profile.shape
     point = np.array([number.get(name, -1) for name in shape.point], dtype=np.int64)
     keep = point >= 0
@@ -41,6 +40,16 @@ def on_known_ball(
     reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
     said = _scale_conflict(profile, solution, longer, session)
     return MetricFit(solved, ModelChoice("rigid", reason), solution, tuple(said))
+
+
+def _check_targets(profile: BallProfile, session: Session) -> None:
+    """Compare a profile's targets with the session's; a figure that either does not know is not compared."""
+    targets, family, size = session.target_set, profile.family, profile.target_size_mm
+    if targets is None or family is None or size is None:
+        return
+    if targets.family != family or not np.isclose(targets.size_mm, size, rtol=1e-6):
+        own = {"where": session.folder, "family": family, "size": size}
+        raise InputError(Phrase("error-other-targets", {**own, "other": targets.family, "other_size": targets.size_mm}))
 
 
 def _profile_phrase(profile: BallProfile) -> Phrase:

@@ -6,10 +6,10 @@ from typing import Literal
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.data.assumed import assumed_of_session
 from spherecal.data.findings import Finding
+from spherecal.data.rig import BallProfile
 from spherecal.data.session import Session
-from spherecal.files.assumed import assumed_of_session
-from spherecal.files.ball_file import BallProfile
 from spherecal.geometry.camera import LensModel
 from spherecal.initialise.camera_path import BASE, Search
 from spherecal.initialise.triple import MIN_EIGHT_POINT

@@ -142,12 +142,7 @@ def _tiles(image: GreyImage) -> tuple[int, int]:
 
 
 def _blobs_of_one_size(
-    found: _Found,
-    negative: bool,
-    tiles: BoolArray,
-    taken: BoolArray,
-    dots: NDArray[np.uint64],
-    halvings: int,
+    found: _Found, negative: bool, tiles: BoolArray, taken: BoolArray, dots: NDArray[np.uint64], halvings: int
 ) -> BoolArray:
     """Add to `found` the blobs in the given tiles of its image; returns those that an image of half the size is for.
 

@@ -3,13 +3,15 @@
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.geometry.transform import fit_similarity
+from spherecal.geometry.transform import fit_similarity, rigid_origins
 
 LEAST_DOTS = 4  # fixed by the interface: fewer dots are left without a centre
 
 # Dots on one line leave the figure free to turn about it. The flattest four dots of family dots8 that are not on one
 # line spread by more than 0.1 of their length across it.
 _COLLINEAR = 0.01
+
+_DIFFERENCE_MM = 1e-3  # of numerical derivatives: 1e-4 of a sticker, where they are good to 1e-7
 
 
 def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | None:
@@ -28,3 +30,14 @@ def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | 
         return None
     flat = np.column_stack([layout_mm, np.zeros(len(layout_mm))])
     return fit_similarity(flat, points_mm, with_scale=False).translation
+
+
+def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
+    """Derivatives (k, 3, 3) of a target's centre by its k dots (flat (k, 2), in space (k, 3)), by differences."""
+    k = len(points)
+    if target_centre(flat, points) is None:
+        return np.zeros((k, 3, 3))
+    source, shift = np.column_stack([flat, np.zeros(k)]), _DIFFERENCE_MM * np.eye(3 * k).reshape(3 * k, k, 3)
+    ahead, behind = rigid_origins(source, points + shift), rigid_origins(source, points - shift)
+    derivative = ((ahead - behind) / (2 * _DIFFERENCE_MM)).reshape(k, 3, 3)
+    return np.ascontiguousarray(derivative.transpose(0, 2, 1))

@@ -24,15 +24,7 @@ from spherecal.targets.code_reading import (
     read_code,
 )
 from spherecal.targets.looks import are_alike
-from spherecal.targets.neighbours import (
-    A_D_MM,
-    D_E_MM,
-    HALF_B_C_MM,
-    may_be_apart,
-    may_be_within,
-    metric_of,
-    neighbours,
-)
+from spherecal.targets.neighbours import A_D_MM, D_E_MM, HALF_B_C_MM, may_be_apart, may_be_within, metric_of, neighbours
 from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 
 # As code_reading.py lists them: seven dots with print errors of 0.05 mm a coordinate leave 0.05 mm. Four template dots

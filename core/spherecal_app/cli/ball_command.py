@@ -10,12 +10,13 @@ import numpy as np
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
-from spherecal.files.ball_file import BALL_FILE, BallProfile, ball_bytes, read_ball
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
+from spherecal.data.rig import BallProfile
 from spherecal.geometry.sphere import fit_sphere
 from spherecal_app.cli.console import answer, say, to_output
 from spherecal_app.cli.exit_codes import DONE
+from spherecal_files.ball_file import BALL, BALL_FILE, read_ball
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
 
 
 def export(options: argparse.Namespace) -> int:
@@ -38,7 +39,7 @@ def export(options: argparse.Namespace) -> int:
         targets = read_session(options.session).target_set
         if targets is not None:
             profile = replace(profile, family=targets.family, target_size_mm=targets.size_mm)
-    to_output(options.output, ball_bytes(profile))
+    to_output(options.output, BALL.bytes(profile))
     _say(options, profile, options.output)
     return DONE
 

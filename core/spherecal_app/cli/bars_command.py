@@ -8,15 +8,16 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
-from spherecal.files import bar_registry
-from spherecal.files.json_file import JsonValue
-from spherecal.files.read_session import read_session
-from spherecal.verify.measuring_volume import LEAST_LENGTHS
+from spherecal.data.session import expiry
 from spherecal_app.cli.console import answer, output_file, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
+from spherecal_files import bar_registry
+from spherecal_files.json_file import JsonValue, plain_fields
+from spherecal_files.read_session import read_session
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_rigs.pose_plan import LINE_NAMES, BarMarks, PosePlan, plan_poses
 from spherecal_rigs.rig_source import read_source, volume_of
+from spherecal_verify.measuring_volume import LEAST_LENGTHS
 
 
 def list_bars(options: argparse.Namespace) -> int:
@@ -35,12 +36,12 @@ def list_bars(options: argparse.Namespace) -> int:
 
 def entry_with_state(bar: bar_registry.RegisteredBar) -> dict[str, object]:
     """The bar as the registry has it, with a word on its certificate."""
-    return {**bar_registry.bar_entry(bar), "state": state(bar)[0]}
+    return {**bar_registry.REGISTERED_BAR.entry(bar), "state": state(bar)[0]}
 
 
 def state(bar: bar_registry.RegisteredBar) -> tuple[str, str]:
     """What is said of a bar's certificate: a word for programs, and what a person reads."""
-    said = bar_registry.expiry(bar.certificate, date.today())
+    said = expiry(bar.certificate, date.today())
     if said is not None:
         word, state = said
         return word, ("WARNING: " if word in ("expired", "not-yet") else "") + phrase(state)
@@ -87,7 +88,7 @@ def remove(options: argparse.Namespace) -> int:
 def add(options: argparse.Namespace) -> int:
     """`spherecal bars add`."""
     path = options.registry or bar_registry.BAR_REGISTRY.path()
-    bar = bar_registry.read_registered_bar(JsonValue(_entry(options), Path("the bar")))
+    bar = bar_registry.REGISTERED_BAR.read(JsonValue(_entry(options), Path("the bar")))
     with bar_registry.BAR_REGISTRY.changing(path):
         known = bar_registry.BAR_REGISTRY.read(path)
         if options.serial in known and not options.replace:
@@ -111,12 +112,8 @@ def _entry(options: argparse.Namespace) -> dict[str, object]:
     assert isinstance(lengths, list)
     for text in options.nominal:
         _set_nominal(lengths, text)
-    for key, value in (
-        ("expansion_per_kelvin", options.expansion),
-        ("reference_temperature_c", options.reference_temperature),
-    ):
-        if value is not None:
-            entry[key] = value
+    material = {"expansion_per_kelvin": options.expansion, "reference_temperature_c": options.reference_temperature}
+    entry |= {key: value for key, value in material.items() if value is not None}
     for key, option in (("marks", "--mark"), ("lengths", "--length"), ("expansion_per_kelvin", "--expansion")):
         if key not in entry:
             raise InputError(Phrase("error-bar-lacks", {"option": option}))
@@ -137,15 +134,8 @@ def _of_session(folder: Path, wanted: str | None) -> dict[str, object]:
     if bar is None:
         values = {"folder": folder, "bar": wanted, "bars": [bar.id for bar in found] or Phrase("nothing")}
         raise InputError(Phrase("error-session-no-bar" if wanted else "error-session-bars", values))
-    entry: dict[str, object] = {
-        "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
-        "lengths": bar_registry.LENGTHS.entry(bar.lengths),
-        "expansion_per_kelvin": bar.expansion_per_kelvin,
-        "reference_temperature_c": bar.reference_temperature_c,
-    }
-    return (
-        entry if bar.certificate is None else {**entry, "certificate": bar_registry.CERTIFICATE.entry(bar.certificate)}
-    )
+    material = plain_fields(bar, "expansion_per_kelvin reference_temperature_c")
+    return bar_registry.figures_entry(bar) | material  # what the session only assumes counts as stated here
 
 
 def _mark(text: str) -> tuple[str, dict[str, object]]:
@@ -164,13 +154,8 @@ def _length(text: str) -> dict[str, object]:
         numbers = []
     if len(numbers) not in (2, 3):
         raise InputError(Phrase("error-no-length", {"text": text}))
-    return {
-        "from": parts[0],
-        "to": parts[1],
-        "length_mm": numbers[0],
-        "expanded_uncertainty_mm": numbers[1],
-        "coverage_factor": numbers[2] if len(numbers) == 3 else 2.0,
-    }
+    keys = ("from", "to", "length_mm", "expanded_uncertainty_mm", "coverage_factor")
+    return dict(zip(keys, (*parts[:2], *numbers, 2.0), strict=False))
 
 
 def _set_nominal(lengths: list[dict[str, object]], text: str) -> None:
@@ -238,12 +223,10 @@ def import_table(options: argparse.Namespace) -> int:
         if entered:
             bar_registry.BAR_REGISTRY.write({**known, **{bar.serial: bar for bar in entered}}, path)
     kept = () if options.replace else found.other
+    groups = {"entered": entered, "same": found.same, "kept": kept}
     record = {
         "registry": path,
-        **{
-            name: [bar.serial for bar in of]
-            for name, of in (("entered", entered), ("same", found.same), ("kept", kept))
-        },
+        **{name: [bar.serial for bar in of] for name, of in groups.items()},
         "problems": [{"serial": one.serial, "message": phrase(one.message)} for one in table.problems],
         "ignored_columns": table.ignored,
     }

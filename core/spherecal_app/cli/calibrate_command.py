@@ -14,13 +14,6 @@ from spherecal.calibrate import calibrate as run
 from spherecal.data.findings import counted
 from spherecal.data.rig import Calibration
 from spherecal.data.verdict import WORDS, named
-from spherecal.files.atomic import RESULT
-from spherecal.files.ball_file import read_ball
-from spherecal.files.findings_file import FINDING
-from spherecal.files.json_file import plain_fields
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import affected_entries
-from spherecal.files.write_result import write_result
 from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
@@ -38,6 +31,13 @@ from spherecal_app.cli.console import (
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.parsers.shared import search_of
 from spherecal_app.cli.progress import shown_progress
+from spherecal_files.atomic import RESULT
+from spherecal_files.ball_file import read_ball
+from spherecal_files.findings_file import FINDING
+from spherecal_files.json_file import plain_fields
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import affected_entries
+from spherecal_files.write_result import write_result
 
 
 def calibrate(options: argparse.Namespace) -> int:

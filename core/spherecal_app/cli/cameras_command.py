@@ -8,14 +8,14 @@ from rich.table import Table
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import plain_fields
 from spherecal_app.cli.cameras_source import advice_for, discovered, open_named, profile_of
 from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
-from spherecal_cameras.camera_settings import CameraProfile, settings_json, write_profile
+from spherecal_cameras.camera_settings import SETTINGS, CameraProfile, write_profile
 from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, SetupReport, features_of
+from spherecal_files.json_file import plain_fields
 
 
 def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
@@ -100,7 +100,7 @@ def show(options: argparse.Namespace) -> int:
     entry = profile.entry(serial)
     document = {
         "camera": info, "name": camera_name(profile, info), "state": status,
-        "settings": settings_json(entry.settings), "focal_length_mm": entry.focal_length_mm,
+        "settings": SETTINGS.entry(entry.settings), "focal_length_mm": entry.focal_length_mm,
         "pixel_pitch_um": entry.pixel_pitch_um, "features": features,
     }  # fmt: skip
     answer(options, document)
@@ -109,7 +109,7 @@ def show(options: argparse.Namespace) -> int:
     say(f"state: {status.state.value}. {status.cause} {status.remedy}".strip())
     if status.temperature_c is not None:
         out.print(f"temperature: {status.temperature_c:.1f} degrees Celsius")
-    kept = settings_json(entry.settings) | {
+    kept = SETTINGS.entry(entry.settings) | {
         "focal_length_mm": entry.focal_length_mm,
         "pixel_pitch_um": entry.pixel_pitch_um,
     }
@@ -159,22 +159,8 @@ def _keep(
     called = {info.serial: camera_name(profile, info) for info in (discovery.cameras if discovery is not None else ())}
     for serial in serials:
         entry = profile.entry(serial)
-        changes: dict[str, object] = {
-            key: value
-            for key in (
-                "exposure_us",
-                "gain_db",
-                "pixel_format",
-                "trigger",
-                "trigger_source",
-                "frame_rate_hz",
-                "packet_size",
-                "packet_delay",
-                "frame_delay",
-                "throughput_bytes_s",
-            )
-            if (value := getattr(options, key)) is not None
-        }
+        asked = {one.name: getattr(options, one.name) for one in dataclasses.fields(entry.settings)}
+        changes: dict[str, object] = {key: value for key, value in asked.items() if value is not None}
         if options.region is not None:
             changes["region"] = Region(*options.region)
         if options.full:

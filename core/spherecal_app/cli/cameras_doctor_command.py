@@ -11,7 +11,6 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.files.json_file import plain_fields
 from spherecal_app.cli.cameras_source import advice_for, ask, discovered, open_named, profile_of
 from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
@@ -22,6 +21,7 @@ from spherecal_cameras.camera_settings import CameraProfile, write_profile
 from spherecal_cameras.network_lines import LineExamination, Stagger, examined, shares
 from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.protocol import CameraError, CameraSource, Discovery
+from spherecal_files.json_file import plain_fields
 
 
 def doctor(options: argparse.Namespace) -> int:

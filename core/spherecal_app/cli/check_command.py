@@ -12,21 +12,21 @@ from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
-from spherecal.files.atomic import RESULT, check_folder
-from spherecal.files.json_file import json_bytes
-from spherecal.files.read_session import read_session
-from spherecal.files.write_result import write_result
-from spherecal.verify.limit import parse_limit
 from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import answer, figures, kept_in_profile, out, say, show_findings, to_output
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
+from spherecal_files.atomic import RESULT, check_folder
+from spherecal_files.json_file import json_bytes
+from spherecal_files.read_session import read_session
+from spherecal_files.write_result import write_result
 from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import Check, read_known_ball
 from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
 from spherecal_rigs.rig_source import points_file, read_source
 from spherecal_rigs.store import is_profile, open_profile
+from spherecal_verify.limit import parse_limit
 
 _COLOURS = {"ok": "bold green", "watch": "bold yellow", "recalibrate": "bold red"}
 _WORDS = {"ok": "OK", "watch": "WATCH", "recalibrate": "RECALIBRATE"}

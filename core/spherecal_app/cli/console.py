@@ -18,10 +18,10 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.files.atomic import Marker, check_folder, write_file_whole
-from spherecal.files.json_file import plain
 from spherecal_app.cli.parsing import is_standard_output
 from spherecal_app.cli.progress import log
+from spherecal_files.atomic import Marker, check_folder, write_file_whole
+from spherecal_files.json_file import plain
 
 
 class _Output(Console):

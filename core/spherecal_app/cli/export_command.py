@@ -7,10 +7,6 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS, named
-from spherecal.files.atomic import SESSION
-from spherecal.files.json_file import plain_fields
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal_app.cli.console import answer, check_output_folder, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_documents.export.import_rig import Imported
@@ -19,7 +15,11 @@ from spherecal_documents.export.priors import matched, read_cameras, write_with_
 from spherecal_documents.export.refit import Loss
 from spherecal_documents.export.scene_formats import SceneFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
-from spherecal_rigs.framed_rig import define_frame, frame_entry, read_frame, write_frame
+from spherecal_files.atomic import SESSION
+from spherecal_files.json_file import plain_fields
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig, rig_bytes
+from spherecal_rigs.framed_rig import FRAME, define_frame, frame_entry, write_frame
 from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
 from spherecal_rigs.user_frame import FrameDefinition, UserFrame
 
@@ -31,7 +31,7 @@ def export(options: argparse.Namespace) -> int:
         raise InputError(Phrase("error-max-loss"))
     rig = read_rig(options.rig)
     override = refuse_failed_rig(options.rig)
-    frame = None if options.frame is None else read_frame(options.frame)
+    frame = None if options.frame is None else FRAME.read(options.frame)
     with output_file(options.output) as place:
         done = export_rig(rig, options.to, place, options.unit, most, frame, corners_beside(options.rig), override)
     answer(
@@ -40,10 +40,7 @@ def export(options: argparse.Namespace) -> int:
             "output": options.output,
             "format": done.format.name,
             "cameras": done.ids,
-            "unit": done.unit,
-            "largest_difference_px": done.largest_difference_px,
-            "losses": done.losses,
-            "fields_lost": done.fields_lost,
+            **plain_fields(done, "unit largest_difference_px losses fields_lost"),
             "verdict": rig.quality.verdict,
         },
     )

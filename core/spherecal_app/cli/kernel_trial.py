@@ -15,14 +15,13 @@ from unittest.mock import patch
 import numpy as np
 
 from spherecal.adjust import dense_elimination
-from spherecal.files.target_set_file import write_target_set
-from spherecal.targets.code_book import admissible_triples, clean_margins, lattice
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.cli.main import main
 from spherecal_cameras.simulated.draw import digitise
 from spherecal_cameras.simulated.stage import Stage, StageView
+from spherecal_files.target_set_file import write_target_set
 from spherecal_sim.optics import Sensor
 from spherecal_sim.render_session import DEMO as RENDERED
 from spherecal_sim.render_session import render_placement, write_png
@@ -93,9 +92,7 @@ def _find_dots(image: np.ndarray, targets: TargetSet) -> None:
 
 
 def _seldom(_: Path) -> None:
-    """What the code book was made by, and what only doubtful targets need."""
-    places = lattice()
-    clean_margins(admissible_triples(places)[:5], places)
+    """What only doubtful targets need."""
     place_of(np.zeros(VIEW_SIZE), np.float64(1.0), np.float64(2.0))
 
 

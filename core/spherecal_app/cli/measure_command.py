@@ -17,9 +17,6 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.rig import Rig
 from spherecal.data.session import Bar, Session
-from spherecal.files.bar_registry import BAR_REGISTRY
-from spherecal.files.read_session import read_session
-from spherecal.files.target_set_file import read_target_set
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.cameras_source import discovered, open_asking
 from spherecal_app.cli.console import check_output_folder, figures, kept_in_profile, out, say
@@ -27,6 +24,9 @@ from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import default_profile_path, read_profile
 from spherecal_cameras.new_recording import camera_name
+from spherecal_files.bar_registry import BAR_REGISTRY
+from spherecal_files.read_session import read_session
+from spherecal_files.target_set_file import read_target_set
 from spherecal_measuring.health import keep_health
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
 from spherecal_measuring.measure_sets import run, sets_of_session

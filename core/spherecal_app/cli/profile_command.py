@@ -11,9 +11,9 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict import WORDS
-from spherecal.files.json_file import finite, plain_fields
 from spherecal_app.cli.console import answer, say, to_output
 from spherecal_app.cli.exit_codes import DONE
+from spherecal_files.json_file import finite, plain_fields
 from spherecal_rigs.calibration_age import Validity, ValidityLimits
 from spherecal_rigs.compare_rigs import CameraChange, Comparison
 from spherecal_rigs.compare_rigs import compare as run
@@ -265,10 +265,7 @@ def _trend_entry(trend: Trend) -> dict[str, object]:
         return {**plain_fields(series), "outside": outside}
 
     return {
-        "kind": trend.kind,
-        "ids": trend.ids,
-        "times": trend.times,
-        "verdicts": trend.verdicts,
+        **plain_fields(trend, "kind ids times verdicts"),
         "series": [entry(one) for one in trend.series],
         "cameras": [entry(one) for one in trend.cameras],
     }

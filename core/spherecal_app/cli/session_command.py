@@ -6,12 +6,12 @@ from pathlib import Path
 from rich.markup import escape
 
 from spherecal.data.findings import counted
-from spherecal.files.json_file import plain_fields
 from spherecal_app.api import new_session
 from spherecal_app.cli.console import answer, figures, out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_app.recordings.new_session import NewSession
+from spherecal_files.json_file import plain_fields
 
 
 def new(options: argparse.Namespace) -> int:

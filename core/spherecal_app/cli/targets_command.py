@@ -9,7 +9,6 @@ from rich.markup import escape
 
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
-from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.family import make_target_set
 from spherecal.targets.marker_set import make_marker_set, marker_count
@@ -20,6 +19,7 @@ from spherecal_app.cli.console import answer, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_documents.sheets.sticker_sheet import scaled, write_sheet
+from spherecal_files.target_set_file import read_target_set, write_target_set
 
 
 def export(options: argparse.Namespace) -> int:

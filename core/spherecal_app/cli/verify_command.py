@@ -8,16 +8,6 @@ from rich.markup import escape
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
 from spherecal.detect.session_images import observed
-from spherecal.files.atomic import RESULT
-from spherecal.files.findings_file import FINDING
-from spherecal.files.json_file import plain_fields
-from spherecal.files.read_session import read_session
-from spherecal.files.rig_file import read_rig
-from spherecal.verify.limit import parse_limit
-from spherecal.verify.verification import Verification
-from spherecal.verify.verify_bars import VerifySettings
-from spherecal.verify.verify_bars import verify as run
-from spherecal.verify.write_verification import write_verification
 from spherecal_app.cli.console import (
     answer,
     check_output_folder,
@@ -30,8 +20,18 @@ from spherecal_app.cli.console import (
 )
 from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
+from spherecal_files.atomic import RESULT
+from spherecal_files.findings_file import FINDING
+from spherecal_files.json_file import plain_fields
+from spherecal_files.read_session import read_session
+from spherecal_files.rig_file import read_rig
+from spherecal_files.write_verification import write_verification
 from spherecal_rigs.result_folder import answer_for
 from spherecal_rigs.rig_source import corners_beside
+from spherecal_verify.limit import parse_limit
+from spherecal_verify.verification import Verification
+from spherecal_verify.verify_bars import VerifySettings
+from spherecal_verify.verify_bars import verify as run
 
 
 def verify(options: argparse.Namespace) -> int:

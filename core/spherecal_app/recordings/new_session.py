@@ -14,11 +14,6 @@ from spherecal.base.filesystem import read_file, write_new
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.session import UNMEASURED_PRINT, Session
-from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
-from spherecal.files.json_file import MOST_CAMERAS, json_bytes
-from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
-from spherecal.files.session_json import ASSUMED_FOCAL, assumed_prior, centred_matrix
-from spherecal.files.target_set_file import target_set_bytes
 from spherecal.geometry.camera import LensModel
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.image_facts import ImageFacts, image_facts
@@ -28,6 +23,11 @@ from spherecal_app.recordings.image_layout import ImageLayout, recognise
 from spherecal_app.recordings.video_frames import choose_frames, frame_times, grey_frames, keep_frames
 from spherecal_boards.board_images import eight_bits, look_for_board, spread
 from spherecal_boards.looking import LOOKED_AT, as_text
+from spherecal_files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
+from spherecal_files.json_file import MOST_CAMERAS, json_bytes
+from spherecal_files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
+from spherecal_files.session_json import ASSUMED_FOCAL, assumed_prior, centred_matrix
+from spherecal_files.target_set_file import TARGETS
 
 STAGE = "reading images"
 TARGETS_FILE = "targets.json"
@@ -121,7 +121,7 @@ def make_session(
         contents = replace(contents, board=board)
         looked = (f"the board as its images show it: --board {as_text(board)}",)
     document, cameras, assumed = _document(maker, contents, known)
-    beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: target_set_bytes(contents.targets)}
+    beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: TARGETS.bytes(contents.targets)}
     if inside:
         session = _write_beside(folder, source, document, maker, beside)
     else:

@@ -20,7 +20,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.images import LARGEST_MEGAPIXELS
-from spherecal.targets.png_file import png_bytes
+from spherecal_files.png_file import png_bytes
 
 STAGE = "looking at videos"
 _WIDTH_PX = 480  # at which frames are judged: a blur of 2 px of a full HD frame still shows

@@ -8,13 +8,13 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import JsonValue, decode, read_bytes
-from spherecal.files.toml_text import toml_of
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal_documents.export import file_cameras
 from spherecal_documents.export.file_cameras import numbers
 from spherecal_documents.export.format import Format
+from spherecal_files.json_file import JsonValue, decode, read_bytes
+from spherecal_files.toml_text import toml_of
 
 _MOST_BYTES = 8 << 20
 

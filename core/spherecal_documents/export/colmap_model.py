@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import MOST_CAMERAS, decode, read_bytes
 from spherecal_documents.export.file_cameras import Pose
+from spherecal_files.json_file import MOST_CAMERAS, decode, read_bytes
 
 # 100,000 images' lines; points2D, which are not needed here, make the file of a large reconstruction longer.
 _MOST_BYTES = 256 << 20

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.cells import cell, from_cell
-from spherecal.files.json_file import check_lines, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, FISHEYE_NAMES, INTRINSIC_NAMES, N_INTRINSICS, camera_matrix, distort
 from spherecal.geometry.field_table import FieldTable
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose, number
 from spherecal_documents.export.format import Format
+from spherecal_files.cells import cell, from_cell
+from spherecal_files.json_file import check_lines, decode, read_bytes
 
 _ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 _SHIFT, _CENTRE = ("tx_mm", "ty_mm", "tz_mm"), ("centre_x_mm", "centre_y_mm", "centre_z_mm")

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import JsonValue
 from spherecal.geometry import opencv
 from spherecal.geometry.camera import is_fisheye, project
 from spherecal.geometry.field_table import FieldTable
+from spherecal_files.json_file import JsonValue
 
 Unit = Literal["mm", "m"]
 # What Windows takes for devices, whatever the ending.

@@ -11,7 +11,6 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
-from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import camera_matrix
 from spherecal_documents.export.file_cameras import (
     FileCamera,
@@ -25,6 +24,7 @@ from spherecal_documents.export.file_cameras import (
 )
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.opencv_yaml import read_opencv_file, read_yaml
+from spherecal_files.json_file import JsonValue
 
 # Kalibr's own chain and its IMU's differ by how it rounds them; lengths are in metres.
 _SAME_POSE = 1e-3

@@ -12,10 +12,10 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import printable, read_bytes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_documents.export.file_cameras import FileCamera, Pose, lens_vector
 from spherecal_documents.export.format import ImportFormat
+from spherecal_files.json_file import printable, read_bytes
 
 # A stereo calibration with the poses of all its images has some 100 kB.
 _MOST_BYTES, _MOST_UNPACKED = 16 << 20, 64 << 20

@@ -17,9 +17,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import read_bytes
 from spherecal_documents.export import file_cameras
 from spherecal_documents.export.format import Format
+from spherecal_files.json_file import read_bytes
 
 _PIXEL_CENTRE = 0.5
 _MOST_BYTES = 8 << 20

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal_documents.export import file_cameras
 from spherecal_documents.export.file_cameras import numbers
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.opencv_yaml import opencv_matrix, opencv_node, read_other_json, read_yaml
+from spherecal_files.json_file import JsonValue, decode, read_bytes
 
 ENDING = ".cameramodel"
 _LENSMODEL = "LENSMODEL_OPENCV"

@@ -18,12 +18,12 @@ from scipy.sparse.linalg import splu
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import undistort
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, numbers
 from spherecal_documents.export.format import Format
 from spherecal_documents.export.mrcal import ENDING, MOST_BYTES, cameramodel, read_pose
 from spherecal_documents.export.refit import pixel_grid
+from spherecal_files.json_file import JsonValue, decode, read_bytes
 
 # Columns of control points, until the fit is good enough. A field of 0.3 px, two periods per image, needs 24.
 _COLUMNS = (16, 24, 36, 54)

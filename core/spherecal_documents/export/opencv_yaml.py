@@ -11,12 +11,12 @@ import yaml
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_documents.export import file_cameras
 from spherecal_documents.export.file_cameras import numbers
 from spherecal_documents.export.format import Format
+from spherecal_files.json_file import JsonValue, decode, read_bytes
 
 # A camchain of 100 cameras has 100 kB and 9,000 values; 50,000 take 3 s to read.
 _MOST_BYTES = 8 << 20

@@ -8,14 +8,14 @@ from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_file, write_new
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import CameraSpec, Session
-from spherecal.files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
-from spherecal.files.json_file import json_bytes
-from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
 from spherecal.geometry.camera import camera_matrix
 from spherecal_documents.export.colmap import read_colmap_lenses
 from spherecal_documents.export.file_cameras import FileCamera
 from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.opencv_yaml import read_opencv, read_yaml
+from spherecal_files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
+from spherecal_files.json_file import json_bytes
+from spherecal_files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
 
 _DISTORTION_LENGTHS = (4, 5, 8, 12)
 _MOST_BYTES = 1 << 30

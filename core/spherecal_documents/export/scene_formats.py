@@ -16,9 +16,9 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.resources import resource_path
-from spherecal.files.json_file import decode, parse_json, read_bytes
 from spherecal.geometry.camera import undistort
 from spherecal_documents.export.file_cameras import MM_PER, FileRig, Unit, numbers
+from spherecal_files.json_file import decode, parse_json, read_bytes
 
 _MOST_BYTES = 64 << 20
 _FLIP = np.diag([1.0, -1.0, -1.0])  # between x right, y down, z forward and x right, y up, looking along -z

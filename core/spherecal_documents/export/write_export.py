@@ -16,10 +16,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.plugins import EXPORTERS, names
 from spherecal.data.rig import Rig, RigCamera, Verdict
 from spherecal.data.verdict import WORDS, named
-from spherecal.files.atomic import Marker, write_file_whole, write_folder_whole
-from spherecal.files.json_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
-from spherecal.verify.verification_file import Override
 from spherecal_documents.export.anipose import ANIPOSE, CALISCOPE
 from spherecal_documents.export.colmap import COLMAP
 from spherecal_documents.export.csv_table import CSV, MAPS
@@ -33,6 +30,9 @@ from spherecal_documents.export.opencv_yaml import OPENCV
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat
 from spherecal_documents.export.scene_formats import largest_difference_px as scene_difference_px
+from spherecal_files.atomic import Marker, write_file_whole, write_folder_whole
+from spherecal_files.json_file import json_bytes, software_entry
+from spherecal_files.verification_file import Override
 from spherecal_rigs.framed_rig import frame_entry, in_frame
 from spherecal_rigs.user_frame import UserFrame
 

@@ -8,7 +8,6 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
-from pathlib import Path
 from typing import Literal, get_args
 from xml.etree import ElementTree as Xml
 
@@ -18,14 +17,14 @@ from spherecal import __version__
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
-from spherecal.files.codec import FileFormat, Kind, choice, field, optional, record, text
-from spherecal.files.codec import date as day
-from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
-from spherecal.verify.limit import RULE
-from spherecal.verify.verification_file import ArtefactRow
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
+from spherecal_files.codec import FileFormat, Kind, choice, field, optional, record, text
+from spherecal_files.codec import date as day
+from spherecal_files.json_file import JsonValue
+from spherecal_files.verification_file import ArtefactRow
 from spherecal_rigs.result_folder import Result, refuse_failed
+from spherecal_verify.limit import RULE
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"
@@ -58,11 +57,6 @@ class Issuer:
     place: Place = "laboratory"
     begin: date | None = None
     end: date | None = None
-
-
-def read_issuer(path: Path) -> Issuer:
-    """The statements in a file."""
-    return ISSUER.read(path)
 
 
 def _check_country(country: str, value: JsonValue) -> None:

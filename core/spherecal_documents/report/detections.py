@@ -14,10 +14,10 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
-from spherecal.files.read_session import SESSION_FILE, read_session
 from spherecal_documents.report.language import label
 from spherecal_documents.report.model import TEXT_MM, Figure, Paragraph, Section
 from spherecal_documents.report.style import SOFT, TINY_PT, Labels, PageBox, Sheet, count
+from spherecal_files.read_session import SESSION_FILE, read_session
 from spherecal_rigs.result_folder import Result
 
 _MOST_PIXELS = 200_000_000

@@ -11,8 +11,6 @@ from matplotlib.path import Path
 
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.verify.verification import LengthStatistics
-from spherecal.verify.verification_file import BarReport, BarRow
 from spherecal_documents.report.language import label
 from spherecal_documents.report.model import TEXT_MM, Block, Figure, Panels, Paragraph
 from spherecal_documents.report.style import (
@@ -36,7 +34,9 @@ from spherecal_documents.report.style import (
     significant,
     text_width,
 )
+from spherecal_files.verification_file import BarReport, BarRow
 from spherecal_rigs.result_folder import Result
+from spherecal_verify.verification import LengthStatistics
 
 _GAP_MM = 4.0  # between panels
 _ARROWS_PER_MM2 = 0.55  # beyond them nothing is seen any more

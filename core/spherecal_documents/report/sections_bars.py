@@ -2,15 +2,15 @@
 
 import math
 
-from spherecal.verify import verification_file
-from spherecal.verify.budget import Budget
-from spherecal.verify.limit import Acceptance
-from spherecal.verify.verification import LengthStatistics
 from spherecal_documents.report.language import columns, label, word, written
 from spherecal_documents.report.model import Cell, Paragraph, Section, Strong, Table, Verdict, finding_texts
 from spherecal_documents.report.residual_drawings import error_figures, lengths_in_order, name_of
 from spherecal_documents.report.style import BAD, INK, NONE, count, number, significant
+from spherecal_files import verification_file
 from spherecal_rigs.result_folder import Result
+from spherecal_verify.budget import Budget
+from spherecal_verify.limit import Acceptance
+from spherecal_verify.verification import LengthStatistics
 
 _MANY = 10_000
 # The words for what verification.json names.

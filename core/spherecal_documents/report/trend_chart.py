@@ -13,11 +13,11 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
-from spherecal.files.atomic import write_file_whole
 from spherecal_documents.report import style
 from spherecal_documents.report.model import svg_of
 from spherecal_documents.report.pdf import sheet_pdf
 from spherecal_documents.report.rig_view import OBLIQUE, TOP, Projection, choose_axes
+from spherecal_files.atomic import write_file_whole
 from spherecal_rigs.next_placement import Guidance
 from spherecal_rigs.trend import Trend, TrendSeries
 

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from spherecal.data.rig import Affected
-from spherecal.verify.limit import Acceptance
-from spherecal.verify.verification_file import BarReport
 from spherecal_documents.report.language import finding_words, label
 from spherecal_documents.report.model import KeyFigure, KeyFigures, Verdict
 from spherecal_documents.report.sections_bars import doubts_in_words, verdict_word
 from spherecal_documents.report.style import BAD, CAUTION, GOOD, NEUTRAL, NONE, count, number, significant, some_of
+from spherecal_files.verification_file import BarReport
 from spherecal_rigs.result_folder import Result
+from spherecal_verify.limit import Acceptance
 
 _WORDS = {"valid": "verdict-valid", "use-with-care": "verdict-use-with-care", "not-valid": "verdict-not-valid"}
 _SOURCES = {

@@ -7,9 +7,6 @@ from spherecal import __version__
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
-from spherecal.files.atomic import write_file_whole
-from spherecal.files.findings_file import FINDING
-from spherecal.files.json_file import json_bytes, software_entry
 from spherecal_documents.report import model
 from spherecal_documents.report.detections import choose_detections, detection_sections, find_session
 from spherecal_documents.report.html import html_bytes
@@ -20,6 +17,9 @@ from spherecal_documents.report.sections_bars import bar_sections
 from spherecal_documents.report.sections_rig import origin_section, rig_sections, source_section
 from spherecal_documents.report.style import report_style
 from spherecal_documents.report.verdicts import calibration_verdict, cameras_in_words, key_figures, verification_verdict
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.findings_file import FINDING
+from spherecal_files.json_file import json_bytes, software_entry
 from spherecal_rigs.result_folder import Result, read_result
 
 FORMAT = "spherecal/report"
@@ -136,11 +136,11 @@ def write_report(
 
 def certificate(result_folder: Path, issuer: Path | None) -> bytes:
     """A Digital Calibration Certificate, as XML; `issuer`: the file that says who issues it, None is refused."""
-    from spherecal_documents.report.dcc import dcc_bytes, read_issuer
+    from spherecal_documents.report.dcc import ISSUER, dcc_bytes
 
     if issuer is None:
         raise InputError(Phrase("error-no-issuer"))
-    return dcc_bytes(read_result(result_folder), read_issuer(issuer))
+    return dcc_bytes(read_result(result_folder), ISSUER.read(issuer))
 
 
 def report_bytes(

@@ -5,7 +5,7 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
-from spherecal.targets.board_pattern import BoardPattern, figure
+from spherecal_boards.board_pattern import BoardPattern, figure
 from spherecal_documents.sheets.pdf_canvas import POINTS_PER_MM as MM
 from spherecal_documents.sheets.pdf_canvas import PdfCanvas
 from spherecal_documents.sheets.sticker_sheet import FOOT_MM, HEAD_MM, LEFT_MM, SheetDrawing, draw_rulers

@@ -9,10 +9,10 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
-from spherecal.targets.board_pattern import marker_parts
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import marker_bits, sticker_mm
 from spherecal.targets.target_set import TargetSet
+from spherecal_boards.board_pattern import marker_parts
 from spherecal_documents.sheets.pdf_canvas import POINTS_PER_MM as MM
 from spherecal_documents.sheets.pdf_canvas import PdfCanvas
 

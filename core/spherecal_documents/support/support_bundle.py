@@ -24,15 +24,15 @@ from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import observed
-from spherecal.files.bar_registry import figures_entry
-from spherecal.files.bundle_file import BUNDLE_FILE, bundle_bytes
-from spherecal.files.capture_file import CAPTURE_FILE
-from spherecal.files.json_file import json_bytes, read_bytes, read_json
-from spherecal.files.observations_file import observations_bytes
-from spherecal.files.read_session import FORMAT as SESSION_FORMAT
-from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_documents.support.redact import Redactor
+from spherecal_files.bar_registry import figures_entry
+from spherecal_files.bundle_file import BUNDLE_FILE, bundle_bytes
+from spherecal_files.capture_file import CAPTURE_FILE
+from spherecal_files.json_file import json_bytes, read_bytes, read_json
+from spherecal_files.observations_file import observations_bytes
+from spherecal_files.read_session import FORMAT as SESSION_FORMAT
+from spherecal_files.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
 from spherecal_rigs.result_folder import RESULT_FILES
 
 SESSION_FOLDER = "session"

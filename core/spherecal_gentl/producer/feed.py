@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError
 from spherecal.data.session import CameraSpec
-from spherecal.files.read_session import read_session
 from spherecal.targets.images import read_image
+from spherecal_files.read_session import read_session
 from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 
 

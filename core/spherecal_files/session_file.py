@@ -1,0 +1,265 @@
+"""What session.json holds, part by part: cameras, placements, poses of bars, scale, board (docs/formats.md)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from spherecal.base.arrays import FloatArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.lens_model import prior_in_model
+from spherecal.data.session import BoardPoint, CameraSpec, Scale
+from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
+from spherecal.geometry.opencv import FISHEYE_LENGTH
+from spherecal.targets.masks import Rectangle
+from spherecal_files.board_grid import BOARD_KINDS
+from spherecal_files.codec import (
+    Kind,
+    boolean,
+    celsius,
+    choice,
+    entries,
+    field,
+    identifier,
+    integer,
+    items,
+    name,
+    number,
+    numbers,
+    one_of,
+    optional,
+    positive,
+    record,
+    serial,
+    text,
+)
+from spherecal_files.json_file import MOST_CAMERAS, JsonValue, unique
+from spherecal_files.rig_file import LENS_MATRIX, distortion, read_distortion
+from spherecal_files.target_set_file import given
+
+_PATH = r"^(?!/)(?!\.$)(?!(.*/)?\.\.(/|$))[^\\\u0000-\u001f]+$"
+_LARGEST_IMAGE_PX = 65536
+MOST_BOARD_ROWS = 1000  # and columns
+
+
+def named_file(about: str) -> Kind[JsonValue]:
+    """A path below a folder, with "/" between its parts, read as it is: only the caller knows the folder."""
+    schema = {"type": "string", "minLength": 1, "maxLength": 500, "pattern": _PATH}
+    return Kind({"description": about, **schema} if about else schema, lambda value: value)
+
+
+# --- cameras ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Prior:
+    """A camera matrix (3, 3), coefficients in OpenCV's order, None where not stated, and what was only assumed."""
+
+    matrix: FloatArray
+    distortion: list[float] | None
+    assumed: tuple[str, ...] = ()
+
+    def intrinsics(self, model: LensModel) -> tuple[FloatArray, tuple[str, ...]]:
+        """As 16 intrinsics of a lens model, and what the prior does not state or only assumes."""
+        known = [] if self.distortion is None else self.distortion
+        wide = model == "fisheye" and (self.distortion is None or len(known) == FISHEYE_LENGTH)
+        lacking = ("distortion",) if self.distortion is None else ()
+        return (fisheye_vector if wide else intrinsics_vector)(self.matrix, known), (*lacking, *self.assumed)
+
+
+def _read_rectangle(value: JsonValue) -> Rectangle:
+    left, top, width, height = value.numbers(4)
+    if width <= 0 or height <= 0:
+        raise value.error(Phrase("problem-rectangle"))
+    return left, top, width, height
+
+
+_SIDES = [number("").schema, number("").schema, positive("").schema, positive("").schema]
+_RECTANGLE = Kind({"type": "array", "prefixItems": _SIDES, "minItems": 4, "maxItems": 4}, _read_rectangle)
+_DISTORTION = "4, 5, 8 or 12 numbers in OpenCV's order (4 with `fisheye`: those of `cv2.fisheye`); 0 where absent."
+_PRIOR = record(
+    "Intrinsics to start with.",
+    _Prior,
+    field("matrix", LENS_MATRIX),
+    optional("distortion", Kind(distortion(_DISTORTION), read_distortion)),
+    optional("assumed", items("Values that are only assumed.", choice("", ("focal_length",)))),
+)
+_CAMERA = record(
+    "A camera. It needs `prior`, or `pixel_pitch_um` and `focal_length_mm`.",
+    dict,
+    field("id", identifier("Its id.")),
+    field("image_size", items("Width and height in px.", integer("", 1, _LARGEST_IMAGE_PX), length=2)),
+    optional("serial", serial("Its serial number.")),
+    optional("model", text("The model name that its maker uses.")),
+    optional("pixel_pitch_um", positive("Pixel pitch of the sensor.", "um")),
+    optional("focal_length_mm", positive("Focal length of the lens.", "mm")),
+    optional("prior", _PRIOR),
+    optional("intrinsics_group", name("Cameras with the same group share their intrinsics; its id where absent.")),
+    optional("lens_model", choice("The lens model that is estimated; `brown` where absent.", LENS_MODELS)),
+    optional(
+        "ignore", items("Rectangles `[left, top, width, height]` in px in which nothing is a target.", _RECTANGLE)
+    ),
+)
+
+
+def _read_camera(value: JsonValue) -> CameraSpec:
+    f = _CAMERA.read(value)
+    prior, assumed = _start_values(f, value)
+    lacking: dict[str, Any] = {"intrinsics_group": f["id"], "lens_model": "brown"}
+    return CameraSpec(**lacking | f | {"prior": prior, "prior_given": "prior" in f, "assumed": assumed})
+
+
+def _start_values(f: Mapping[str, Any], value: JsonValue) -> tuple[FloatArray, tuple[str, ...]]:
+    """The intrinsics (16,) that the calibration starts from: the prior's, else of pixel pitch and focal length."""
+    model, size = f.get("lens_model", "brown"), f["image_size"]
+    if "prior" in f:
+        prior, assumed = f["prior"].intrinsics(model)
+        if model == "fisheye":  # one in OpenCV's other model is replaced by the nearest
+            prior = prior_in_model(f["id"], prior, size, model)
+        return prior, assumed
+    if "pixel_pitch_um" not in f or "focal_length_mm" not in f:
+        raise value.error(Phrase("problem-needs-prior"))
+    f_px = f["focal_length_mm"] / f["pixel_pitch_um"] * 1000
+    matrix = np.array([[f_px, 0, (size[0] - 1) / 2], [0, f_px, (size[1] - 1) / 2], [0, 0, 1]])
+    return (fisheye_vector if model == "fisheye" else intrinsics_vector)(matrix, []), ()
+
+
+def _check_groups(cameras: Sequence[CameraSpec], value: JsonValue) -> None:
+    first_of_group: dict[str, CameraSpec] = {}
+    for own, camera in zip(value.items(), cameras, strict=True):
+        other = first_of_group.setdefault(camera.intrinsics_group, camera)
+        said = {"group": camera.intrinsics_group, "camera": other.id}
+        if other.image_size != camera.image_size:
+            raise own.error(Phrase("problem-group-size", said))
+        if other.lens_model != camera.lens_model:
+            raise own.error(Phrase("problem-group-lens", said))
+
+
+_NEEDED = {"anyOf": [given("prior"), given("pixel_pitch_um", "focal_length_mm")]}
+CAMERAS = items(
+    "The cameras.", Kind(_CAMERA.schema | _NEEDED, _read_camera), least=1, most=MOST_CAMERAS, differ="id"
+).checked(_check_groups)
+
+# --- placements and poses of bars ------------------------------------------------------------------------------------
+
+_IMAGES = entries("Image files by camera id, below the session's folder.", named_file("An image."), identifier(""))
+PLACEMENT = record("", dict, field("id", identifier("Its id.")), optional("images", _IMAGES))
+PLACEMENTS = items("The placements of the ball.", PLACEMENT)
+BAR_POSE = record(
+    "",
+    dict,
+    field("id", identifier("Its id.")),
+    field("bar", name("The bar's id.")),
+    optional("temperature_c", celsius("The bar's temperature in degrees Celsius.")),
+    optional("images", _IMAGES),
+)
+
+
+def _sphere(
+    nominal_diameter_mm: float, expanded_uncertainty_mm: float | None = None, coverage_factor: float = 2.0
+) -> tuple[float, float | None]:
+    """The ball's diameter and its standard uncertainty in mm."""
+    u = expanded_uncertainty_mm
+    return nominal_diameter_mm, None if u is None else u / coverage_factor
+
+
+BAR_POSES = items("The poses of the bars.", BAR_POSE)
+SPHERE = record(
+    "The ball.",
+    _sphere,
+    field("nominal_diameter_mm", positive("Its diameter; over the targets where it was measured.", "mm")),
+    optional("expanded_uncertainty_mm", positive("Of the measured diameter; absent: not measured.", "mm")),
+    optional("coverage_factor", positive("The factor k of that; 2 where absent.")),
+)
+
+WANTED = positive("The expanded uncertainty (k = 2) that lengths are wanted with; absent: any.", "mm")
+
+# --- scale -----------------------------------------------------------------------------------------------------------
+
+
+def _check_spacing(scale: Scale, f: Mapping[str, JsonValue]) -> None:
+    if scale.from_point == scale.to_point:
+        raise f["to"].error(Phrase("problem-same-point", {"point": scale.to_point}))
+
+
+_BAR_SCALE = record(
+    "", Scale, field("kind", choice("A bar with role `scale`.", ("bar",))), field("bar", name("The bar's id."))
+)
+_SPACING = record(
+    "",
+    Scale,
+    field("kind", choice("The spacing of two dots of each target.", ("target_spacing",))),
+    field("from", name("The first dot."), "from_point"),
+    field("to", name("The second dot."), "to_point"),
+    field("distance_mm", positive("Their distance as printed.", "mm")),
+    field("surface", choice("`sphere`: bent onto the ball, so that the distance is an arc.", ("sphere", "flat"))),
+    optional("expanded_uncertainty_mm", number("Of the distance as measured on the print; absent: not measured.", 0)),
+    optional("coverage_factor", positive("The factor k of that; 2 where absent.")),
+    check=_check_spacing,
+)
+_NO_SCALE = record("", Scale, field("kind", choice("Lengths do not matter, by choice.", ("none",))))
+
+
+def _read_scale(value: JsonValue) -> Scale:
+    kind = value.fields(("kind",))["kind"].choice("target_spacing", "bar", "none")
+    return {"bar": _BAR_SCALE, "none": _NO_SCALE}.get(kind, _SPACING).read(value)
+
+
+SCALE = replace(one_of("Where the scale comes from.", _BAR_SCALE, _SPACING, _NO_SCALE), read=_read_scale)
+
+
+# --- board -----------------------------------------------------------------------------------------------------------
+
+
+_BOARD_POINT = record(
+    "",
+    BoardPoint,
+    field("target", integer("The target.")),
+    field("point", name("Its point.")),
+    field("xyz_mm", numbers("Its position on the board.", 3)),
+)
+_POINTS = items("The board's points, for observations.", _BOARD_POINT, least=1).checked(
+    lambda points, value: unique(value.items(), [f"{one.target} {one.point}" for one in points], "target and point")
+)
+_RING = items("", integer("", 0, MOST_BOARD_ROWS - 1), length=2)
+_BOARD = record(
+    "The board of `--method board`: `points`, or `rows`, `columns` and `pitch_mm`; for images `kind` as well.",
+    dict,
+    optional("points", _POINTS),
+    optional("kind", choice("What is printed.", BOARD_KINDS)),
+    optional("rows", integer("Rows of dots, inner corners or tags.", 2, MOST_BOARD_ROWS)),
+    optional("columns", integer("Columns.", 2, MOST_BOARD_ROWS)),
+    optional("pitch_mm", positive("Distance of neighbours.", "mm")),
+    optional(
+        "polarity",
+        choice(
+            "The colour of dots; `light-on-dark`: another board in inverted colours. `dark-on-light` where absent.",
+            ("dark-on-light", "light-on-dark"),
+        ),
+    ),
+    optional("rings", items("`[row, column]` of the dots that have a hole.", _RING)),
+    optional("rows_upward", boolean("Whether rows count from the bottom.")),
+    optional("dot_diameter_mm", positive("Diameter of a dot.", "mm")),
+    optional("marker_mm", positive("Side of a marker, smaller than `pitch_mm`.", "mm")),
+    optional("dictionary", text("OpenCV's name of the markers' dictionary.")),
+    optional("first_id", integer("The id of its first marker; 0 where absent.", 0, 100_000)),
+    optional("legacy", boolean("Whether a ChArUco board was printed before OpenCV 4.6.")),
+    optional("border_bits", integer("Black bits around a tag.", 1, 2)),
+    optional("relative_uncertainty", number("Relative standard uncertainty of the pitch.", 0, 0.05)),
+    optional(
+        "shape",
+        choice(
+            "Whether the points are estimated; where absent, if the data show that they are not where they should be.",
+            ("nominal", "estimated"),
+        ),
+    ),
+)
+_WITHOUT_TAGS = {"enum": [*sorted(set(BOARD_KINDS) - {"charuco", "aprilgrid"}), None]}
+_BOARD_FORMS = [
+    given("points"),
+    given("rows", "columns", "pitch_mm", kind=_WITHOUT_TAGS),
+    given("rows", "columns", "pitch_mm", "marker_mm", kind={"enum": ["aprilgrid"]}),
+    given("rows", "columns", "pitch_mm", "marker_mm", "dictionary"),
+]
+BOARD = replace(_BOARD, schema=_BOARD.schema | {"anyOf": _BOARD_FORMS})

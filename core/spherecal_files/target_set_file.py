@@ -1,0 +1,155 @@
+"""targets.json: a target set, read and written."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.targets.marker_set import CORNERS, make_marker_set
+from spherecal.targets.marker_set import FAMILY as MARKERS
+from spherecal.targets.target_set import Polarity, TargetSet
+from spherecal_files.atomic import write_file_whole
+from spherecal_files.codec import (
+    FileFormat,
+    Kind,
+    Schema,
+    choice,
+    entries,
+    field,
+    integer,
+    items,
+    name,
+    number,
+    numbers,
+    optional,
+    positive,
+    record,
+    text,
+)
+from spherecal_files.json_file import JsonValue
+
+_POLARITIES: tuple[Polarity, ...] = ("light-on-dark", "dark-on-light")
+_MOST_STRETCH = 1.05  # of a print: more is refused when rulers are entered (targets.sheet)
+
+
+def read_target_set(path: Path) -> TargetSet:
+    """The target set in a file."""
+    return TARGETS.read(path)
+
+
+@dataclass(frozen=True)
+class _Target:
+    id: int
+    dots: dict[str, FloatArray]
+
+
+def _read_set(document: JsonValue) -> TargetSet:
+    f = _SET.read(document)
+    return (_markers if f["family"] == MARKERS else _stickers)(f, document)
+
+
+def _stickers(f: dict[str, Any], document: JsonValue) -> TargetSet:
+    given = document.fields(("polarity", "dot_diameter_mm", "targets"))
+    if given["dot_diameter_mm"].positive("mm") >= f["size_mm"]:
+        raise given["dot_diameter_mm"].error(Phrase("problem-dot-size"))
+    _check_reach(f["layouts"], given["targets"], f["size_mm"])
+    f.pop("dictionary", None)
+    return TargetSet(**f)
+
+
+def _markers(f: dict[str, Any], document: JsonValue) -> TargetSet:
+    """ArUco or AprilTag markers; without `targets` all of the dictionary."""
+    given = document.fields(("dictionary",), ("dot_diameter_mm", "targets"))
+    if "dot_diameter_mm" in given:
+        given["dot_diameter_mm"].number(0, 0, "for markers")
+    try:
+        every = make_marker_set(f["dictionary"], f["size_mm"], None, f.get("polarity", "dark-on-light"))
+    except InputError as error:
+        raise given["dictionary"].error(Phrase("problem-dictionary"), error.hint) from None
+    if "targets" not in given:
+        return every
+    _check_reach(f["layouts"], given["targets"], _MOST_STRETCH * f["size_mm"])
+    for value, (i, layout) in zip(given["targets"].items(), f["layouts"].items(), strict=True):
+        if i not in every.layouts:
+            raise value.error(Phrase("problem-marker-id", {"id": i}))
+        if tuple(layout) != CORNERS:
+            raise value.error(Phrase("problem-marker-dots", {"dots": ", ".join(CORNERS)}))
+    return replace(every, layouts=f["layouts"])
+
+
+def _check_reach(layouts: Mapping[int, Mapping[str, FloatArray]], targets: JsonValue, size_mm: float) -> None:
+    """Refuse dots that are off a sticker of this size."""
+    for value, layout in zip(targets.items(), layouts.values(), strict=True):
+        for point, place in layout.items():
+            if np.abs(place).max() > size_mm / 2:
+                dots = value.fields(("dots",))["dots"]
+                raise dots.error(Phrase("problem-dot-off", {"point": point, "reach": size_mm / 2}))
+
+
+def _check_some(dots: Mapping[str, FloatArray], value: JsonValue) -> None:
+    if not dots:
+        raise value.error(Phrase("problem-no-dots"))
+
+
+def write_target_set(path: Path, target_set: TargetSet) -> None:
+    """Write targets.json."""
+    write_file_whole(path, TARGETS.bytes(target_set))
+
+
+def given(*keys: str, **others: Schema) -> Schema:
+    """That these fields are there and not null, and what others must be."""
+    known: Schema = {key: {"not": {"type": "null"}} for key in keys}
+    return {"required": list(keys), "properties": known | others}
+
+
+_PLACE = numbers("", 2).mapped(np.array, lambda xy: np.asarray(xy, dtype=float).tolist())
+_DOTS = entries(
+    "Places of the dots by name: mm from the sticker's centre, x right, y down as printed.", _PLACE
+).checked(_check_some, minProperties=1)
+_TARGET = record("", _Target, field("id", integer("The number that the target carries.")), field("dots", _DOTS))
+_LAYOUTS = items(
+    "The targets. For `aruco` they may be absent: all markers of the dictionary.", _TARGET, least=1, differ="id"
+).mapped(
+    lambda targets: {target.id: target.dots for target in targets},
+    lambda layouts: [_Target(int(i), dots) for i, dots in layouts.items()],
+)
+_SET = record(
+    "",
+    dict,
+    field("family", name("`dots8`: the eight-dot targets of this program; `aruco`: ArUco or AprilTag markers.")),
+    optional(
+        "polarity",
+        choice(
+            "The brightness of dots or markers and of their background; may be absent for `aruco`: `dark-on-light`.",
+            _POLARITIES,
+        ),
+    ),
+    field("size_mm", positive("Side of a sticker, or of a marker's black square.", "mm")),
+    optional(
+        "dot_diameter_mm", number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0, unit="mm")
+    ),
+    optional(
+        "dictionary",
+        text("OpenCV's name of the markers' dictionary, such as `DICT_4X4_250`; needed for `aruco`."),
+        omit=None,
+    ),
+    optional("targets", _LAYOUTS, "layouts"),
+)
+_FORMS = [
+    given("polarity", "targets", "dot_diameter_mm", dot_diameter_mm=positive("").schema),
+    given("dictionary", family={"const": "aruco"}, dot_diameter_mm={"enum": [0, None]}),
+]
+TARGETS = FileFormat(
+    "spherecal/targets",
+    "targets.json",
+    "The stickers: the places of the dots of every target.",
+    Kind(_SET.schema | {"anyOf": _FORMS}, _read_set, _SET.entry),  # what is needed depends on the family
+    ("Ids differ.", "Every dot is on the sticker.", "Dots of a marker are its corners 0 to 3."),
+    more="#markers",
+    lines="targets",
+)

@@ -1,0 +1,112 @@
+"""How a verification departs from VDI/VDE 2634 part 1: computed from what was measured, listed in its report."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.base.messages.values import Phrase
+from spherecal.data.session import Bar
+from spherecal_verify.budget import Budget
+from spherecal_verify.limit import Acceptance, LengthLimit
+from spherecal_verify.measuring_volume import LEAST_LENGTHS, LINES, MeasuringVolume
+from spherecal_verify.verification import MeasuredLength
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """Title, departures from the guideline, a budget of each length, the decision against the user's limit, the bars.
+
+    `volume_mm` is the volume's three sides and its space diagonal, where the rig states it.
+    """
+
+    title: str
+    departures: tuple[Phrase, ...]
+    budgets: tuple[Budget, ...]
+    acceptance: Acceptance | None
+    bars: tuple[Bar, ...]
+    volume_mm: tuple[tuple[float, ...], float] | None
+
+
+TITLE = "Verification based on VDI/VDE 2634 part 1 (reduced)"
+# Half the least angle between two neighbouring lines of a cube (edge and diagonal: 54.7 degrees).
+_ON_LINE_DEG = 27.0
+# An end point is in a corner when it is in the outer third of the box along all three axes.
+_CORNER = 2.0 / 3.0
+# The artefact should be five times better than what it is to prove.
+_ARTEFACT_SHARE = 0.2
+
+
+def departures(
+    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], box: MeasuringVolume | None, limit: LengthLimit | None
+) -> tuple[Phrase, ...]:
+    """The departures from VDI/VDE 2634 part 1, with the figures; never empty: to state no limit is one."""
+    found: list[Phrase] = []
+    if box is not None and measured:
+        found += _of_artefact(measured, box) + _of_lines(measured, box) + _of_corners(measured, box)
+    if any(m.temperature_c is None for m in measured):
+        found.append(Phrase("departure-temperature"))
+    if limit is None:
+        found.append(Phrase("departure-no-limit"))
+    else:
+        found += _of_uncertainty(measured, bars, limit)
+        found.append(Phrase("departure-own-limit"))
+    found.append(Phrase("departure-by-hand"))
+    return tuple(found)
+
+
+def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
+    longest = max(m.reference_mm for m in measured)
+    requested, shortest = 2 / 3 * box.diagonal_mm, float(box.sides_mm[0])
+    found = []
+    if longest < requested:
+        percent = 100 * longest / box.diagonal_mm
+        found.append(Phrase("departure-longest", {"longest": longest, "percent": percent, "wanted": requested}))
+    if longest < shortest:
+        found.append(Phrase("departure-shortest", {"shortest": shortest}))
+    return found
+
+
+def lengths_on_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> np.ndarray:
+    """How many measured lengths run along each of the seven lines (7,): within 27 degrees of its direction."""
+    directions, count = box.directions(), np.zeros(LINES, dtype=int)
+    for m in measured:
+        if m.ends_mm is None:
+            continue
+        along = m.ends_mm[1] - m.ends_mm[0]
+        cosine = np.abs(directions @ along) / np.linalg.norm(along)
+        if cosine.max() >= np.cos(np.radians(_ON_LINE_DEG)):
+            count[int(cosine.argmax())] += 1
+    return count
+
+
+def _of_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
+    count = lengths_on_lines(measured, box)
+    used, enough = int((count > 0).sum()), int((count >= LEAST_LENGTHS).sum())
+    found = []
+    if used < LINES:
+        found.append(Phrase("departure-lines", {"used": used, "lines": LINES}))
+    if enough < used:
+        few = {"least": LEAST_LENGTHS, "few": used - enough, "used": used}
+        found.append(Phrase("departure-few-lengths", few))
+    return found
+
+
+def _of_corners(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
+    ends = [m.ends_mm for m in measured if m.ends_mm is not None]
+    if not ends:
+        return []
+    unit = box.unit(np.concatenate(ends))
+    at = unit[(np.abs(unit) > _CORNER).all(axis=1)] > 0
+    reached = len({tuple(corner) for corner in at.tolist()})
+    return [] if reached == 8 else [Phrase("departure-corners", {"reached": reached})]
+
+
+def _of_uncertainty(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], limit: LengthLimit) -> list[Phrase]:
+    worst = 0.0
+    for m in measured:
+        certified = next(x for x in bars[m.bar].lengths if (x.from_mark, x.to_mark) == (m.from_mark, m.to_mark))
+        worst = max(worst, certified.expanded_uncertainty_mm / limit.at(m.reference_mm))
+    if worst <= _ARTEFACT_SHARE:
+        return []
+    return [Phrase("departure-certificates", {"percent": 100 * worst})]

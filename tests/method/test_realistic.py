@@ -11,7 +11,7 @@ from spherecal.data.rig_camera import RigCamera
 from spherecal.data.verdict import effect, ruled
 from spherecal.geometry.camera import estimated_mask, intrinsics_vector
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.result.build_result import _ball_within_lengths, _moves_within_lengths, _said_of
+from spherecal.result.build_result import MOVES, _ball_within_lengths, _moves_within_lengths, _said_of
 
 LENS = intrinsics_vector(np.array([[2300.0, 0, 1032], [0, 2300, 772], [0, 0, 1]]), [-0.1, 0.02, 0, 0, 0])
 
@@ -57,11 +57,14 @@ def test_a_ball_of_another_size_is_judged_by_what_lengths_are_uncertain_by(perce
     assert [f.severity for f in _ball_within_lengths(found, lengths, 0.03)] == ["error"]  # all of U is the ball's own
 
 
+@pytest.mark.parametrize("code", MOVES)
 @pytest.mark.parametrize(
     ("px", "where", "severity"),
     [(0.4, ("C01", "P2"), "info"), (0.6, ("C01", "P2"), "error"), (0.4, ("C01", "C02", "P2"), "error")],
 )
-def test_a_move_is_judged_by_what_lengths_are_uncertain_by(px: float, where: tuple[str, ...], severity: str) -> None:
+def test_a_move_is_judged_by_what_lengths_are_uncertain_by(
+    code: str, px: float, where: tuple[str, ...], severity: str
+) -> None:
     """1 px are 1 mm at C01's 1 m, 10 mm at C02's 10; U is 3 mm."""
     cameras = tuple(
         RigCamera(name, None, (2064, 1544), LENS * [1000 / LENS[0], *np.ones(15)], np.eye(3), np.array([0, 0, z]),
@@ -69,7 +72,7 @@ def test_a_move_is_judged_by_what_lengths_are_uncertain_by(px: float, where: tup
         for name, z in (("C01", 1000.0), ("C02", 10000.0))
     )  # fmt: skip
     lengths = LengthMap(500.0, 2.0, 0.1, np.zeros((1, 3)), np.eye(3), np.full((1, 3), 3.0))
-    found = (Finding("camera-moved", "error", {"px": px}, where),)
+    found = (Finding(code, "error", {"px": px}, where),)
     assert [f.severity for f in _moves_within_lengths(found, cameras, lengths, np.zeros(3))] == [severity]
 
 

@@ -70,7 +70,8 @@ RULES: dict[str, Rule] = {
     ),
     "cameras-moved": Rule("not-valid", "As camera-moved: a beam that sagged by 2 mm left rig B 2 mm off, 23 times U."),
     "camera-unsteady": Rule(
-        "not-valid", "The ball displaced by 0.05 mm for one late camera: it is 0.2 mm off, 15 times U."
+        "not-valid",
+        "The ball displaced by 0.05 mm for one late camera: it is 0.2 mm off, 15 times U. Less: as camera-moved.",
     ),
     "ball-moved": Rule(
         "not-valid", "By 0.05 mm between two trigger groups: 4 times U, with all that lens-misfit adds."

@@ -23,8 +23,8 @@ _TINY_RAD = 1.7e-4  # 0.01 degrees: smaller turns are said in microradians
 
 def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
     """A finding for every camera that moved, the largest move first; images that belong elsewhere are not moves."""
-    if anomalies.group_motion is not None:
-        return [_group_motion(e, anomalies.group_motion)]
+    if (motion := anomalies.group_motion) is not None:
+        return [_by(motion.image_change_px, _group_motion(e, motion))]
     if anomalies.explained:
         return [_moved(e, move) for move in anomalies.moves]
     mixed_up = {image.camera for image in wrong if image.kind in ("other-camera", "other-placement")}
@@ -38,6 +38,11 @@ def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImag
     reported |= cameras
     rest = [_moved(e, move) for move in anomalies.moves if move.camera not in reported]
     return [*(_from_two_poses(e, fit) for fit in found), *left_out, *rest]
+
+
+def _by(image_change_px: float, finding: Finding) -> Finding:
+    """The finding with what the motion shifts image points by."""
+    return replace(finding, values={**finding.values, "px": image_change_px})
 
 
 def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
@@ -113,8 +118,7 @@ def _moved(e: Evidence, move: Move) -> Finding:
         "shows-move",
         {"px": move.image_change_px, "chi_square": move.statistic, "dof": move.dof, "limit": LEAST_STATISTIC},
     )
-    found = _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
-    return replace(found, values={**found.values, "px": move.image_change_px})
+    return _by(move.image_change_px, _finding(e, move.camera, set(move.placements), size, sure, move.rivals))
 
 
 def _from_two_poses(e: Evidence, fit: TwoPoseFit) -> Finding:

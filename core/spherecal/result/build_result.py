@@ -69,8 +69,10 @@ MOST_UNCERTAIN = 0.1
 # Of U: a ball off its nominal diameter by this is 3 standard uncertainties off.
 COVERED_DIAMETER = 1.5
 # Of U: what a move shifts points by, k = 2, adds 5 % to U, in quadrature. Four of 170 realistic recordings were refused
-# for moves of 0.02 to 0.14 of it: what a drift of 5 um, or coma out of focus, does to single images.
+# for moves of 0.02 to 0.14 of it: what a drift of 5 um, or coma out of focus, does to single images. Four of 300 others
+# were for motions of up to 0.2 of it in several images.
 COVERED_MOVE = 1 / 3
+MOVES = ("camera-moved", "cameras-moved", "camera-unsteady")
 # Findings on what parts of the recording disagree by: fields that are held are a cause of that.
 OF_PARTS = ("poses-scatter", "parts-disagree")
 
@@ -536,7 +538,7 @@ def _ball_within_lengths(findings: tuple[Finding, ...], lengths: LengthMap | Non
 def _move_turns(findings: Sequence[Finding], cameras: tuple[RigCamera, ...]) -> FloatArray:
     """How far (c,) rad the rays of each camera turned between images that had another pose."""
     turns = np.zeros(len(cameras))
-    for f in (f for f in findings if f.code == "camera-moved" and "px" in f.values):
+    for f in (f for f in findings if f.code in MOVES and "px" in f.values):
         of = [camera.id in f.where for camera in cameras]
         focal = np.array([camera.intrinsics[0] for camera in cameras])
         turns = np.where(of, np.maximum(turns, f.values["px"] / focal), turns)
@@ -554,7 +556,7 @@ def _moves_within_lengths(
 
     def is_covered(f: Finding) -> bool:
         named = {camera.id for camera in cameras} & set(f.where)
-        return f.code == "camera-moved" and "px" in f.values and named <= hidden
+        return f.code in MOVES and "px" in f.values and named <= hidden
 
     return tuple(replace(f, severity="info") if is_covered(f) else f for f in findings)
 

@@ -548,13 +548,13 @@ def test_interrupt_ends_a_running_calibration_and_leaves_nothing(
 
 
 def test_a_calibration_of_observations_loads_only_the_method(tmp_path: Path) -> None:
-    """No simulator, report, camera, rig or window: what is loaded follows need."""
+    """No simulator, report, camera, rig or window, only formats: what is loaded follows need."""
     write_session(*simulate_session("demo", 1, SimulationOptions(targets=80)), tmp_path / "session")
     code = (
         "import sys; from spherecal_app.cli.main import main\n"
         "assert main(['calibrate', sys.argv[1], '-o', sys.argv[2], '-q']) == 0\n"
         "ours = {name.partition('.')[0] for name in sys.modules if name.startswith('spherecal')}\n"
-        "assert ours == {'spherecal', 'spherecal_app'}, ours\n"
+        "assert ours == {'spherecal', 'spherecal_app', 'spherecal_files'}, ours\n"
         "assert not {'matplotlib', 'typst', 'PySide6', 'harvesters', 'genicam'} & set(sys.modules)"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "session"), str(tmp_path / "result")]

@@ -13,8 +13,8 @@ import spherecal
 from spherecal.base.errors import InputError
 from spherecal.data.rig import Rig
 from spherecal_app.cli.main import main
-from spherecal_documents.export.import_rig import import_rig
-from spherecal_documents.export.write_export import FORMATS, export_rig
+from spherecal_documents.export.import_rig import READABLE, import_rig
+from spherecal_documents.export.write_export import export_rig
 from tests.export_rigs import make_rig
 
 # --- the shared table, row by row ------------------------------------------------------------------------------------
@@ -512,7 +512,7 @@ def others(folder: Path, name: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("form", [*FORMATS, "matlab"])
+@pytest.mark.parametrize("form", READABLE)
 @pytest.mark.parametrize("name", OTHERS)
 def test_what_no_format_reads_is_refused_in_one_line(name: str, form: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:

@@ -1,5 +1,7 @@
 """Realistic recordings in which nothing was done wrong end VALID, and right; each was refused or amber before."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,12 +62,17 @@ def test_a_ball_of_another_size_is_judged_by_what_lengths_are_uncertain_by(perce
 @pytest.mark.parametrize("code", MOVES)
 @pytest.mark.parametrize(
     ("px", "where", "severity"),
-    [(0.4, ("C01", "P2"), "info"), (0.6, ("C01", "P2"), "error"), (0.4, ("C01", "C02", "P2"), "error")],
+    [
+        (0.4, ("C01", "P2"), "info"),
+        (0.6, ("C01", "P2"), "error"),
+        (0.4, ("C01", "C02", "P2"), "error"),
+        (0.4, ("C01 before P3", "P2"), "error"),
+    ],
 )
 def test_a_move_is_judged_by_what_lengths_are_uncertain_by(
     code: str, px: float, where: tuple[str, ...], severity: str
 ) -> None:
-    """1 px are 1 mm at C01's 1 m, 10 mm at C02's 10; U is 3 mm."""
+    """1 px is 1 mm at C01's 1 m, 10 mm at C02's 10; U is 3 mm, then so large that it says nothing."""
     cameras = tuple(
         RigCamera(name, None, (2064, 1544), LENS * [1000 / LENS[0], *np.ones(15)], np.eye(3), np.array([0, 0, z]),
                   None, 0, None)
@@ -73,7 +80,13 @@ def test_a_move_is_judged_by_what_lengths_are_uncertain_by(
     )  # fmt: skip
     lengths = LengthMap(500.0, 2.0, 0.1, np.zeros((1, 3)), np.eye(3), np.full((1, 3), 3.0))
     found = (Finding(code, "error", {"px": px}, where),)
-    assert [f.severity for f in _moves_within_lengths(found, cameras, lengths, np.zeros(3))] == [severity]
+    judged, turns = _moves_within_lengths(found, cameras, lengths, np.zeros(3))
+    assert [f.severity for f in judged] == [severity]
+    assert turns == pytest.approx([px / 1000 if severity == "info" else 0.0, 0.0])
+    vague = replace(lengths, expanded_mm=np.full((1, 3), 300.0))
+    seen = {"C01", "C02"} & set(where)
+    judged, _ = _moves_within_lengths(found, cameras, vague, np.zeros(3))
+    assert [f.severity for f in judged] == ["info" if px < 0.5 and seen else "error"]
 
 
 def test_held_lenses_are_like_the_others_of_the_rig() -> None:

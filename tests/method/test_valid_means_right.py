@@ -28,6 +28,7 @@ from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.main import main
+from spherecal_files.capture_file import read_captured_sets
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
 from spherecal_rigs.check_rig import check
@@ -548,13 +549,15 @@ def captured(session: Session, folder: Path, late: dict[tuple[str, str], float],
 
 def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
     session = replace(recording()[0], folder=tmp_path)
-    captured(session, tmp_path, {}, set())
-    assert not implausible(session)
-    captured(session, tmp_path, {}, {("C02", "P3")})
-    found = implausible(session)
+
+    def found_with(late: dict[tuple[str, str], float], stale: set[tuple[str, str]]) -> list[Finding]:
+        captured(session, tmp_path, late, stale)
+        return implausible(replace(session, captured=read_captured_sets(tmp_path)))
+
+    assert not found_with({}, set())
+    found = found_with({}, {("C02", "P3")})
     assert ("C02", "P3") in {f.where for f in found} and {f.code for f in found} == {"capture-times"}
-    captured(session, tmp_path, {("C05", "P2"): 7.0}, set())
-    assert ("C05", "P2") in {f.where for f in implausible(session)}
+    assert ("C05", "P2") in {f.where for f in found_with({("C05", "P2"): 7.0}, set())}
 
 
 @pytest.mark.parametrize("kind", ["serial", "size", "offset"])

@@ -72,6 +72,9 @@ COVERED_DIAMETER = 1.5
 # for moves of 0.02 to 0.14 of it: what a drift of 5 um, or coma out of focus, does to single images. Four of 300 others
 # were for motions of up to 0.2 of it in several images.
 COVERED_MOVE = 1 / 3
+# What moves images by more is no drift: what a beam bent by 2 mm is itself so uncertain that it "covers" that.
+# Of the realistic ones none was above 0.3 px.
+COVERED_PX = 0.5
 MOVES = ("camera-moved", "cameras-moved", "camera-unsteady")
 # Findings on what parts of the recording disagree by: fields that are held are a cause of that.
 OF_PARTS = ("poses-scatter", "parts-disagree")
@@ -119,7 +122,6 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     cameras, covariance = _either_pose(cameras, covariance, evidence)
     turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
-    turns = np.hypot(turns, _move_turns(findings, cameras))
     known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
     middle = known.sum(axis=0) / max(len(known), 1)
     cameras, covariance = drifting(cameras, covariance, turns, middle)
@@ -132,14 +134,15 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     lengths = None
     if solution.scale.source != "none":
         noise = dot_noise_px(observations, adjusted.used, adjusted.variance)
-        lengths = map_of_lengths(cameras, covariance, solution.state.points, noise)
-    said = [*_said_of(lengths), *_missed(lengths, session.wanted_uncertainty_mm)]
+        lengths = map_of_lengths(cameras, covariance, known, noise)
+        findings, moved = _moves_within_lengths(findings, cameras, lengths, middle)
+        cameras, covariance = drifting(cameras, covariance, moved, middle)
+        lengths = map_of_lengths(cameras, covariance, known, noise) if moved.any() else lengths
     findings = _ball_within_lengths(findings, lengths, 2 * float(np.linalg.norm(further)))
-    findings = _moves_within_lengths(findings, cameras, lengths, middle)
-    findings = ruled([*findings, *said])
+    findings = ruled([*findings, *_said_of(lengths), *_missed(lengths, session.wanted_uncertainty_mm)])
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
-    region = _weak_region(lengths, session.wanted_uncertainty_mm)
-    quality = quality_of(residual[adjusted.used], sigma0, findings, names, region)
+    weak = _weak_region(lengths, session.wanted_uncertainty_mm)
+    quality = quality_of(residual[adjusted.used], sigma0, findings, names, weak)
     rig = Rig(
         session.cameras[reference].id if placed[reference] else None,
         cameras,
@@ -535,30 +538,28 @@ def _ball_within_lengths(findings: tuple[Finding, ...], lengths: LengthMap | Non
     return tuple(judged(f) for f in findings)
 
 
-def _move_turns(findings: Sequence[Finding], cameras: tuple[RigCamera, ...]) -> FloatArray:
-    """How far (c,) rad the rays of each camera turned between images that had another pose."""
-    turns = np.zeros(len(cameras))
-    for f in (f for f in findings if f.code in MOVES and "px" in f.values):
-        of = [camera.id in f.where for camera in cameras]
-        focal = np.array([camera.intrinsics[0] for camera in cameras])
-        turns = np.where(of, np.maximum(turns, f.values["px"] / focal), turns)
-    return turns
-
-
 def _moves_within_lengths(
     findings: tuple[Finding, ...], cameras: tuple[RigCamera, ...], lengths: LengthMap | None, middle_mm: FloatArray
-) -> tuple[Finding, ...]:
-    """The findings; a camera that moved by little of what lengths are uncertain by is stated."""
+) -> tuple[tuple[Finding, ...], FloatArray]:
+    """The findings, and turns (c,) rad of cameras that moved by so little of what lengths are uncertain by.
+
+    Their moves are information: the turns, as far as the rays of each turned between its images, state them.
+    """
+    turns = np.zeros(len(cameras))
     if lengths is None or lengths.typical_mm is None:
-        return findings
-    moved_mm = _move_turns(findings, cameras) * [np.linalg.norm(camera.centre_mm - middle_mm) for camera in cameras]
-    hidden = {c.id for c, mm in zip(cameras, moved_mm, strict=True) if 0 < 2 * mm <= COVERED_MOVE * lengths.typical_mm}
-
-    def is_covered(f: Finding) -> bool:
-        named = {camera.id for camera in cameras} & set(f.where)
-        return f.code in MOVES and "px" in f.values and named <= hidden
-
-    return tuple(replace(f, severity="info") if is_covered(f) else f for f in findings)
+        return findings, turns
+    focal = np.array([camera.intrinsics[0] for camera in cameras])
+    distance = np.linalg.norm([camera.centre_mm - middle_mm for camera in cameras], axis=1)
+    out = list(findings)
+    for i, f in enumerate(findings):
+        own = np.array([camera.id in f.where for camera in cameras])
+        # one that moved before it was split is none of the rig's cameras
+        if f.code not in MOVES or not f.values.get("px", np.inf) <= COVERED_PX or not own.any():
+            continue
+        turn = np.where(own, f.values["px"] / focal, 0.0)
+        if 2 * float((turn * distance).max()) <= COVERED_MOVE * lengths.typical_mm:
+            out[i], turns = replace(f, severity="info"), np.maximum(turns, turn)
+    return tuple(out), turns
 
 
 def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> tuple[Finding, ...]:

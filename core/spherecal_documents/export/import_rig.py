@@ -25,6 +25,8 @@ from spherecal_documents.export.write_export import FORMATS
 
 # Formats that are read and not written.
 READ_ONLY = {MATLAB.name: MATLAB}
+# A rig's lenses are none of splines.
+READABLE = {name: form for name, form in FORMATS.items() if form is not MRCAL_SPLINED} | READ_ONLY
 
 
 # Rigs whose cameras are at most 20 mm apart (two lenses side by side) or more than 50 m (a hall) are hardly any. One in
@@ -123,11 +125,10 @@ def _lens_words(camera: RigCamera) -> str:
 
 
 def _format(name: str) -> Format | ImportFormat:
-    readable = {key: form for key, form in FORMATS.items() if form is not MRCAL_SPLINED}  # rigs have no such lens
-    found = readable.get(name) or READ_ONLY.get(name) or importer(name)
+    found = READABLE.get(name) or importer(name)
     if found is None:
         others = sorted({*names(IMPORTERS), *names(EXPORTERS)} - set(FORMATS))
-        known = [*readable, *READ_ONLY, *others]
+        known = [*READABLE, *others]
         raise InputError(Phrase("error-no-import-format", {"name": name, "formats": known}))
     return found
 

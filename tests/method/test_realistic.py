@@ -13,7 +13,7 @@ from spherecal.data.rig_camera import RigCamera
 from spherecal.data.verdict import effect, ruled
 from spherecal.geometry.camera import estimated_mask, intrinsics_vector
 from spherecal.geometry.volume_map import LengthMap
-from spherecal.result.build_result import MOVES, _ball_within_lengths, _moves_within_lengths, _said_of
+from spherecal.result.build_result import MOVES, PULLED, _ball_within_lengths, _moves_within_lengths, _said_of
 
 LENS = intrinsics_vector(np.array([[2300.0, 0, 1032], [0, 2300, 772], [0, 0, 1]]), [-0.1, 0.02, 0, 0, 0])
 
@@ -81,8 +81,9 @@ def test_a_move_is_judged_by_what_lengths_are_uncertain_by(
     lengths = LengthMap(500.0, 2.0, 0.1, np.zeros((1, 3)), np.eye(3), np.full((1, 3), 3.0))
     found = (Finding(code, "error", {"px": px}, where),)
     judged, turns = _moves_within_lengths(found, cameras, lengths, np.zeros(3))
+    pulled = PULLED if code == "camera-unsteady" else 1.0
     assert [f.severity for f in judged] == [severity]
-    assert turns == pytest.approx([px / 1000 if severity == "info" else 0.0, 0.0])
+    assert turns == pytest.approx([pulled * px / 1000 if severity == "info" else 0.0, 0.0])
     vague = replace(lengths, expanded_mm=np.full((1, 3), 300.0))
     seen = {"C01", "C02"} & set(where)
     judged, _ = _moves_within_lengths(found, cameras, vague, np.zeros(3))

@@ -550,9 +550,9 @@ def captured(session: Session, folder: Path, late: dict[tuple[str, str], float],
 def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
     session = replace(recording()[0], folder=tmp_path)
 
-    def found_with(late: dict[tuple[str, str], float], stale: set[tuple[str, str]]) -> list[Finding]:
+    def found_with(late: dict[tuple[str, str], float], stale: set[tuple[str, str]]) -> tuple[Finding, ...]:
         captured(session, tmp_path, late, stale)
-        return implausible(replace(session, captured=read_captured_sets(tmp_path)))
+        return tuple(implausible(replace(session, captured=read_captured_sets(tmp_path))))
 
     assert not found_with({}, set())
     found = found_with({}, {("C02", "P3")})

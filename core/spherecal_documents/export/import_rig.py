@@ -23,10 +23,8 @@ from spherecal_documents.export.matlab import MATLAB
 from spherecal_documents.export.mrcal_splined import MRCAL_SPLINED
 from spherecal_documents.export.write_export import FORMATS
 
-# Formats that are read and not written.
-READ_ONLY = {MATLAB.name: MATLAB}
-# A rig's lenses are none of splines.
-READABLE = {name: form for name, form in FORMATS.items() if form is not MRCAL_SPLINED} | READ_ONLY
+# MATLAB's is not written; a rig's lenses are none of splines.
+READABLE = {name: form for name, form in FORMATS.items() if form is not MRCAL_SPLINED} | {MATLAB.name: MATLAB}
 
 
 # Rigs whose cameras are at most 20 mm apart (two lenses side by side) or more than 50 m (a hall) are hardly any. One in

@@ -19,7 +19,7 @@ from spherecal_files.json_file import JsonValue, decode, read_bytes
 
 ENDING = ".cameramodel"
 _LENSMODEL = "LENSMODEL_OPENCV"
-MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
+_MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
 
 
 def _write(rig: file_cameras.FileRig) -> Mapping[str, str]:
@@ -51,11 +51,16 @@ def _read(path: Path) -> list[file_cameras.FileCamera]:
     return [_read_model(file) for file in sorted(path.glob(f"*{ENDING}"))]
 
 
-def _read_model(path: Path) -> file_cameras.FileCamera:
+def read_model(path: Path) -> JsonValue:
+    """The contents of a camera model file."""
     try:
-        value = JsonValue(ast.literal_eval(decode(path, read_bytes(path, MOST_BYTES))), path)
+        return JsonValue(ast.literal_eval(decode(path, read_bytes(path, _MOST_BYTES))), path)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
         raise InputError(f"{path}: is not a camera model.") from None
+
+
+def _read_model(path: Path) -> file_cameras.FileCamera:
+    value = read_model(path)
     given = value.as_object()
     # before 2.5 the pose was called otherwise, in older files the lens model too
     named = {key: value.at(key, given[key]) for key in ("lensmodel", "lens_model", "distortion_model") if key in given}

@@ -4,7 +4,6 @@ A ray's stereographic projection `u = 2 tan(theta / 2)` is looked up in a surfac
 `f (u + du(u)) + c`. The surface's control points are those nearest to the lens with its field, by least squares.
 """
 
-import ast
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,9 +20,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.geometry.camera import undistort
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, numbers
 from spherecal_documents.export.format import Format
-from spherecal_documents.export.mrcal import ENDING, MOST_BYTES, cameramodel, read_pose
+from spherecal_documents.export.mrcal import ENDING, cameramodel, read_model, read_pose
 from spherecal_documents.export.refit import pixel_grid
-from spherecal_files.json_file import JsonValue, decode, read_bytes
 
 # Columns of control points, until the fit is good enough. A field of 0.3 px, two periods per image, needs 24.
 _COLUMNS = (16, 24, 36, 54)
@@ -119,8 +117,7 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 
 def _read_camera(path: Path) -> SplinedCamera:
-    value = JsonValue(ast.literal_eval(decode(path, read_bytes(path, MOST_BYTES))), path)
-    f = value.fields(("lensmodel", "intrinsics", "imagersize", "rt_cam_ref"))
+    f = read_model(path).fields(("lensmodel", "intrinsics", "imagersize", "rt_cam_ref"))
     named = _NAME.fullmatch(f["lensmodel"].text())
     if named is None:
         raise f["lensmodel"].error("is no cubic splined model")

@@ -1,6 +1,6 @@
 """Findings on single cameras: blurred ones, lenses beyond the model, focal lengths that are not those of the prior."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -105,6 +105,12 @@ def scattering_poses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
     worst = own[np.argmax(anomalies.scatter[own])]
     values = {"worst": e.camera_ids[worst], "worst_times": anomalies.scatter[worst], "times": anomalies.scatter[own]}
     return [Finding("poses-scatter", "info", values, tuple(e.camera_ids[c] for c in own))]
+
+
+def pose_scatter(findings: Sequence[Finding]) -> dict[str, float]:
+    """By what factor the poses of some cameras' images differ more than noise explains, as found."""
+    found = (f for f in findings if f.code == "poses-scatter" and f.values)
+    return {name: times for f in found for name, times in zip(f.where, f.values["times"], strict=True)}
 
 
 def _unseen(e: Evidence, anomalies: Anomalies) -> Phrase | None:

@@ -37,18 +37,19 @@ def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
     ambiguous = evidence.ambiguous
     # a camera's pose before it was knocked is not part of the rig
     settled = evidence.placed | ambiguous | evidence.is_earlier_pose
+    faults = _faults(evidence)
     found = [
         *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, settled),
         *_outcome(evidence, ambiguous),
         *_geometry(evidence),
-        *unconfirmed_findings(evidence),
+        *unconfirmed_findings(evidence, faults),
         *_held_intrinsics(evidence),
         *_weak_self_calibration(evidence),
         *_few(evidence),
         *_coverage(evidence),
         *_outliers(evidence),
         *_scale(evidence),
-        *_faults(evidence),
+        *faults,
     ]
     return ruled([*found, *unsound(evidence, found)])
 

@@ -123,7 +123,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     cameras = shared_with_fields(cameras, uv)
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
-    cameras, covariance = _either_pose(cameras, covariance, evidence)
+    cameras, covariance = _either_pose(cameras, covariance, evidence, findings)
     turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
     known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
     middle = known.sum(axis=0) / max(len(known), 1)
@@ -261,11 +261,14 @@ def _wider_covariance(
 
 
 def _either_pose(
-    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, evidence: Evidence
+    cameras: tuple[RigCamera, ...],
+    covariance: CameraCovariance | None,
+    evidence: Evidence,
+    findings: tuple[Finding, ...],
 ) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
     """Cameras with unconfirmed poses, with uncertainties such that each other pose is one standard uncertainty off."""
     names = [camera.id for camera in cameras]
-    for pose in unconfirmed_poses(evidence):
+    for pose in unconfirmed_poses(evidence, findings):
         index = names.index(evidence.camera_ids[pose.camera])
         camera = cameras[index]
         if camera.sigma is not None:

@@ -15,6 +15,7 @@ from spherecal.data.findings import Finding, RepairKind
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.data.verdict import effect
+from spherecal.diagnose.camera_findings import pose_scatter
 from spherecal.diagnose.image_findings import LEAST_POINTS
 from spherecal.diagnose.yardstick import most_moved
 from spherecal.geometry.rotation import log_rotation
@@ -284,9 +285,6 @@ def _is_in_the_lens(tried: Calibration, cameras: set[str]) -> bool:
 
 def _still_scatters(tried: Calibration, cameras: set[str]) -> bool:
     """Whether the images of some cameras contradict each other, while those of most others do not."""
-    finding = next((f for f in tried.rig.quality.findings if f.code == "poses-scatter"), None)
-    if finding is None or not finding.values:
-        return False
-    scatter = dict(zip(finding.where, finding.values["times"], strict=True))
+    scatter = pose_scatter(tried.rig.quality.findings)
     usual = float(np.median([scatter.get(camera.id, 1.0) for camera in tried.rig.cameras]))
     return any(scatter.get(name, 1.0) > MOST_SCATTER * usual for name in cameras)

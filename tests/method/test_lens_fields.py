@@ -22,6 +22,7 @@ from spherecal.geometry.camera import estimated_mask, intrinsics_vector, project
 from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.result.camera_effects import image_motions, shared_with_fields
+from spherecal.steps.settings import CalibrationSettings
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose
 from spherecal_documents.export.import_rig import import_rig
 from spherecal_documents.export.mrcal_splined import MOST_PX, MRCAL_SPLINED
@@ -270,6 +271,22 @@ def test_the_cameras_of_dome15_drift(shared_data: Path) -> None:
     assert {"C01", "C07"} <= set(codes["camera-drifts"].where[:4])
     assert "lens-misfit" not in codes
     assert len(done.motions) > 100
+
+
+def test_images_that_contradict_drift_are_left_out_and_drift_is_kept(shared_data: Path) -> None:
+    """Nine placements of dome15, each camera with a lens of its own: turns had been given up for two images."""
+    session = read_session(shared_data / "dome15")
+    o = session.observations
+    assert o is not None
+    kept = replace(session, observations=o.select(np.flatnonzero(o.placement % 4 != 0)))
+    done = calibrate(kept, CalibrationSettings(own_intrinsics=True))
+    assert [(r.option, r.automatic) for r in done.rig.repairs] == [("--leave-out", True)] * 2
+    assert {r.value for r in done.rig.repairs} == {"C12@P04", "C08@P06"}
+    assert done.rig.quality.valid and "camera-drifts" in {f.code for f in done.rig.quality.findings}
+    plain = calibrate(kept, CalibrationSettings(own_intrinsics=True, repair_by_itself=False))
+    assert plain.rig.quality.valid and not plain.rig.repairs
+    assert plain.rig.quality.rms_px is not None and done.rig.quality.rms_px is not None
+    assert done.rig.quality.rms_px < 0.9 * plain.rig.quality.rms_px
 
 
 def test_in_large_recordings_consecutive_placements_share_a_turn(

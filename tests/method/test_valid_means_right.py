@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,13 @@ from benchmarks.studies.mischief_world import make_world
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
-from spherecal.data.observations import Observations
+from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, named, ruled, widening
 from spherecal.diagnose.plausibility import implausible
 from spherecal.geometry.transform import fit_similarity
+from spherecal.result.build_result import _points_sigma
 from spherecal.steps.automatic_repairs import most_wrong, ways
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
@@ -444,6 +446,22 @@ def test_images_whose_poses_scatter_widen_their_cameras() -> None:
     assert "poses-scatter" not in codes(clean) and {"poses-scatter", "camera-drifts"} & codes(rolled)
     assert within_its_uncertainty(rolled, truth)
     assert rolled.rig.length_map.typical_mm > clean.rig.length_map.typical_mm  # type: ignore[union-attr, operator]
+
+
+def test_points_are_wider_by_what_their_own_cameras_are() -> None:
+    """Of two points one is seen by a camera whose images scatter three times as much as noise; all had been widened."""
+    used, camera, point = (
+        np.array([True, True, True, True, False]),
+        np.array([0, 1, 0, 2, 2]),
+        np.array([0, 0, 1, 1, 0]),
+    )
+    adjusted = SimpleNamespace(used=used, variance=0.25)
+    solution = SimpleNamespace(covariance=SimpleNamespace(points=np.tile(np.eye(3), (2, 1, 1))), factor=2.0)
+    fit: Any = SimpleNamespace(solved=SimpleNamespace(adjusted=adjusted), solution=solution)
+    seen: Any = SimpleNamespace(camera=camera)
+    features = Features(*np.zeros((3, 2), dtype=int), point)
+    sigma = _points_sigma(fit, seen, features, np.array([True, True, True]), np.array([1.0, 1.0, 3.0]))
+    assert sigma.tolist() == [[1.0] * 3, [pytest.approx(np.sqrt(5))] * 3]
 
 
 def test_the_verdict_is_one_of_three_and_read_back(tmp_path: Path) -> None:

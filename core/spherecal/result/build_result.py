@@ -158,10 +158,7 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
         recorded_at=session.recorded_at,
         form=Form(choice.form, phrase(choice.reason), choice.shape_sd_mm, choice.stated),
     )
-    sigma = np.full((len(features), 3), np.nan)
-    if solution.covariance is not None:
-        variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
-        sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor * factor.max(initial=1.0)
+    sigma = _points_sigma(fit, observations, features, placed & lasting, factor)
     done = Calibration(
         rig,
         measured,
@@ -217,6 +214,25 @@ def stopped_early(done: Calibration) -> Calibration:
         return done
     quality = replace(quality, valid=False, findings=(STOPPED, *quality.findings))
     return replace(done, rig=replace(done.rig, quality=quality))
+
+
+def _points_sigma(
+    fit: MetricFit, observations: Observations, features: Features, lasting: BoolArray, factor: FloatArray
+) -> FloatArray:
+    """Standard uncertainties (p,3) mm of points: wider by what their own cameras are, rms of their observations.
+
+    `lasting` (c,): cameras of which `factor` is, in order; others, former poses, have the largest.
+    """
+    adjusted, covariance = fit.solved.adjusted, fit.solution.covariance
+    if covariance is None:
+        return np.full((len(features), 3), np.nan)
+    of_camera = np.full(len(lasting), factor.max(initial=1.0))
+    of_camera[lasting] = factor
+    used, count = adjusted.used, len(features)
+    point, squared = features.of_observation[used], of_camera[observations.camera[used]] ** 2
+    wider = np.bincount(point, squared, count) / np.maximum(np.bincount(point, minlength=count), 1)
+    variance = adjusted.variance * np.einsum("pii->pi", covariance.points) * wider[:, None]
+    return np.sqrt(np.maximum(variance, 0.0)) * fit.solution.factor
 
 
 def _doubted(scale: RigScale, doubt: float) -> RigScale:

@@ -450,18 +450,15 @@ def test_images_whose_poses_scatter_widen_their_cameras() -> None:
 
 def test_points_are_wider_by_what_their_own_cameras_are() -> None:
     """Of two points one is seen by a camera whose images scatter three times as much as noise; all had been widened."""
-    used, camera, point = (
-        np.array([True, True, True, True, False]),
-        np.array([0, 1, 0, 2, 2]),
-        np.array([0, 0, 1, 1, 0]),
-    )
+    used, point = np.array([True, True, True, True, False]), np.array([0, 0, 1, 1, 0])
     adjusted = SimpleNamespace(used=used, variance=0.25)
-    solution = SimpleNamespace(covariance=SimpleNamespace(points=np.tile(np.eye(3), (2, 1, 1))), factor=2.0)
+    cofactors = SimpleNamespace(points=np.tile(3 * np.eye(3), (2, 1, 1)), point_noise=np.tile(np.eye(3), (2, 1, 1)))
+    solution = SimpleNamespace(covariance=cofactors, factor=2.0)
     fit: Any = SimpleNamespace(solved=SimpleNamespace(adjusted=adjusted), solution=solution)
-    seen: Any = SimpleNamespace(camera=camera)
+    seen: Any = SimpleNamespace(camera=np.array([0, 1, 0, 2, 2]))
     features = Features(*np.zeros((3, 2), dtype=int), point)
     sigma = _points_sigma(fit, seen, features, np.array([True, True, True]), np.array([1.0, 1.0, 3.0]))
-    assert sigma.tolist() == [[1.0] * 3, [pytest.approx(np.sqrt(5))] * 3]
+    assert sigma.ravel() == pytest.approx([np.sqrt(3)] * 3 + [np.sqrt(1 + 5 * 2)] * 3)
 
 
 def test_the_verdict_is_one_of_three_and_read_back(tmp_path: Path) -> None:

@@ -219,9 +219,10 @@ def stopped_early(done: Calibration) -> Calibration:
 def _points_sigma(
     fit: MetricFit, observations: Observations, features: Features, lasting: BoolArray, factor: FloatArray
 ) -> FloatArray:
-    """Standard uncertainties (p,3) mm of points: wider by what their own cameras are, rms of their observations.
+    """Standard uncertainties (p,3) mm of points: what cameras add to a point's own noise is wider as these are.
 
-    `lasting` (c,): cameras of which `factor` is, in order; others, former poses, have the largest.
+    `lasting` (c,): cameras of which `factor` is, in order; others, former poses, have the largest. Of a point's cameras
+    the rms of its observations counts.
     """
     adjusted, covariance = fit.solved.adjusted, fit.solution.covariance
     if covariance is None:
@@ -231,8 +232,9 @@ def _points_sigma(
     used, count = adjusted.used, len(features)
     point, squared = features.of_observation[used], of_camera[observations.camera[used]] ** 2
     wider = np.bincount(point, squared, count) / np.maximum(np.bincount(point, minlength=count), 1)
-    variance = adjusted.variance * np.einsum("pii->pi", covariance.points) * wider[:, None]
-    return np.sqrt(np.maximum(variance, 0.0)) * fit.solution.factor
+    whole, noise = (np.einsum("pii->pi", one) for one in (covariance.points, covariance.point_noise))
+    cofactors = whole + (wider.clip(min=1.0) - 1)[:, None] * (whole - noise).clip(min=0.0)
+    return np.sqrt(np.maximum(adjusted.variance * cofactors, 0.0)) * fit.solution.factor
 
 
 def _doubted(scale: RigScale, doubt: float) -> RigScale:

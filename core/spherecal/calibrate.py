@@ -238,7 +238,7 @@ def _solved(session: Session, task: _Task, first: bool = False) -> _Judged | _So
         if first and sound is None and not drifts(network) and _other_lens(free, run, settings) is None:
             return solved
         done = solved.judged().done
-        if sound is not None and not _fits_as_well(done, sound):
+        if sound is not None and not _fits_as_well(done, sound) and not (turning and moves_are_all(done)):
             return _Judged(sound)  # rational lenses from focal lengths 30 % off: 0.22 px, 0.07 before
         if sound is None and moves_are_all(done) and drift_alike(network):
             # fields without turns: what drifts by 10 urad may look moved (seed 1212)

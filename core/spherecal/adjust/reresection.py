@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import RobustStep, residual_size, robust_adjustment, triangulated, usable_features
+from spherecal.adjust.bundle import RobustStep, residual_size, robust_adjustment, triangulated
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -103,9 +103,9 @@ def _better_poses(
     """Poses of doubtful cameras that fit the others' points better than the ones they have."""
     noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
     better = {}
-    triangulated = _of_the_others(network, state, used, doubtful)
+    of_the_others = triangulated(network, state, used & ~doubtful[network.camera])
     for camera in np.flatnonzero(doubtful).tolist():
-        view = _View.of(network, triangulated, camera, candidates, noise_px)
+        view = _View.of(network, of_the_others, camera, candidates, noise_px)
         if view is None:
             continue
         now = pose_cost(state.rotation[camera], state.translation[camera], view.points, view.xy, view.scale)
@@ -122,9 +122,9 @@ def _ambiguous(network: Network, state: State, used: BoolArray, candidates: Bool
     if not doubtful.any() or doubtful.sum() > placed.sum() / 2:
         return out
     noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
-    triangulated = _of_the_others(network, state, used, doubtful)
+    of_the_others = triangulated(network, state, used & ~doubtful[network.camera])
     for camera in np.flatnonzero(doubtful).tolist():
-        view = _View.of(network, triangulated, camera, candidates, noise_px)
+        view = _View.of(network, of_the_others, camera, candidates, noise_px)
         if view is None:
             continue
         poses = resected_poses(view.points, view.xy, view.scale)
@@ -156,25 +156,17 @@ class _View:
     scale_px: float
 
     @staticmethod
-    def of(
-        network: Network, triangulated: State, camera: int, candidates: BoolArray, noise_px: float
-    ) -> "_View | None":
+    def of(network: Network, state: State, camera: int, candidates: BoolArray, noise_px: float) -> "_View | None":
         rows: IntArray = np.flatnonzero(
-            candidates & (network.camera == camera) & np.isfinite(triangulated.points[network.feature, 0])
+            candidates & (network.camera == camera) & np.isfinite(state.points[network.feature, 0])
         )
-        xy, usable = undistort(network.uv[rows], triangulated.intrinsics[camera])
+        xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
         rows, xy = rows[usable], xy[usable]
         if len(rows) < MIN_AGREEING:
             return None
         scale_px = max(SCALE_SIGMAS * noise_px, LEAST_SCALE_PX)
-        points = network.only(rows).world_points(triangulated)
-        return _View(points, xy, scale_px / float(triangulated.intrinsics[camera, 0]), scale_px)
-
-
-def _of_the_others(network: Network, state: State, used: BoolArray, doubtful: BoolArray) -> State:
-    """The state with the points located by the cameras that are not doubtful, NaN where these cannot locate them."""
-    points, good = usable_features(network, state, used & ~doubtful[network.camera])
-    return replace(state, points=np.where(good[:, None], points, np.nan))
+        points = network.only(rows).world_points(state)
+        return _View(points, xy, scale_px / float(state.intrinsics[camera, 0]), scale_px)
 
 
 def _noise_px(network: Network, state: State, rows: BoolArray) -> float:

@@ -25,7 +25,7 @@ OTHER_BALL = 0.03
 
 def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
     """Cofactors (d,3,3) of some dots (d,) of the points (p,3) among themselves, in the network's unit squared."""
-    parts = covariance._parts
+    parts = covariance.factors
     assert isinstance(parts, PointFactors)
     own, at = parts.point_inverse[dots], points[dots]
     centroid = at.mean(axis=0)
@@ -112,7 +112,9 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
         feature=point[network.feature],
         n_features=len(every),
         ball=Stored(
-            block[features.placement][network.feature], np.arange(1 + len(motions)) > 0, ShapePrior(places, information)
+            block[features.placement][network.feature],
+            np.arange(1 + len(motions)) > 0,
+            shape=ShapePrior(places, information),
         ),
     )
     start = replace(

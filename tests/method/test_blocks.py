@@ -231,7 +231,7 @@ def test_covariance_and_tests_of_changes_are_alike(net: Small, most_kept: int, s
     monkeypatch.setattr(point_factors, "_MOST_KEPT", most_kept)
     found, again = _probed(*solved)
     _assert_alike(found, expected)
-    once, in_blocks = expected._parts, found._parts
+    once, in_blocks = expected.factors, found.factors
     assert isinstance(once, point_factors.PointFactors) and isinstance(in_blocks, point_factors.PointFactors)
     assert (in_blocks.shifts is not None) == (most_kept == 0 and net.problem.n_placements > 0)
     whole, parts = shift_matrix(once).toarray(), shift_matrix(in_blocks).toarray()

@@ -311,14 +311,14 @@ def test_function_of_one_coordinate_is_its_variance(case: tuple[Whole, Covarianc
 def test_point_noise_is_the_part_of_the_images(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
     images = whole.jacobian[: 2 * len(whole.problem.uv)]
-    point = found.point_of_feature
+    point = found.factors.point_of_feature
     assert (point == (np.arange(30) if whole.places is None else whole.places.point)).all()
     for f in np.flatnonzero(~np.isin(point, whole.problem.kept_points))[::7]:
         by_point = whole.by_unknown[point == point[f]][0]  # a feature of this point
         own = np.flatnonzero(np.abs(by_point).max(axis=0) > 0)[-3:]  # the points' columns are the last ones
         noise = np.linalg.inv(images[:, own].T @ images[:, own])
         turn = whole.by_unknown[f][:, own]
-        assert_matrices_agree(found.point_noise[f], turn @ noise @ turn.T)
+        assert_matrices_agree(found.factors.own_noise[f], turn @ noise @ turn.T)
 
 
 def test_changes_by_residuals_of_some_rows_are_those_of_the_bordered_system(case: tuple[Whole, Covariance]) -> None:

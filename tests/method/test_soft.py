@@ -169,7 +169,7 @@ def test_point_noise_is_that_with_known_cameras_and_placements(case: Case) -> No
         columns = np.concatenate([own, (before + 3 * same[:, None] + np.arange(3)).ravel()])
         noise = np.linalg.inv(case.whole.jacobian[:, columns].T @ case.whole.jacobian[:, columns])
         through = case.whole.by_unknown[f][:, columns]
-        assert_matrices_agree(case.found.point_noise[f], through @ noise @ through.T)
+        assert_matrices_agree(case.found.factors.own_noise[f], through @ noise @ through.T)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -13,7 +13,7 @@ from scipy.linalg import LinAlgError
 
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Free
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, generalised_inverse, moments_of
+from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, generalised_inverse
 from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.deformable_factors import deformable_factors
 from spherecal.adjust.least_squares import normal_equations
@@ -21,7 +21,7 @@ from spherecal.adjust.parameter_layout import symmetric
 from spherecal.adjust.point_factors import PointFactors, point_factors, widened
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import FloatArray
 from spherecal.base.threads import one_blas_thread
 
 
@@ -39,19 +39,14 @@ class Covariance:
     cameras: FloatArray
     stretch: float | None
     condition: float
-    _parts: CovarianceFactors
+    factors: CovarianceFactors
     _given_effects: "Covariance | None" = None
 
     @cached_property
     def points(self) -> FloatArray:
         """Cofactors (f,3,3) of the features' places, NaN where one takes no part; not asked of forms not taken."""
         with one_blas_thread():
-            return self._parts.place_cofactors()
-
-    @property
-    def is_located(self) -> BoolArray:
-        """Features (f,) whose places have cofactors."""
-        return self._parts.is_located
+            return self.factors.place_cofactors()
 
     @property
     def given_effects(self) -> "Covariance":
@@ -59,27 +54,12 @@ class Covariance:
         return self._given_effects or self
 
     @property
-    def factors(self) -> CovarianceFactors:
-        """What it is made of."""
-        return self._parts
-
-    @property
     def of_effects(self) -> FloatArray | None:
         """Cofactors (m,m) of the effects that the data ask for; None without any."""
         if self._given_effects is None:
             return None
         first = len(self._given_effects.factors.inverse)
-        return self._parts.inverse[first:, first:]
-
-    @property
-    def point_noise(self) -> FloatArray:
-        """The part of the points' cofactors that is their own image noise, V^-1 (f,3,3), without the cameras' share."""
-        return self._parts.own_noise
-
-    @property
-    def point_of_feature(self) -> IntArray:
-        """The unknown point (f,) behind each feature: in the rigid form a dot of the ball has many features."""
-        return self._parts.point_of_feature
+        return self.factors.inverse[first:, first:]
 
     def functional(self, gradient: FloatArray) -> float:
         """Cofactor of sum(gradient_f . x_f), gradient (f,3), with all correlations."""
@@ -87,13 +67,13 @@ class Covariance:
 
     def functionals(self, gradients: Sequence[FloatArray]) -> FloatArray:
         """Cofactors (m,m) of the functions sum(gradient_f . x_f) with each other, gradients (f,3)."""
-        by_columns, by_noise = (np.array(part) for part in zip(*map(self._parts.transformed, gradients), strict=True))
-        noise = np.einsum("api,pij,bpj->ab", by_noise, self._parts.point_inverse, by_noise, optimize=True)
-        return by_columns @ self._parts.inverse @ by_columns.T + noise
+        by_columns, by_noise = (np.array(part) for part in zip(*map(self.factors.transformed, gradients), strict=True))
+        noise = np.einsum("api,pij,bpj->ab", by_noise, self.factors.point_inverse, by_noise, optimize=True)
+        return by_columns @ self.factors.inverse @ by_columns.T + noise
 
     def all_cameras(self) -> FloatArray:
         """Cofactors of all cameras' parameters with each other, (c*w, c*w)."""
-        parts = self._parts
+        parts = self.factors
         n = parts.n_camera_columns
         gauge_weights, gauge_cross, gauge_inner = parts.gauge_weights[:n], parts.gauge_cross[:n], parts.gauge_inner
         mixed = gauge_cross @ gauge_weights.T
@@ -101,24 +81,22 @@ class Covariance:
 
     def with_size(self) -> "Covariance":
         """The same including the uncertainty of the size, where length rows give it: cameras only."""
-        parts = self._parts
+        parts = self.factors
         if self.stretch is None:
             return self
         kept = slice(0, parts.moments.shape[0] - 1)
-        places = parts.gauge_places[:, :, kept]
         turned = replace(
             parts,
             gauge_columns=parts.gauge_columns[:, kept],
-            gauge_places=places,
+            gauge_places=parts.gauge_places[:, :, kept],
             datum_points=parts.datum_points[:, :, kept],
             datum_columns=parts.datum_columns[:, kept],
-            moments=moments_of(places),
         )
-        return replace(self, _parts=turned)
+        return replace(self, factors=turned)
 
     def cameras_with(self, gradient: FloatArray) -> FloatArray:
         """Cofactors (c*w,) of all cameras' parameters with sum(gradient_f . x_f), gradient (f,3)."""
-        parts = self._parts
+        parts = self.factors
         by_column, by_noise = parts.transformed(gradient)
         moved = parts.inverse @ by_column
         datum = parts.gauge_rows @ moved + np.einsum("pig,pij,pj->g", parts.datum_points, parts.point_inverse, by_noise)
@@ -130,7 +108,7 @@ class Covariance:
         Returns by_column Factors (e,m) of the columns' scores, each of which must hold what the points add to it as
         they follow. points, factors (3p,g) and (g,m), whose product multiplies the points' scores.
         """
-        parts = self._parts
+        parts = self.factors
         taken = (
             functional @ parts.gauge_weights[: parts.n_camera_columns]
         )  # how much of the functions the datum takes back

@@ -45,7 +45,7 @@ class CovarianceFactors(ABC):
     `carried_dots`; `point_inverse`: cofactors of the sources of noise beside the columns, (p,3,3): the points' V^-1,
     and on a deformable ball Q; `gauge_columns, gauge_places`: the datum's motions of the columns (e,g) and of the
     features' places (f,3,g); `datum_points, datum_columns`: the same as conditions on the sources of noise (p,3,g) and
-    on the columns (e,g); `moments`: (sum G'G)^-1, (g,g); `spread`: distance from the centroid at which turns and
+    on the columns (e,g); `spread`: distance from the centroid at which turns and
     stretch move a point by 1.
     """
 
@@ -60,7 +60,6 @@ class CovarianceFactors(ABC):
     gauge_places: FloatArray
     datum_points: FloatArray
     datum_columns: FloatArray
-    moments: FloatArray
     spread: float
 
     @property
@@ -104,6 +103,12 @@ class CovarianceFactors(ABC):
         return pulled.reshape(3 * len(pulled), pulled.shape[2])
 
     @cached_property
+    def moments(self) -> FloatArray:
+        """(sum G'G)^-1 (g,g) of the places' motions."""
+        places = self.gauge_places
+        return np.linalg.inv(np.einsum("fig,fih->gh", places, places)) if places.size else np.zeros((0, 0))
+
+    @cached_property
     def gauge_weights(self) -> FloatArray:
         """G M of the columns, (e,g)."""
         return self.gauge_columns @ self.moments
@@ -119,22 +124,14 @@ class CovarianceFactors(ABC):
         noise = np.einsum("pig,pij,pjh->gh", self.datum_points, self.point_inverse, self.datum_points)
         return self.gauge_rows @ self.gauge_cross + noise
 
-    def take_back(self, cofactors: FloatArray, gauge_cross: FloatArray, gauge_weights: FloatArray) -> None:
-        """Transform cofactors (f,3,3) of places to the datum, in place.
-
-        `gauge_cross`: cofactors of the same places with the datum's conditions, (f,3,g); `gauge_weights`: G M of the
-        places, (f,3,g).
-        """
+    def take_back(self, cofactors: FloatArray, gauge_cross: FloatArray) -> None:
+        """Transform cofactors (f,3,3) of places, with the datum's conditions (f,3,g), to the datum, in place."""
         if self.moments.size:
+            gauge_weights = self.gauge_places @ self.moments
             cross = gauge_cross @ gauge_weights.transpose(0, 2, 1)
             cofactors += (
                 gauge_weights @ self.gauge_inner @ gauge_weights.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
             )
-
-
-def moments_of(places: FloatArray) -> FloatArray:
-    """(sum G'G)^-1 (g,g) of the places' motions (f,3,g)."""
-    return np.linalg.inv(np.einsum("fig,fih->gh", places, places)) if places.size else np.zeros((0, 0))
 
 
 def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:

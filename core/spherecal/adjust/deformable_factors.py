@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
+from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.deformable import shape_noise_matrices, shape_noise_of
 from spherecal.adjust.parameter_layout import POSE
@@ -72,7 +72,7 @@ class DeformableFactors(CovarianceFactors):
             rows = self.by_columns[3 * first : 3 * (first + _CHUNK)].toarray()
             product = (rows @ self.inverse).reshape(-1, 3, rows.shape[1])
             out[first : first + _CHUNK] += product @ rows.reshape(product.shape).transpose(0, 2, 1)
-        self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
+        self.take_back(out, gauge_cross)
         out[~self.is_located] = np.nan
         return out
 
@@ -118,7 +118,6 @@ def deformable_factors(inverted: Inverted, state: State, places: Places) -> Defo
         motions.places,
         datum,
         np.zeros((columns, g)),
-        moments_of(motions.places),
         motions.spread,
         through,
         by_columns,

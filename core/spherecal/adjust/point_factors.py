@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
+from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
@@ -88,7 +88,7 @@ class PointFactors(CovarianceFactors):
             gauge_cross = _carried_points(self) + self.point_inverse @ self.datum_points
         else:
             out, gauge_cross = _carried_places(self)
-        self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
+        self.take_back(out, gauge_cross)
         out[~self.is_located] = np.nan
         return out
 
@@ -153,7 +153,6 @@ def point_factors(inverted: Inverted, state: State, places: Places | None) -> Po
         motions.places,
         motions.places,
         np.zeros((expanded, g)),
-        moments_of(motions.places),
         motions.spread,
         None,
     )

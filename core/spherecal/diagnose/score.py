@@ -187,7 +187,7 @@ class ScoreTest:
 
 def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:
     """A network at its minimum, prepared for tests."""
-    linear, parts = engine.linear_model(problem, state, None), cofactors._parts
+    linear, parts = engine.linear_model(problem, state, None), cofactors.factors
     assert isinstance(parts, PointFactors)
     shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
     return ScoreTest(

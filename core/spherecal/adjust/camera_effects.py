@@ -115,12 +115,9 @@ class Design:
         return np.repeat([FIELD, MOTION, BENDING], [len(self.fields), self.n_cameras, int(self.bending is not None)])
 
     @cached_property
-    def _fields_by_camera(self) -> list[list[Field]]:
+    def fields_of(self) -> list[list[Field]]:
+        """The fields that each camera has."""
         return [[field for field in self.fields if camera in field.cameras] for camera in range(self.n_cameras)]
-
-    def fields_of(self, camera: int) -> list[Field]:
-        """The fields that a camera has."""
-        return self._fields_by_camera[camera]
 
     def images(self, camera: IntArray, placement: IntArray) -> IntArray:
         """The image (n,) of observations by camera and placement (n,); the camera where there are no turns."""
@@ -196,7 +193,7 @@ class Corrections:
     def field(self, camera: int, uv: FloatArray) -> FloatArray:
         """The field (n,2) px of a camera's lens at measured pixels (n,2)."""
         out = np.zeros_like(uv)
-        for field in self.design.fields_of(camera):
+        for field in self.design.fields_of[camera]:
             coefficients = self.applied[field.columns]
             if coefficients.any():
                 out += field.basis.at(uv) @ coefficients

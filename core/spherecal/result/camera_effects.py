@@ -36,7 +36,7 @@ def lens_field(
     """
     if corrections is None:
         return None
-    fields = corrections.design.fields_of(c)
+    fields = corrections.design.fields_of[c]
     if not any(corrections.coefficients[field.columns].any() for field in fields):
         return None
     pitch, nodes, shape = table_nodes(size)

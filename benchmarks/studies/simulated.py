@@ -22,7 +22,7 @@ from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
 from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
-from spherecal.data.rig_camera import lens_corrected, posed
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Bar, BarLength, Session
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.posed import PosedCameras
@@ -33,6 +33,7 @@ from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import StudyBars, study_bars
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
+from spherecal_verify.rig_cameras import lens_corrected
 
 RIGS = ("rigA", "rigB")
 SEED_BARS = 5

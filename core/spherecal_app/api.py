@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError, needing
 from spherecal.base.filesystem import write_together
-from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import is_installed
 from spherecal.calibrate import calibrate
@@ -38,6 +37,7 @@ from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.argument_kinds import checked
+from spherecal_app.kernel_state import is_marked, mark_compiled, state, wanted
 from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
 from spherecal_cameras.protocol import CameraSource

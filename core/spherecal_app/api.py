@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError, needing
-from spherecal.base.filesystem import write_together
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import is_installed
 from spherecal.calibrate import calibrate
@@ -51,6 +50,7 @@ from spherecal_documents.sheets.sticker_sheet import Page, write_sheet
 from spherecal_files.atomic import write_file_whole
 from spherecal_files.ball_file import BALL, read_ball
 from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
+from spherecal_files.filesystem import write_together
 from spherecal_files.json_file import JsonValue
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import COVARIANCE_FILE, check_rig_bytes, covariance_bytes, read_rig, rig_bytes

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from spherecal.base.filesystem import write_whole
 from spherecal.base.kernels import AHEAD
 from spherecal.base.resources import cache_folder
+from spherecal_files.filesystem import write_whole
 
 
 def state() -> Literal["ahead", "compiled", "to compile"]:

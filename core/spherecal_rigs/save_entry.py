@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.session import CameraSpec, CapturedSet, Session
 from spherecal.data.verdict import named
 from spherecal_cameras.camera_settings import SETTINGS, read_profile
 from spherecal_files.capture_file import last_taken, read_captured_sets
+from spherecal_files.filesystem import read_below
 from spherecal_files.json_file import read_bytes, read_json
 from spherecal_files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
 from spherecal_files.rig_file import read_rig

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray, IntArray, float_array
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import id_problem
+from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, Observations, name_problem
 from spherecal.data.rig_camera import ImageSize, is_wide, size_of

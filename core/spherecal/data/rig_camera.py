@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherecal.base.arrays import FloatArray, ReadOnly, float_array
 from spherecal.base.errors import InputError, Words
-from spherecal.base.filesystem import id_problem
+from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
 from spherecal.geometry import opencv
 from spherecal.geometry.camera import (

@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.studies.judged import Lengths, Reference
 from benchmarks.studies.realistic import dot_places
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment, refine, usable_features
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State

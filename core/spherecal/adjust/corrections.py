@@ -23,7 +23,8 @@ from spherecal.adjust.camera_effects import (
     Field,
     bending_of,
 )
-from spherecal.adjust.covariance import Covariance, inverted, with_effects
+from spherecal.adjust.covariance import inverted, with_effects
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.effect_elimination import effects_of
 from spherecal.adjust.lens_field import beyond_lens, field_basis
@@ -225,7 +226,7 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         if not design.count:
             return given
         start = None if found is None else np.append(found.applied, np.zeros(design.count - design.n_of_cameras))
-        system = effects_of(network, adjusted, design, given.factors, start, True)
+        system = effects_of(network, adjusted, design, given, start, True)
         taken = np.zeros(len(design.kind))
         if found is not None:
             taken[: len(found.variances)] = found.variances

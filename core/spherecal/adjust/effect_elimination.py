@@ -15,7 +15,7 @@ from scipy import sparse
 
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.camera_effects import TURN, Design
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
+from spherecal.adjust.covariance_factors import Inverted
 from spherecal.adjust.dense_elimination import alike, views_apart
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.network import Network
@@ -76,7 +76,7 @@ def effects_of(
     network: Network,
     adjusted: Adjustment,
     design: Design,
-    system: Inverted | CovarianceFactors,
+    system: Inverted,
     start: FloatArray | None,
     with_shifts: bool = False,
 ) -> EffectSystem:
@@ -117,7 +117,7 @@ def _eliminated(
     network: Network,
     adjusted: Adjustment,
     design: Design,
-    system: Inverted | CovarianceFactors,
+    system: Inverted,
     sums: _Sums,
     with_shifts: bool,
 ) -> Iterator[tuple[FloatArray, IntArray, IntArray]]:

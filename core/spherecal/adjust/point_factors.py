@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
+from spherecal.adjust.covariance_factors import Covariance, Inverted, moments_of
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
@@ -26,7 +26,7 @@ _MOST_KEPT = 200_000
 
 
 @dataclass(frozen=True)
-class PointFactors(CovarianceFactors):
+class PointFactors(Covariance):
     """Factors whose sources of noise are the points; `shifts` -V^-1 W' (3p,e): kept where few points are seen often."""
 
     shifts: sparse.csr_array | None
@@ -65,7 +65,7 @@ class PointFactors(CovarianceFactors):
     @property
     def point_of_feature(self) -> IntArray:
         """The unknown point (f,) behind each feature."""
-        return np.arange(len(self.gauge_places)) if self.places is None else self.places.point
+        return np.arange(len(self.motions.places)) if self.places is None else self.places.point
 
     def place_cofactors(self) -> FloatArray:
         """Cofactors (f,3,3) of L C L' + R V^-1 R' in the datum, L = R K + J by columns; NaN without observations."""
@@ -125,7 +125,7 @@ class PointFactors(CovarianceFactors):
 
     def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) in the datum, by columns (e,) and by the points' own noise (p,3)."""
-        left = np.einsum("fi,fig->g", gradient, self.gauge_places) @ self.moments  # how much the datum takes back
+        left = np.einsum("fi,fig->g", gradient, self.motions.places) @ self.moments  # how much the datum takes back
         points, columns = self.to_unknowns(gradient)
         by_column = columns + self.point_columns_times(points[None])[0] - left @ self.gauge_rows
         return by_column, points - self.datum_points @ left
@@ -142,19 +142,14 @@ def point_factors(inverted: Inverted, state: State, places: Places | None) -> Po
     g, expanded = motions.columns.shape[1], problem.layout.expanded
     rotation, lever_arm = carried_dots(state, places)
     parts = PointFactors(
-        problem,
-        places,
-        rotation,
-        lever_arm,
-        inverted.inverse,
-        inverted.linear,
-        inverted.point_inverse,
-        motions.columns,
-        motions.places,
-        motions.places,
-        np.zeros((expanded, g)),
-        motions.spread,
-        None,
+        **vars(inverted),
+        places=places,
+        rotation=rotation,
+        lever_arm=lever_arm,
+        datum_points=motions.places,
+        datum_columns=np.zeros((expanded, g)),
+        moments=moments_of(motions.places),
+        shifts=None,
     )
     if places is None:
         return parts
@@ -172,8 +167,9 @@ def widened(parts: PointFactors, inverse: FloatArray, shifts: sparse.csr_array) 
         parts,
         inverse=inverse,
         shifts=sparse.hstack([shift_matrix(parts), shifts], format="csr"),
-        gauge_columns=np.pad(parts.gauge_columns, more),
+        motions=replace(parts.motions, columns=np.pad(parts.motions.columns, more)),
         datum_columns=np.pad(parts.datum_columns, more),
+        given=parts,
     )
 
 

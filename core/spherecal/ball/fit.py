@@ -8,7 +8,8 @@ import numpy as np
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.camera_effects import MOTION, Corrections
 from spherecal.adjust.corrections import corrected, first_effects, with_corrections
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.intrinsic_priors import (
     LEAST_NOISE,
     like_the_others,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.rows import LengthRows
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
@@ -102,7 +102,7 @@ def odd_poses(
     Each certified length is compared with itself in the other poses: its certificate errs alike in all of them. Against
     the mean of the others the network's own warp counts, with all correlations.
     """
-    samples = _samples(recording, bar_id, covariance.factors.is_located)
+    samples = _samples(recording, bar_id, covariance.is_located)
     by_length: dict[tuple[str, str], list[_Sample]] = {}
     for sample in samples:
         by_length.setdefault((sample.certified.from_mark, sample.certified.to_mark), []).append(sample)
@@ -174,7 +174,7 @@ def scale_from_bars(
     The relative uncertainty holds noise and calibration with all correlations, and the certificate and the bar's
     temperature, which more poses do not average. See docs/formulation.md, Scale.
     """
-    samples = _samples(recording, bar_id, covariance.factors.is_located, without)
+    samples = _samples(recording, bar_id, covariance.is_located, without)
     if not samples:
         return None
     mean, weight = _mean_ratio(samples, points, _first_factor(samples, points), covariance)
@@ -280,7 +280,7 @@ def _mean_ratio(
         noise = 0.0
         for mark in (sample.first, sample.second):
             by_dot = np.einsum("i,kij->kj", along, mark.by_point(points, factor))
-            noise += float(np.einsum("ki,kij,kj->", by_dot, covariance.factors.own_noise[mark.dots], by_dot))
+            noise += float(np.einsum("ki,kij,kj->", by_dot, covariance.own_noise[mark.dots], by_dot))
         precision[i] = sample.reference_mm**2 / noise
     weight = precision / precision.sum()
     return float(weight @ ratio), weight

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Features
 
@@ -168,7 +168,7 @@ def _ratios(
     turned = bent @ rotation.transpose(0, 2, 1)
     gradient = turned / (bent**2).sum(axis=(1, 2))[:, None, None]
     ratio = (gradient * place).sum(axis=(1, 2))
-    noise = np.where(w[:, :, None, None], covariance.factors.own_noise[stickers.feature], 0.0)
+    noise = np.where(w[:, :, None, None], covariance.own_noise[stickers.feature], 0.0)
     spread = np.einsum("nki,nkij,nkj->n", gradient, noise, gradient)
     return ratio, gradient, variance * spread / ratio**2
 
@@ -254,7 +254,7 @@ def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
 
 def _stickers(spacing: Spacing, features: Features, points: FloatArray, covariance: Covariance) -> _Stickers:
     """All stickers of all placements with both dots, or with enough of their pattern, reconstructed."""
-    known = np.flatnonzero(covariance.factors.is_located & np.isfinite(points[:, 0]))
+    known = np.flatnonzero(covariance.is_located & np.isfinite(points[:, 0]))
     names = int(features.point.max(initial=0)) + 1
     both = np.stack([features.placement[known], features.target[known]], axis=1)
     keys, row = np.unique(both, axis=0, return_inverse=True)
@@ -286,7 +286,7 @@ def _pattern(spacing: Spacing, target: int, names: int) -> FloatArray:
 
 def _once(stickers: _Stickers, covariance: Covariance) -> BoolArray:
     """Stickers (n,) to use: of the rigid ball's, each one only at the placement where most of its dots are seen."""
-    unknown = np.where(stickers.there, covariance.factors.point_of_feature[stickers.feature], -1)
+    unknown = np.where(stickers.there, covariance.point_of_feature[stickers.feature], -1)
     keep, seen = np.zeros(len(unknown), dtype=bool), set[int]()
     for row in np.argsort(-stickers.there.sum(axis=1), kind="stable"):
         own = set(unknown[row][stickers.there[row]].tolist())

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
 from spherecal.adjust.datum import Motions, Places
@@ -210,6 +211,14 @@ class Covariance(Inverted, ABC):
 def moments_of(places: FloatArray) -> FloatArray:
     """(sum G'G)^-1 (g,g) of the places' motions (f,3,g)."""
     return np.linalg.inv(np.einsum("fig,fih->gh", places, places)) if places.size else np.zeros((0, 0))
+
+
+def add_products(out: FloatArray, rows: sparse.csr_array, inverse: FloatArray, at_once: int) -> None:
+    """Add K C K' of every three rows of K (3n,e) to out (n,3,3), so many at once."""
+    for first in range(0, len(out), at_once):
+        some = rows[3 * first : 3 * (first + at_once)].toarray()
+        product = (some @ inverse).reshape(-1, 3, some.shape[1])
+        out[first : first + at_once] += product @ some.reshape(product.shape).transpose(0, 2, 1)
 
 
 def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:

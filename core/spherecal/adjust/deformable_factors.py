@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.covariance_factors import Covariance, Inverted, moments_of
+from spherecal.adjust.covariance_factors import Covariance, Inverted, add_products, moments_of
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.deformable import shape_noise_matrices, shape_noise_of
 from spherecal.adjust.parameter_layout import POSE
@@ -68,10 +68,7 @@ class DeformableFactors(Covariance):
         dots = (self.point_inverse[:p] @ self.datum_points[:p]).reshape(3 * p, g)
         gauge_cross += np.asarray(self.by_dots @ dots).reshape(count, 3, g)
         gauge_cross += self.point_inverse[p:] @ self.datum_points[p:]
-        for first in range(0, count, _CHUNK):
-            rows = self.by_columns[3 * first : 3 * (first + _CHUNK)].toarray()
-            product = (rows @ self.inverse).reshape(-1, 3, rows.shape[1])
-            out[first : first + _CHUNK] += product @ rows.reshape(product.shape).transpose(0, 2, 1)
+        add_products(out, self.by_columns, self.inverse, _CHUNK)
         self.take_back(out, gauge_cross)
         out[~self.is_located] = np.nan
         return out

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.covariance_factors import Covariance, Inverted, moments_of
+from spherecal.adjust.covariance_factors import Covariance, Inverted, add_products, moments_of
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
@@ -72,10 +72,7 @@ class PointFactors(Covariance):
         if self.places is None:
             out = self.point_inverse.copy()
             if self.shifts is not None:
-                for first in range(0, len(out), _CHUNK):
-                    rows = self.shifts[3 * first : 3 * (first + _CHUNK)].toarray()
-                    moved = (rows @ self.inverse).reshape(-1, 3, len(self.inverse))
-                    out[first : first + _CHUNK] += moved @ rows.reshape(moved.shape).transpose(0, 2, 1)
+                add_products(out, self.shifts, self.inverse, _CHUNK)
             else:
                 for begin, end in _runs_of_points(self.problem):
                     by_camera = self.shifts_of(slice(begin, end))[0]

@@ -85,7 +85,7 @@ def _inverted(problem: Problem, state: State, places: Places | None) -> Inverted
     gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
     point_inverse, matrix = normal.reduced.point_inverse, symmetric(normal.matrix)
     del normal  # each of these matrices takes 24 MB with 100 cameras
-    inverse, condition = generalised_inverse(matrix, gauge)
+    inverse = generalised_inverse(matrix, gauge)
     del matrix
     expanded = layout.expand_rows(layout.expand_rows(inverse).T)
-    return Inverted(problem, linear, expanded, point_inverse, motions, condition)
+    return Inverted(problem, linear, expanded, point_inverse, motions)

@@ -29,7 +29,7 @@ class Inverted:
 
     `problem, linear`: the problem and its linearisation at the solution; `inverse`: a generalised inverse of the
     reduced matrix by the expanded columns, (e,e); `point_inverse`: V^-1 of the points, (p,3,3); `motions`: what the
-    datum takes back; `condition`: condition number of the reduced matrix.
+    datum takes back.
     """
 
     problem: Problem
@@ -37,7 +37,6 @@ class Inverted:
     inverse: FloatArray
     point_inverse: FloatArray
     motions: Motions
-    condition: float
 
 
 @dataclass(frozen=True)
@@ -221,19 +220,17 @@ def add_products(out: FloatArray, rows: sparse.csr_array, inverse: FloatArray, a
         out[first : first + at_once] += product @ some.reshape(product.shape).transpose(0, 2, 1)
 
 
-def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
-    """A generalised inverse (d,d) of a matrix whose null space `gauge` (d,g) spans, and its condition number."""
+def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> FloatArray:
+    """A generalised inverse (d,d) of a matrix whose null space `gauge` (d,g) spans."""
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = matrix * scale[:, None]
     scaled *= scale
-    size = np.linalg.norm(scaled, 1)
     null = np.linalg.qr(gauge / scale[:, None])[0]
     square = null @ null.T
     scaled += square
     factor = cho_factor(np.asfortranarray(scaled), overwrite_a=True)
     del scaled
     inverse = cho_solve(factor, np.eye(len(matrix)), overwrite_b=True) - square
-    condition = size * np.linalg.norm(inverse, 1)
     inverse *= scale[:, None]
     inverse *= scale
-    return inverse, float(condition)
+    return inverse

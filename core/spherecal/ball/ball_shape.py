@@ -64,14 +64,13 @@ class KnownDots:
 class Anchored:
     """A network based on a stored shape, in mm, and its start; `matched` (t,): placements whose ball has that shape.
 
-    `common` (t,): dots of each that the shape knows; `mm_per_unit` of the free network.
+    `common` (t,): dots of each that the shape knows.
     """
 
     rigid: RigidNetwork
     start: State
     matched: BoolArray
     common: IntArray
-    mm_per_unit: float
 
 
 def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) -> Anchored | None:
@@ -128,7 +127,7 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     nothing_shared = np.zeros((n_placements, n_placements), dtype=np.int64)
     alignment = Alignment(np.arange(n_placements), turns, shifts, nothing_shared)
     places_of = Places(point, block[features.placement])
-    return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common, unit)
+    return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common)
 
 
 def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from spherecal.adjust.lens_field import FieldBasis
+from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation
@@ -54,16 +55,20 @@ class Bending:
         return 3 * self.values.shape[1]
 
 
-def bending_of(points: FloatArray, is_shared: BoolArray, n_placements: int) -> Bending:
-    """Changes of the shape of a body by polynomials, each with an rms over its points (p,3) of 1 over its degree.
+def bending_of(problem: Problem, points: FloatArray) -> Bending | None:
+    """Changes of the ball's shape by polynomials, each with an rms over its points (p,3) of 1 over its degree.
 
-    `is_shared` (p,): points that several placements show; marks of a bar are none of the body.
+    Its points are those that several placements show, not a bar's marks; None without any.
     """
+    seen = np.unique(problem.point * problem.n_placements + problem.placement) // problem.n_placements
+    is_shared = np.bincount(seen, minlength=problem.n_points) > 1
+    if not is_shared.any():
+        return None
     off = np.where(is_shared[:, None], points - points[is_shared].mean(axis=0), 0.0)
     size = float(np.sqrt((off[is_shared] ** 2).sum(axis=1).mean()))
     values = ((off / size)[:, None] ** _POWERS).prod(axis=2)
     rms = np.sqrt((values[is_shared] ** 2).mean(axis=0)).clip(min=1e-9)
-    return Bending(values / rms / _POWERS.sum(axis=1), size, n_placements)
+    return Bending(values / rms / _POWERS.sum(axis=1), size, problem.n_placements)
 
 
 @dataclass(frozen=True)

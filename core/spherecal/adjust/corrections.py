@@ -17,7 +17,6 @@ from spherecal.adjust.camera_effects import (
     FIELD,
     MOTION,
     TURN,
-    Bending,
     Corrections,
     Design,
     Field,
@@ -222,7 +221,7 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
     with one_blas_thread(), suppress(np.linalg.LinAlgError):
         design = design_of(network, adjusted).of_fields if found is None else found.design
         if isinstance(network.ball, Rigid) and adjusted.problem.n_placements <= MOST_BENDING:
-            design = replace(design, bending=_bending(adjusted))
+            design = replace(design, bending=bending_of(adjusted.problem, adjusted.state.points))
         if not design.count:
             return given
         start = None if found is None else np.append(found.applied, np.zeros(design.count - design.n_of_cameras))
@@ -265,13 +264,6 @@ def _with_considered(effects: Effects, variances: FloatArray, considered: FloatA
     by = own @ effects.matrix[:, taken_up]
     by[taken_up] = -np.eye(int(taken_up.sum()))
     return own + by * considered[effects.part[taken_up]] @ by.T
-
-
-def _bending(adjusted: Adjustment) -> Bending | None:
-    problem, points = adjusted.problem, adjusted.state.points
-    seen = np.unique(problem.point * problem.n_placements + problem.placement) // problem.n_placements
-    is_shared = np.bincount(seen, minlength=problem.n_points) > 1
-    return bending_of(points, is_shared, problem.n_placements) if is_shared.any() else None
 
 
 def _not_excluded(

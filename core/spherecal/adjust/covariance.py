@@ -87,5 +87,5 @@ def _inverted(problem: Problem, state: State, places: Places | None) -> Inverted
     del normal  # each of these matrices takes 24 MB with 100 cameras
     inverse = generalised_inverse(matrix, gauge)
     del matrix
-    expanded = layout.expand_rows(layout.expand_rows(inverse).T)
+    expanded = layout.expanded_rows(layout.expanded_rows(inverse).T)
     return Inverted(problem, linear, expanded, point_inverse, motions)

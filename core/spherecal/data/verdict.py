@@ -4,22 +4,18 @@ VALID: the stated uncertainties cover the errors. USE WITH CARE: they do too, wi
 camera, the scale or a part of the volume is worse than it could be. NOT VALID: they do not.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.base.messages.catalogue import phrase
-from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity
-from spherecal.data.rig import Affected, Calibration, Verdict
+from spherecal.data.rig import Affected, Calibration
 
 Effect = Literal["information", "care", "not-valid"]
 Concerns = Literal["", "cameras", "scale", "volume"]
-# As the command line, the report and the window have them.
-WORDS: dict[Verdict, str] = {"valid": "VALID", "use-with-care": "USE WITH CARE", "not-valid": "NOT VALID"}
 
 
 @dataclass(frozen=True)
@@ -303,20 +299,3 @@ def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Ca
     valid, parts = rig.quality.valid and is_valid(findings), tuple(dict.fromkeys([*rig.quality.affected, *more]))
     quality = replace(rig.quality, findings=all_of_them, valid=valid, affected=parts)
     return replace(calibration, rig=replace(rig, quality=quality))
-
-
-def named(some: Collection[Affected]) -> str:
-    """What care concerns, in words: `cameras C01, C04; the scale`."""
-    return "; ".join(phrase(part) for part in care_phrases(some))
-
-
-def care_phrases(some: Collection[Affected]) -> tuple[Phrase, ...]:
-    """What care concerns: cameras, the scale, parts of the volume."""
-    cameras = [one.camera for one in some if one.camera is not None]
-    parts = [Phrase("care-cameras", {"cameras": cameras})] if cameras else []
-    parts += [Phrase("care-scale")] if any(one.scale for one in some) else []
-    for one in some:
-        if one.region_mm is not None:
-            low, high = one.region_mm
-            parts.append(Phrase("care-volume", {"low": low, "high": high}))
-    return tuple(parts)

@@ -12,7 +12,7 @@ from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QWidget
 
-from spherecal.base.filesystem import write_whole
+from spherecal_files.filesystem import write_whole
 from spherecal_gui import click_map
 
 _BEAT_MS = 20

@@ -6,7 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QApplication, QCheckBox, QPushButton, QWidget
 
-from spherecal.base.filesystem import write_whole
+from spherecal_files.filesystem import write_whole
 
 _EVERY_MS = 100
 

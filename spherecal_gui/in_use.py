@@ -4,8 +4,8 @@ import hashlib
 from pathlib import Path
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_below, write_together
 from spherecal.base.messages.values import Phrase
+from spherecal_files.filesystem import read_below, write_together
 from spherecal_files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_gui.project import Verdict
 from spherecal_rigs.entry import FILES, RIG_FILE

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import get_args
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import is_plain_file_below, write_below
 from spherecal_files.codec import FileFormat, choice, field, record, text, time
+from spherecal_files.filesystem import is_plain_file_below, write_below
 from spherecal_gui.project import Verdict
 
 FILE = "last-verification.json"

@@ -14,17 +14,9 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, get_args
 
-from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError, reason
-from spherecal.base.filesystem import (
-    PARTIAL,
-    is_plain_file_below,
-    move_below,
-    read_below,
-    remove_own_folder,
-    write_below,
-)
 from spherecal.base.messages.values import Phrase
+from spherecal_files import filesystem as files
 from spherecal_files.codec import (
     FileFormat,
     Kind,
@@ -40,6 +32,14 @@ from spherecal_files.codec import (
     prose,
     record,
     text,
+)
+from spherecal_files.filesystem import (
+    PARTIAL,
+    is_plain_file_below,
+    move_below,
+    read_below,
+    remove_own_folder,
+    write_below,
 )
 from spherecal_files.json_file import JsonValue
 from spherecal_gui.fingerprint import fingerprint

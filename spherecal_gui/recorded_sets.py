@@ -8,8 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.base.filesystem import (
-    id_problem,
+from spherecal.base.file_reading import id_problem
+from spherecal.base.messages.values import Phrase
+from spherecal_cameras.averaging import Stillness
+from spherecal_cameras.capture import SessionCamera, SessionFolder
+from spherecal_cameras.plan import CapturePlan, PlannedSet
+from spherecal_cameras.protocol import CameraSource, FrameSet
+from spherecal_files.filesystem import (
     is_plain_file_below,
     make_folder_below,
     move_below,
@@ -18,12 +23,7 @@ from spherecal.base.filesystem import (
     remove_folder_below,
     write_below,
 )
-from spherecal.base.interrupts import uninterrupted
-from spherecal.base.messages.values import Phrase
-from spherecal_cameras.averaging import Stillness
-from spherecal_cameras.capture import SessionCamera, SessionFolder
-from spherecal_cameras.plan import CapturePlan, PlannedSet
-from spherecal_cameras.protocol import CameraSource, FrameSet
+from spherecal_files.interrupts import uninterrupted
 from spherecal_files.target_set_file import TARGETS
 from spherecal_gui.project_folder import Document
 

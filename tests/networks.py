@@ -33,6 +33,12 @@ from spherecal_sim.truth import SimulationOptions, Truth
 from tests import reference_engine
 
 
+def lengths_between(first: IntArray, second: IntArray, length: FloatArray, sigma: FloatArray) -> LengthRows:
+    """Independent distances between pairs of points, (m,) indices, with standard uncertainties (m,)."""
+    ends = np.column_stack([first, second])
+    return LengthRows(ends, np.broadcast_to([-1.0, 1.0], ends.shape), length, np.diag(np.square(sigma)))
+
+
 @pytest.fixture(autouse=True, scope="module")
 def one_thread() -> Iterator[None]:
     """Small dense matrices: more threads of BLAS only wait for each other, four times as long on a busy machine."""
@@ -94,7 +100,7 @@ def small_network(
     if lengths:
         first, second = np.arange(lengths), np.arange(lengths) + n_points // 2
         true = np.linalg.norm(truth.points[second] - truth.points[first], axis=1)
-        rows = LengthRows.between(first, second, true, rng.uniform(0.01, 0.05, lengths))
+        rows = lengths_between(first, second, true, rng.uniform(0.01, 0.05, lengths))
     known = NO_PRIORS
     if priors:
         wide = np.where(rng.random((n_cameras, N_INTRINSICS)) < 0.5, 5.0, np.inf)

@@ -1,4 +1,4 @@
-"""Which calls in a source file write, rename or remove files: only `spherecal.base.filesystem` may."""
+"""Which calls in a source file write, rename or remove files: only `spherecal_files.filesystem` may."""
 
 import ast
 from pathlib import Path
@@ -112,5 +112,5 @@ def files_that_write(root: Path) -> dict[str, list[tuple[int, str]]]:
         for path in sorted(folder.rglob("*.py")):
             if calls := writing_calls(path.read_text(encoding="utf-8")):
                 found[path.relative_to(root).as_posix()] = calls
-    found.pop("core/spherecal/base/filesystem.py", None)
+    found.pop("core/spherecal_files/filesystem.py", None)
     return found

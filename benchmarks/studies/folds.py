@@ -18,12 +18,13 @@ from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration
-from spherecal.data.rig_camera import lens_corrected, posed
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_files.read_session import read_session
+from spherecal_verify.rig_cameras import lens_corrected
 
 DOME = Path(os.environ.get("SPHERECAL_DATA", "../data")) / "dome15"
 FOLDS, GOAL_PX = 4, 0.48

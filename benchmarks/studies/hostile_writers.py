@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spherecal.base.errors import SpherecalError
-from spherecal.base.filesystem import create
 from spherecal_files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal_files.filesystem import create
 from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile

@@ -20,12 +20,13 @@ from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, Quality, Rig, RigCamera
-from spherecal.data.rig_camera import lens_corrected, posed
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_verify.rig_cameras import lens_corrected
 
 BEYOND_U = 3.0
 COVERAGE_FACTOR = 2.0

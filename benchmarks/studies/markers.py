@@ -11,8 +11,8 @@ from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig
 from spherecal.targets.family import make_target_set
-from spherecal.targets.marker_set import make_marker_set
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.marker_targets import make_marker_set
 from spherecal_files.read_session import read_session
 
 COUNT, SIZE_MM, RADIUS_MM, DISTANCE_MM = 100, 28.0, 200.0, 1100.0

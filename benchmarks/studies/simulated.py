@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.studies.judged import Lengths, Reference
 from benchmarks.studies.realistic import dot_places
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment, refine, usable_features
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
@@ -22,7 +23,7 @@ from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
 from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
-from spherecal.data.rig_camera import lens_corrected, posed
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Bar, BarLength, Session
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.posed import PosedCameras
@@ -33,6 +34,7 @@ from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import StudyBars, study_bars
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
+from spherecal_verify.rig_cameras import lens_corrected
 
 RIGS = ("rigA", "rigB")
 SEED_BARS = 5

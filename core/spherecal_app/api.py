@@ -18,8 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError, needing
-from spherecal.base.filesystem import write_together
-from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import is_installed
 from spherecal.calibrate import calibrate
@@ -38,6 +36,7 @@ from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.argument_kinds import checked
+from spherecal_app.kernel_state import is_marked, mark_compiled, state, wanted
 from spherecal_app.recordings.new_session import Contents, NewSession, StatedCameras, make_session
 from spherecal_boards.pattern_entry import board_entry, board_pattern, partial_board
 from spherecal_cameras.protocol import CameraSource
@@ -51,6 +50,7 @@ from spherecal_documents.sheets.sticker_sheet import Page, write_sheet
 from spherecal_files.atomic import write_file_whole
 from spherecal_files.ball_file import BALL, read_ball
 from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
+from spherecal_files.filesystem import write_together
 from spherecal_files.json_file import JsonValue
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import COVARIANCE_FILE, check_rig_bytes, covariance_bytes, read_rig, rig_bytes

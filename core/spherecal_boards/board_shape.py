@@ -7,7 +7,8 @@ import numpy as np
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise as minimise_points
 from spherecal.adjust.levenberg import Settings

@@ -252,7 +252,7 @@ def _step(model: FrameModel, state: State, linear: Linearised, damping: float) -
     step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
     if step is None:
         return None
-    expanded = problem.layout.expand_vector(step).reshape(problem.n_cameras, -1)
+    expanded = problem.layout.expanded_rows(step).reshape(problem.n_cameras, -1)
     pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
     pulled = sum_by(normal.pair_part, pulled, model.n_frames * model.parts).reshape(normal.gradient_own.shape)
     frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)

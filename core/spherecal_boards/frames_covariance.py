@@ -64,7 +64,7 @@ def frame_factors(model: FrameModel, state: State) -> tuple[ReducedFrames, Float
     except (LinAlgError, np.linalg.LinAlgError):
         return None
     layout = model.problem.layout
-    return normal, layout.expand_rows(layout.expand_rows(inverse).T)
+    return normal, layout.expanded_rows(layout.expanded_rows(inverse).T)
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.levenberg import Minimum
 from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import free_network

@@ -9,13 +9,13 @@ from typing import Literal
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
 from spherecal_cameras.camera_network import WireCamera, found_on_wire
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_cameras.makers import ANY_MAKER, maker_of, own_folder
 from spherecal_cameras.network_lines import usb_cameras
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
+from spherecal_files.filesystem import write_whole
 from spherecal_gentl.producer.build_producer import ARAVIS_CTI_FILE, aravis_flags, build_producer, cxx_compiler
 
 Lack = Literal["linux", "libaravis", "libaravis-dev", "compiler"]

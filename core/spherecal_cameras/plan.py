@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError, Words
-from spherecal.base.filesystem import create
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, CameraSpec, Session
 from spherecal.targets.target_set import TargetSet
 from spherecal_files.capture_file import CAPTURE_FILE, PLANNED
 from spherecal_files.capture_file import FORMAT as CAPTURE_FORMAT
 from spherecal_files.capture_file import VERSION as CAPTURE_VERSION
+from spherecal_files.filesystem import create
 from spherecal_files.json_file import read_json
 from spherecal_files.observations_file import COLUMNS
 from spherecal_files.read_session import FORMAT, VERSION, read_session

@@ -16,9 +16,10 @@ from numpy.typing import ArrayLike
 
 from spherecal import __version__
 from spherecal.base.errors import InputError, Words, advice
-from spherecal.base.filesystem import id_problem, read_below, read_file, shown_name
+from spherecal.base.file_reading import id_problem, read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LONGEST_NAME, name_problem
+from spherecal_files.filesystem import read_below, shown_name
 
 # 100 cameras times 1000 placements with an image path each are 7 MB.
 _MOST_BYTES = 64 << 20

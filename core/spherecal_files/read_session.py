@@ -7,7 +7,6 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import file_sha256
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import BarPose, BoardPoint, Placement, Scale, Session
@@ -15,6 +14,7 @@ from spherecal.targets.target_set import TargetSet
 from spherecal_files.board_grid import board_grid
 from spherecal_files.bundle_file import original_sha256
 from spherecal_files.capture_file import last_taken, read_captured_sets
+from spherecal_files.filesystem import file_sha256
 from spherecal_files.json_file import JsonValue, read_json, unique
 from spherecal_files.observations_file import read_observations
 from spherecal_files.read_bars import read_bars

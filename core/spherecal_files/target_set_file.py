@@ -10,8 +10,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.targets.marker_set import CORNERS, make_marker_set
-from spherecal.targets.marker_set import FAMILY as MARKERS
+from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import Polarity, TargetSet
 from spherecal_files.atomic import write_file_whole
 from spherecal_files.codec import (
@@ -32,6 +31,8 @@ from spherecal_files.codec import (
     text,
 )
 from spherecal_files.json_file import JsonValue
+from spherecal_files.marker_targets import FAMILY as MARKERS
+from spherecal_files.marker_targets import make_marker_set
 
 _POLARITIES: tuple[Polarity, ...] = ("light-on-dark", "dark-on-light")
 _MOST_STRETCH = 1.05  # of a print: more is refused when rulers are entered (targets.sheet)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.base.filesystem import create, new_file
 from spherecal.data.rig import BallProfile, Calibration, ImageMotion, PlacedSphere
 from spherecal_files.atomic import RESULT, write_folder_whole
 from spherecal_files.ball_file import BALL, BALL_FILE
+from spherecal_files.filesystem import create, new_file
 from spherecal_files.findings_file import FINDINGS_FILE, findings_document
 from spherecal_files.json_file import json_bytes
 from spherecal_files.observations_file import write_observations

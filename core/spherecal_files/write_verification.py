@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.base.filesystem import create, read_below, read_file
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal_files.atomic import RESULT, check_folder, write_folder_whole
+from spherecal_files.filesystem import create, read_below
 from spherecal_files.findings_file import FINDINGS_FILE, findings_document, read_findings
 from spherecal_files.json_file import json_bytes, software_entry
 from spherecal_files.verification_file import VERIFICATION

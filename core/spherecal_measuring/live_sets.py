@@ -10,7 +10,6 @@ import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import as_id
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig, RigCamera
@@ -19,6 +18,7 @@ from spherecal.targets.family import DOTS
 from spherecal.targets.images import balance_mosaic
 from spherecal.targets.target_set import TargetSet
 from spherecal_cameras.protocol import CameraError, CameraSource, CaptureRequest, Discovery, Frame, FrameSet
+from spherecal_files.filesystem import as_id
 from spherecal_measuring.measured_sets import ObservedSet
 from spherecal_measuring.search_regions import FULL_PERIOD_S, RegionSearch
 

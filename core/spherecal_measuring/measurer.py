@@ -10,7 +10,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Rig
-from spherecal.data.rig_camera import lens_corrected, posed
+from spherecal.data.rig_camera import posed
 from spherecal_measuring import measured_sets
 from spherecal_measuring.health import RigHealth
 from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
@@ -20,6 +20,7 @@ from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_place
 from spherecal_measuring.pose import measure_body
 from spherecal_measuring.rejection import reject_views
 from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
+from spherecal_verify.rig_cameras import lens_corrected
 from spherecal_verify.uncertainty import PointErrors, point_errors
 
 _POINTS = 1024  # names of points on a target; a key is target * _POINTS + point

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import id_problem
+from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.targets.target_set import TargetSet

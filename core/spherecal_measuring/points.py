@@ -16,10 +16,11 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
 from spherecal.data.from_arrays import above_zero, of_kind, points_by_ids
 from spherecal.data.rig import Rig
-from spherecal.data.rig_camera import last_axis, lens_corrected, posed
+from spherecal.data.rig_camera import last_axis, posed
 from spherecal_rigs.framed_rig import in_frame
 from spherecal_rigs.user_frame import UserFrame
 from spherecal_verify.outlying_views import Views, triangulate_checked, weighted_noise
+from spherecal_verify.rig_cameras import lens_corrected
 from spherecal_verify.uncertainty import PointErrors, point_errors
 
 # What the detector reaches on clean prints is better, a laser dot or a feature matcher worse; the points' covariance

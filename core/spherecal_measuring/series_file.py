@@ -9,9 +9,9 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from spherecal.base.errors import MissingPackage
-from spherecal.base.filesystem import create, new_file
 from spherecal.base.messages.values import Phrase
 from spherecal_files.atomic import Marker, write_folder_whole
+from spherecal_files.filesystem import create, new_file
 from spherecal_files.json_file import finite, json_bytes, plain, plain_fields, software_entry
 from spherecal_files.write_result import place_cell
 from spherecal_measuring.measured_sets import BodyPose, Health, MeasuredSet

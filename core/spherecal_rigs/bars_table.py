@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError, Words
-from spherecal.base.filesystem import read_file
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
 from spherecal.data.session import BarLength, Mark

@@ -7,11 +7,11 @@ from datetime import datetime
 from pathlib import Path
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, Verdict
 from spherecal_files import codec
 from spherecal_files.codec import serial
+from spherecal_files.filesystem import read_below
 from spherecal_files.json_file import JsonValue, software_entry
 from spherecal_files.rig_file import read_rig
 from spherecal_files.verification_file import OVERRIDE, Override

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import write_below
 from spherecal.base.messages.values import Phrase
 from spherecal_files import codec
+from spherecal_files.filesystem import write_below
 
 FOLDER = "checks"
 _ID = re.compile(r"[0-9]{8}T[0-9]{12}Z")

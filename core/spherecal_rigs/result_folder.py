@@ -11,11 +11,12 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_file, write_below
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import PlacedSphere, Rig
 from spherecal.geometry.camera import project
 from spherecal_files.atomic import read_unchanged
+from spherecal_files.filesystem import write_below
 from spherecal_files.findings_file import with_values
 from spherecal_files.json_file import JsonValue, json_bytes, read_json
 from spherecal_files.rig_file import RIG, read_rig

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from spherecal.base import filesystem
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import name_problem
 from spherecal.data.rig import Rig
+from spherecal_files import filesystem
 from spherecal_files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
 from spherecal_files.json_file import JsonValue
 from spherecal_files.lock import LOCK, locked

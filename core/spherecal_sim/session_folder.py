@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from spherecal.base.filesystem import create
 from spherecal.data.session import Session
 from spherecal_files.atomic import SESSION, write_folder_whole
+from spherecal_files.filesystem import create
 from spherecal_files.observations_file import write_observations
 from spherecal_files.session_json import session_json
 from spherecal_files.target_set_file import write_target_set

@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, ByValue, FloatArray
-from spherecal.base.filesystem import create
 from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.geometry.rotation import exp_rotation
+from spherecal_files.filesystem import create
 from spherecal_files.json_file import plain_fields
 from spherecal_sim.rigs import Layout, TrueCamera, Turns
 from spherecal_sim.simulated_ball import Ball

@@ -13,7 +13,6 @@ from typing import Any
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError, SpherecalError
-from spherecal.base.filesystem import read_below, remove_below, shown_name, write_together
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
@@ -23,6 +22,7 @@ from spherecal_documents.report.model import Cell, Strong
 from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, report_style, significant
 from spherecal_files.atomic import RESULT, SESSION
 from spherecal_files.cells import cell
+from spherecal_files.filesystem import read_below, remove_below, shown_name, write_together
 from spherecal_files.json_file import json_bytes
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig

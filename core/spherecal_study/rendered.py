@@ -18,10 +18,10 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import OutputError
-from spherecal.base.filesystem import create, move_below, remove_own_folder, scratch_beside
 from spherecal.data.session import BarPose, Placement, Session
 from spherecal.geometry.transform import fit_similarity
 from spherecal_files.atomic import SESSION
+from spherecal_files.filesystem import create, move_below, remove_own_folder, scratch_beside
 from spherecal_files.json_file import json_bytes
 from spherecal_files.read_session import read_session
 from spherecal_files.session_json import session_json

@@ -9,9 +9,9 @@ from typing import Any
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import remove_below
 from spherecal_documents.report.style import report_style
 from spherecal_files.atomic import write_file_whole
+from spherecal_files.filesystem import remove_below
 from spherecal_files.json_file import json_bytes
 from spherecal_sim.rigs import rig_design
 from spherecal_study import camera_count as cameras

@@ -12,10 +12,11 @@ import numpy as np
 
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity
-from spherecal.data.session import Bar, BarPose, expiry
+from spherecal.data.session import Bar, BarPose
 from spherecal.scale.bar_temperature import temperature_findings
 from spherecal_verify.budget import pooled_scatter
 from spherecal_verify.consistency import Consistency
+from spherecal_verify.expiry import expiry
 from spherecal_verify.limit import Acceptance
 from spherecal_verify.verification import Decision, MeasuredLength
 

@@ -1,12 +1,15 @@
-"""Which of a session's cameras are the rig's."""
+"""Which of a session's cameras are the rig's, and their image points without what lenses do beyond the model."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from spherecal.base.arrays import IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.errors import InputError, Words
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig
+from spherecal.data.rig_camera import RigCamera
 from spherecal.data.session import Session
 
 
@@ -24,3 +27,18 @@ def cameras_in_rig(session: Session, observations: Observations, rig: Rig, advic
     if (in_rig < 0).all():
         raise InputError(Phrase("error-cameras-not-in-rig", {"folder": session.where}))
     return in_rig
+
+
+def lens_corrected(
+    cameras: Sequence[RigCamera], camera: IntArray, uv: FloatArray, sigma: FloatArray, noise: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels (n,2) as the lens models predict them, and sigmas (n,2), in units of `noise` px, with the fields'."""
+    if all(one.field is None for one in cameras):
+        return uv, sigma
+    uv, sigma = uv.copy(), np.array(np.broadcast_to(sigma, uv.shape))
+    for c, one in enumerate(cameras):
+        rows = np.flatnonzero(camera == c)
+        if one.field is not None and len(rows):
+            sigma[rows] = np.hypot(sigma[rows], one.field.sd_at(uv[rows])[:, None] / noise)
+            uv[rows] -= one.field.at(uv[rows])
+    return uv, sigma

@@ -15,9 +15,8 @@ from spherecal.data.assumed import assumed_of_bars
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
-from spherecal.data.rig_camera import lens_corrected, posed
+from spherecal.data.rig_camera import posed
 from spherecal.data.session import Bar, BarLength, BarPose, Session
-from spherecal.data.verdict import care_phrases
 from spherecal.scale.bar_temperature import reference_length
 from spherecal_verify.agreement import decide, mean_uncertainty
 from spherecal_verify.budget import length_budgets
@@ -38,7 +37,7 @@ from spherecal_verify.marks import MarkFinder, MarkPlace
 from spherecal_verify.measuring_volume import volume_box
 from spherecal_verify.outlying_views import Views, triangulate_checked
 from spherecal_verify.participation import many_outlying, participation, participation_doubts
-from spherecal_verify.rig_cameras import cameras_in_rig
+from spherecal_verify.rig_cameras import cameras_in_rig, lens_corrected
 from spherecal_verify.uncertainty import (
     PointErrors,
     camera_gradient,
@@ -49,6 +48,7 @@ from spherecal_verify.uncertainty import (
     overall_statistics,
     point_errors,
 )
+from spherecal_verify.verdict_words import care_phrases
 from spherecal_verify.verification import MeasuredLength, Verification
 
 STAGE = "verification"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import remove_below
+from spherecal_files.filesystem import remove_below
 from spherecal_gui.controllers.controller_part import ControllerPart
 from spherecal_gui.languages import translate
 from spherecal_gui.project_folder import profile_of

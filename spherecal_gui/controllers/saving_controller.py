@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
 from spherecal.base.errors import OutputError
-from spherecal.base.filesystem import write_below
+from spherecal_files.filesystem import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.controller_part import ControllerPart

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from spherecal.base.context import Context
-from spherecal.base.filesystem import id_problem
+from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
 from spherecal_gui.controllers.camera_controller import keep_in_profile

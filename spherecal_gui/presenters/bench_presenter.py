@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import as_id
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import STANDARD_PLACEMENTS, Bar
 from spherecal.targets.family import FAMILY, make_target_set
 from spherecal.targets.target_set import TargetSet
 from spherecal_files.bar_registry import MARKS, REGISTERED_BAR, RegisteredBar, read_lengths
+from spherecal_files.filesystem import as_id
 from spherecal_files.json_file import JsonValue, printable
 from spherecal_gui import languages
 from spherecal_gui.languages import translate

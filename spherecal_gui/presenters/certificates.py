@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
     """The state of a certificate in a few words, and the colour of that. `certificate` None where it has none."""
-    from spherecal.data.session import expiry
+    from spherecal_verify.expiry import expiry
 
     said = expiry(certificate, today)
     word = said[0] if said is not None else "ok"
@@ -41,8 +41,8 @@ def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Le
 
 def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, Level]:
     """One sentence about the bars whose certificate has expired or soon will, and its colour; empty where none has."""
-    from spherecal.data.session import expiry
     from spherecal_files.bar_registry import RegisteredBar
+    from spherecal_verify.expiry import expiry
 
     names: dict[str, list[str]] = {"expired": [], "not-yet": [], "expires-soon": []}
     for bar in bars:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.errors import SpherecalError
-from spherecal.base.filesystem import is_plain_file_below
+from spherecal_files.filesystem import is_plain_file_below
 from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
 from spherecal_gui.last_verification import last_verification

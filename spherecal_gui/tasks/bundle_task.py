@@ -5,10 +5,10 @@ from functools import partial
 from pathlib import Path
 
 from spherecal.base.errors import InputError, OutputError, reason
-from spherecal.base.filesystem import plain_files, read_below
 from spherecal.base.messages.values import Phrase
 from spherecal_documents.support.redact import Redactor
 from spherecal_documents.support.support_bundle import BundleContents, write_zip
+from spherecal_files.filesystem import plain_files, read_below
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20

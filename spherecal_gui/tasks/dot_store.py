@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.errors import SpherecalError
-from spherecal.base.filesystem import read_below, write_below
+from spherecal_files.filesystem import read_below, write_below
 from spherecal_gui.coverage import Dots
 
 # Ten thousand dots in each of a hundred cameras are 36 MB.

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spherecal.base.context import Context
-from spherecal.base.filesystem import create
 from spherecal.data.observations import Observations
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
+from spherecal_files.filesystem import create
 from spherecal_files.observations_file import COLUMNS
 from spherecal_files.target_set_file import write_target_set
 from spherecal_gui import limits_in_force as limits

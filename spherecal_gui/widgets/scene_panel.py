@@ -7,9 +7,9 @@ from PySide6.QtGui import QAction, QResizeEvent
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMenu, QSplitter, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
-from spherecal.base.filesystem import write_whole
 from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import SHOWN_AT_FIRST
+from spherecal_files.filesystem import write_whole
 from spherecal_gui import theme
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.texts import error_text

@@ -524,7 +524,7 @@ class WizardWindow(WindowFrame):
         """Stop what runs; whether it has ended. Nobody waits for kernels that are still compiled."""
         if self.controller.runner.close(_PATIENCE_MS):
             return True
-        from spherecal.base.kernels import state  # needs NumPy, which the work has loaded
+        from spherecal_app.kernel_state import state  # needs NumPy, which the work has loaded
 
         if state() != "to compile":
             return False

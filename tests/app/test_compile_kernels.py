@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 import spherecal
-from spherecal.base import kernels
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, SpherecalError
+from spherecal_app import kernel_state as kernels
 from spherecal_app.cli.commands import COMMANDS
 from spherecal_app.cli.compile_kernels import compile_all, compile_first
 from spherecal_app.cli.main import main

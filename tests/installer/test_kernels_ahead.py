@@ -42,7 +42,8 @@ sys.modules["numba"] = None
 USE = """
 import sys
 import numpy as np
-from spherecal.base.kernels import AHEAD, state
+from spherecal.base.kernels import AHEAD
+from spherecal_app.kernel_state import state
 from spherecal.targets import components, refinement
 assert "llvmlite" not in sys.modules
 rng = np.random.default_rng(1)
@@ -218,5 +219,5 @@ def test_a_wheel_of_this_platform_carries_them(package: Path, tmp_path: Path) ->
         about = packed.read(next(name for name in packed.namelist() if name.endswith("/WHEEL"))).decode()
         assert "Root-Is-Purelib: false" in about
         packed.extractall(tmp_path / "core")
-    done = run("from spherecal.base.kernels import state; print(state())", path=tmp_path)
+    done = run("from spherecal_app.kernel_state import state; print(state())", path=tmp_path)
     assert done.stdout.strip() == "ahead", done.stderr

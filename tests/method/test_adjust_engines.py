@@ -94,7 +94,7 @@ def test_engines_are_equal(net: Small, weight: FloatArray | None, damping: float
     assert_close(p.point_inverse, q.point_inverse, "point_inverse")
     assert_close(p.point_gradient, q.point_gradient, "point_gradient")
     np.testing.assert_allclose(layout.fold_vector(p.diagonal), layout.fold_vector(q.diagonal), rtol=1e-9)
-    step = layout.expand_vector(np.random.default_rng(3).normal(size=layout.size) * unit)
+    step = layout.expanded_rows(np.random.default_rng(3).normal(size=layout.size) * unit)
     (one, cost), (other, other_cost) = (engine.back_substitute(problem, b, q, step) for engine in ENGINES)
     assert_close(one, other, "point step")
     assert cost == pytest.approx(other_cost, rel=1e-9)
@@ -121,7 +121,7 @@ def test_reduced_system_is_that_of_the_full_normal_equations(
     np.testing.assert_allclose(normal.diagonal, n.diagonal()[:d], rtol=1e-9)
     # a step of the reduced unknowns determines the points: the full equations' second block row
     step = np.random.default_rng(3).normal(size=d) * unit
-    point_step, cost = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
+    point_step, cost = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expanded_rows(step))
     expected = -np.linalg.solve(v, g[d:] + n[d:, :d] @ step)
     rest = np.setdiff1d(np.arange(problem.n_points), problem.kept_points)
     assert_close(point_step[rest], expected.reshape(-1, 3), "point step")
@@ -142,7 +142,7 @@ def test_gauss_newton_step_is_that_of_the_full_equations(net: Small, engine: Mod
     normal = assembled(problem, state, engine.reduce(problem, linear, 1e-3))
     matrix = symmetric(normal.matrix) + 1e-3 * np.diag(normal.diagonal)
     step = np.asarray(-np.linalg.solve(matrix, normal.gradient), np.float64)
-    point_step, _ = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
+    point_step, _ = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expanded_rows(step))
     rest = np.setdiff1d(np.arange(problem.n_points), problem.kept_points)
     found = np.r_[step, point_step[rest].ravel()]
     unit = np.sqrt(n.diagonal())
@@ -159,7 +159,7 @@ def test_points_that_nobody_sees_take_no_part(engine: ModuleType, rigid: bool) -
     unseen = np.arange(problem.n_points) % 5 == 2
     assert np.isfinite(reduced.matrix).all()
     assert (reduced.point_inverse[unseen] == 0).all()
-    step = problem.layout.expand_vector(np.full(problem.layout.size, 1e-3))
+    step = problem.layout.expanded_rows(np.full(problem.layout.size, 1e-3))
     point_step, cost = engine.back_substitute(problem, linear, reduced, step)
     assert (point_step[unseen] == 0).all()
     assert np.isfinite(point_step).all() and np.isfinite(cost)
@@ -214,14 +214,14 @@ def test_layout_expands_and_folds(net: Small) -> None:
     layout = net.problem.layout
     rng = np.random.default_rng(0)
     reduced = rng.normal(size=layout.size)
-    expanded = layout.expand_vector(reduced)
+    expanded = layout.expanded_rows(reduced)
     assert (expanded[layout.column < 0] == 0).all()
     np.testing.assert_array_equal(expanded[layout.column >= 0], reduced[layout.column[layout.column >= 0]])
     # folding is the transpose of expanding
     other = rng.normal(size=layout.expanded)
     assert layout.fold_vector(other) @ reduced == pytest.approx(other @ expanded)
     many = rng.normal(size=(layout.size, 3))
-    np.testing.assert_array_equal(layout.expand_rows(many)[:, 1], layout.expand_vector(many[:, 1]))
+    np.testing.assert_array_equal(layout.expanded_rows(many)[:, 1], layout.expanded_rows(many[:, 1]))
     square = rng.normal(size=(layout.expanded, layout.expanded))
     square = square + square.T
     folded = symmetric(layout.fold_matrix(np.triu(square)))

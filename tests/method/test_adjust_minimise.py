@@ -13,14 +13,14 @@ from spherecal.adjust.least_squares import _Bundle, minimise
 from spherecal.adjust.levenberg import Damping, Minimum, Settings, levenberg_marquardt
 from spherecal.adjust.network import Network, free_network
 from spherecal.adjust.problem import Problem, length_residuals, prior_residuals
-from spherecal.adjust.rows import LengthRows, Priors
+from spherecal.adjust.rows import Priors
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from tests.networks import one_thread, perturbed, small_network
+from tests.networks import lengths_between, one_thread, perturbed, small_network
 
 __all__ = ["one_thread"]
 
@@ -231,7 +231,7 @@ def test_length_rows_between_shared_points_add_up() -> None:
     net = small_network(n_points=40, noise_px=NOISE_PX)
     first, second = np.array([0, 1, 2, 0]), np.array([1, 2, 3, 3])
     true = np.linalg.norm(net.truth.points[second] - net.truth.points[first], axis=1)
-    problem = replace(net.problem, lengths=LengthRows.between(first, second, true, np.full(4, 1e-4)))
+    problem = replace(net.problem, lengths=lengths_between(first, second, true, np.full(4, 1e-4)))
     assert problem.kept_points.tolist() == [0, 1, 2, 3]
     minimum = minimise(problem, perturbed(problem, net.truth, 0.3), Settings(max_iterations=200))
     assert minimum.converged

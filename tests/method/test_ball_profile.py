@@ -74,7 +74,7 @@ def on_shape(sd_mm: float = 0.05):
         ball=Stored(
             problem.placement + 1,
             np.arange(4) > 0,
-            ShapePrior(np.where(np.arange(24)[:, None] < 20, stored, np.nan), information),
+            shape=ShapePrior(np.where(np.arange(24)[:, None] < 20, stored, np.nan), information),
         ),
     )
     state = replace(state, placement_rotation=turn, placement_translation=shift, anchored=np.ones(24, dtype=bool))

@@ -9,7 +9,8 @@ from scipy.sparse import csr_array
 from spherecal.adjust import dense_elimination, linear, point_factors
 from spherecal.adjust import engine as compiled
 from spherecal.adjust.bundle import datum_defect, residual_size
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise, normal_equations
 from spherecal.adjust.levenberg import Minimum, Settings
@@ -231,7 +232,7 @@ def test_covariance_and_tests_of_changes_are_alike(net: Small, most_kept: int, s
     monkeypatch.setattr(point_factors, "_MOST_KEPT", most_kept)
     found, again = _probed(*solved)
     _assert_alike(found, expected)
-    once, in_blocks = expected._parts, found._parts
+    once, in_blocks = expected, found
     assert isinstance(once, point_factors.PointFactors) and isinstance(in_blocks, point_factors.PointFactors)
     assert (in_blocks.shifts is not None) == (most_kept == 0 and net.problem.n_placements > 0)
     whole, parts = shift_matrix(once).toarray(), shift_matrix(in_blocks).toarray()

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from spherecal.adjust.covariance import Covariance, camera_cofactors, covariance
+from spherecal.adjust.covariance import camera_cofactors, covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Minimum, Settings
@@ -318,7 +319,7 @@ def test_point_noise_is_the_part_of_the_images(case: tuple[Whole, Covariance]) -
         own = np.flatnonzero(np.abs(by_point).max(axis=0) > 0)[-3:]  # the points' columns are the last ones
         noise = np.linalg.inv(images[:, own].T @ images[:, own])
         turn = whole.by_unknown[f][:, own]
-        assert_matrices_agree(found.point_noise[f], turn @ noise @ turn.T)
+        assert_matrices_agree(found.own_noise[f], turn @ noise @ turn.T)
 
 
 def test_changes_by_residuals_of_some_rows_are_those_of_the_bordered_system(case: tuple[Whole, Covariance]) -> None:

@@ -14,9 +14,9 @@ import pytest
 
 from benchmarks.studies.full_disk import as_anybody, small_disk
 from spherecal.base.errors import OutputError
-from spherecal.base.filesystem import create, write_below, write_together
 from spherecal_app.cli.main import main
 from spherecal_files.atomic import RESULT, write_folder_whole
+from spherecal_files.filesystem import create, write_below, write_together
 from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, copy_is_right, create_profile, open_profile, set_limits

@@ -38,7 +38,7 @@ def _dense(network, adjusted, design, system, *_) -> tuple[FloatArray, FloatArra
     image = design.images(problem.camera, network.placement[adjusted.rows])
     for k in rows:
         c, p = problem.camera[k], problem.point[k]
-        for field in design.fields_of(int(c)):
+        for field in design.fields_of[int(c)]:
             values = field.basis.at(network.measured[adjusted.rows[k : k + 1]])[0]
             effects[k][:, field.columns] = values * problem.weight[k][:, None]
         if len(design.camera_of_image):

@@ -27,10 +27,11 @@ from spherecal.base.errors import InputError
 from spherecal.geometry.camera import project
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.family import DOTS
-from spherecal.targets.marker_set import CORNERS, make_marker_set, sticker_mm
+from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.cli.main import main
 from spherecal_documents.sheets.sticker_sheet import scaled, sticker_places, write_sheet
+from spherecal_files.marker_targets import make_marker_set, sticker_mm
 from spherecal_files.rig_file import read_rig
 from spherecal_files.target_set_file import read_target_set, write_target_set
 from spherecal_gui.coverage import Dots

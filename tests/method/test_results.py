@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal.base import filesystem as files
 from spherecal.base.errors import OutputError
 from spherecal.data.findings import as_written
 from spherecal.data.observations import Observations, find_features
@@ -16,6 +15,7 @@ from spherecal.data.rig import Calibration, CameraSigma, PlacedSphere, Quality, 
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.family import make_target_set
 from spherecal_files import atomic
+from spherecal_files import filesystem as files
 from spherecal_files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
 from spherecal_files.observations_file import read_observations, write_observations
 from spherecal_files.rig_file import read_rig, rig_bytes

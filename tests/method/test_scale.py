@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Features, Observations, find_features
@@ -80,14 +80,12 @@ def stickers(
     return Features(placement, target, point, np.arange(len(rows))), place, radius
 
 
-def cofactors(n: int, sd: FloatArray | float = 1.0, part: FloatArray | None = None) -> Covariance:
+def cofactors(n: int, sd: FloatArray | float = 1.0) -> Covariance:
     """A covariance of n points that is their own image noise alone: spheres of standard deviation `sd`."""
     noise = np.eye(3) * np.square(np.broadcast_to(sd, n))[:, None, None]
 
-    class Alone(Covariance):
-        points = noise  # type: ignore[assignment]
-        point_noise = noise  # type: ignore[assignment]
-        point_of_feature = np.arange(n)  # type: ignore[assignment]
+    class Alone:
+        points, own_noise, point_of_feature = noise, noise, np.arange(n)
 
         @property
         def is_located(self) -> BoolArray:
@@ -96,7 +94,7 @@ def cofactors(n: int, sd: FloatArray | float = 1.0, part: FloatArray | None = No
         def functional(self, gradient: FloatArray) -> float:
             return float(np.einsum("pi,pij,pj->", gradient, noise, gradient))
 
-    return Alone(np.zeros((1, 6, 6)), None, 1.0, part)  # type: ignore[arg-type]
+    return Alone()  # type: ignore[return-value]
 
 
 SPACING = Spacing(0, 1, ARC, True)

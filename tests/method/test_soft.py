@@ -7,7 +7,8 @@ import pytest
 
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Free, as_rigid
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.least_squares import NormalEquations, minimise, normal_equations
 from spherecal.adjust.levenberg import Settings
@@ -169,7 +170,7 @@ def test_point_noise_is_that_with_known_cameras_and_placements(case: Case) -> No
         columns = np.concatenate([own, (before + 3 * same[:, None] + np.arange(3)).ravel()])
         noise = np.linalg.inv(case.whole.jacobian[:, columns].T @ case.whole.jacobian[:, columns])
         through = case.whole.by_unknown[f][:, columns]
-        assert_matrices_agree(case.found.point_noise[f], through @ noise @ through.T)
+        assert_matrices_agree(case.found.own_noise[f], through @ noise @ through.T)
 
 
 @pytest.mark.parametrize("name", CASES)

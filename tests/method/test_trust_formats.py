@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.base.filesystem import create, write_whole
 from spherecal_app.cli.main import main
 from spherecal_cameras.genicam.messages import Live
 from spherecal_cameras.genicam.wire import WireError, pack, unpack
 from spherecal_documents.support.redact import Redactor
 from spherecal_documents.support.support_bundle import BundleOptions, unpacked_session, write_bundle
 from spherecal_files.atomic import RESULT, write_folder_whole
+from spherecal_files.filesystem import create, write_whole
 from spherecal_files.lock import LOCK, locked, short_name
 from spherecal_files.read_session import read_session
 from spherecal_gui.project_folder import load_project, recent_projects
@@ -210,7 +210,7 @@ def test_a_batch_writes_into_no_folder_of_the_users(recording: Path, tmp_path: P
 @pytest.mark.skipif(os.name == "nt", reason="signals as POSIX has them")
 def test_ctrl_c_within_a_destructor_is_noted_without_a_traceback() -> None:
     code = (
-        "import signal\nfrom spherecal.base import interrupts\ninterrupts.begin()\n"
+        "import signal\nfrom spherecal_files import interrupts\ninterrupts.begin()\n"
         "class One:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
         "One()\nprint(interrupts.came())"
     )

@@ -21,9 +21,7 @@ import pytest
 from example_session import make_session
 from export_rigs import make_rig
 
-from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
-from spherecal.base.filesystem import PARTIAL, write_below, write_whole
 from spherecal.data.session import BarLength, Certificate, Mark
 from spherecal.targets.images import read_image
 from spherecal_app.cli.main import main
@@ -36,9 +34,11 @@ from spherecal_documents.export.anipose import read_toml
 from spherecal_documents.export.colmap import read_colmap
 from spherecal_documents.export.opencv_yaml import read_yaml
 from spherecal_documents.export.write_export import export_rig
+from spherecal_files import filesystem as files
 from spherecal_files.atomic import RESULT, read_unchanged, write_folder_whole
 from spherecal_files.bar_registry import RegisteredBar
 from spherecal_files.cells import cell, from_cell
+from spherecal_files.filesystem import PARTIAL, write_below, write_whole
 from spherecal_files.json_file import read_json
 from spherecal_files.lock import locked
 from spherecal_files.read_session import read_session
@@ -378,7 +378,7 @@ def test_ctrl_c_while_the_program_loads_is_130() -> None:
 
 
 def test_ctrl_c_is_held_back_in_short_work() -> None:
-    from spherecal.base.interrupts import uninterrupted
+    from spherecal_files.interrupts import uninterrupted
 
     done = []
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012

@@ -1,6 +1,7 @@
 """Wrong recordings never end VALID: repaired and right, to be used with care within what is stated, or not valid."""
 
 import json
+import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -21,7 +22,7 @@ from spherecal.data.findings import AdvisedRepair, Finding, as_written
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
-from spherecal.data.verdict import RULES, affected, effect, is_valid, named, ruled, widening
+from spherecal.data.verdict import RULES, affected, effect, is_valid, ruled, widening
 from spherecal.diagnose.plausibility import implausible
 from spherecal.geometry.transform import fit_similarity
 from spherecal.result.build_result import _points_sigma
@@ -40,6 +41,7 @@ from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from spherecal_verify.limit import parse_limit
+from spherecal_verify.verdict_words import named
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import calibrated, one_thread, with_observations
@@ -402,7 +404,8 @@ def test_every_code_of_the_engine_has_its_row() -> None:
     written = {code for one in made if one.severities & {"warning", "error"} for code in one.codes if "-" in code}
     written -= {"form-rigid"}  # made with the other forms, and never a warning
     assert len(written) > 30 and written <= set(RULES), written - set(RULES)
-    assert all(rule.because.endswith(".") for rule in RULES.values())
+    table = (ENGINE / "data" / "verdict.py").read_text(encoding="utf-8")
+    assert [code for code in RULES if not re.search(rf'#.*\.\n    "{code}": ', table)] == []  # each says why
 
 
 def test_severities_are_effects() -> None:

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from spherecal.base import filesystem as files
 from spherecal.base.errors import InputError, OutputError
 from spherecal_app.cli.console import kept_in_profile
+from spherecal_files import filesystem as files
 from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.calibration_age import ValidityLimits, validity
 from spherecal_rigs.check_file import keep

@@ -178,7 +178,7 @@ def test_what_a_kill_leaves_behind_is_no_calibration_and_is_swept_later(profile:
 
 @pytest.mark.skipif(os.name == "nt", reason="os.fork")
 def test_what_a_killed_apply_left_is_removed_by_the_next(profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("spherecal.base.filesystem.os.replace", lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr("spherecal_files.filesystem.os.replace", lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
     if (child := os.fork()) == 0:
         apply(profile, "0003")
         os._exit(0)
@@ -207,7 +207,7 @@ def test_a_full_disk_changes_nothing(profile: Profile, tmp_path: Path, monkeypat
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     before = {path: path.read_bytes() for path in profile.folder.rglob("*") if path.is_file()}
-    monkeypatch.setattr("spherecal.base.filesystem._create", full)
+    monkeypatch.setattr("spherecal_files.filesystem._create", full)
     with pytest.raises(OutputError, match="no space left"):
         save_result(profile, result_made(tmp_path))
     with pytest.raises(OutputError, match="no space left"):

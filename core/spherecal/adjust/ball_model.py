@@ -1,105 +1,57 @@
 """How the dots of the ball are connected from placement to placement: the four models of the network.
 
-All of them have the same arrays, empty where a model has none of them, so that what does not depend on the model needs
-no case of its own.
+All of them have the same arrays, so that what does not depend on the model needs no case of its own.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import Self
 
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 
-_NO_INDICES = np.zeros(0, dtype=np.int64)
-_NO_FLAGS = np.zeros(0, dtype=bool)
-_NO_NUMBERS = np.zeros(0)
+
+@dataclass(frozen=True)
+class BallModel:
+    """What all four have: arrays, empty where a model has none of them.
+
+    `placement` (n,): pose of the ball at each observation; `free_placement` (t,): the estimated poses, the others are
+    the world itself; `place` (n,): the feature (dot at a placement) that each observation shows; `shape_sd` (f,):
+    standard deviation of shape noise per coordinate of each feature.
+    """
+
+    placement: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    free_placement: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    place: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    shape_sd: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def select(self, rows: BoolArray | IntArray | slice) -> Self:
+        """The model of some of the observations."""
+        placement, place = (each[rows] if len(each) else each for each in (self.placement, self.place))
+        return replace(self, placement=placement, place=place)
+
+    def scaled(self, factor: float) -> Self:
+        """The model with all lengths multiplied by `factor`; a stored shape is in millimetres, as its network is."""
+        return replace(self, shape_sd=self.shape_sd * factor)
 
 
 @dataclass(frozen=True)
-class Free:
+class Free(BallModel):
     """Every dot at every placement is a point of its own [Tao21]."""
 
-    @property
-    def placement(self) -> IntArray:
-        """None of the observations has a pose of the ball, (0,)."""
-        return _NO_INDICES
 
-    @property
-    def free_placement(self) -> BoolArray:
-        """There are no poses of the ball, (0,)."""
-        return _NO_FLAGS
-
-    @property
-    def place(self) -> IntArray:
-        """The observations share no shape noise, (0,)."""
-        return _NO_INDICES
-
-    @property
-    def shape_sd(self) -> FloatArray:
-        """There is no shape noise, (0,)."""
-        return _NO_NUMBERS
-
-    def select(self, rows: BoolArray | IntArray | slice) -> "Free":
-        """The model of some of the observations."""
-        return self
-
-    def scaled(self, factor: float) -> "Free":
-        """The model with all lengths multiplied by `factor`."""
-        return self
+@dataclass(frozen=True)
+class Rigid(BallModel):
+    """The ball keeps its shape: X = R_t S + T_t."""
 
 
 @dataclass(frozen=True)
-class Rigid:
-    """The ball keeps its shape: X = R_t S + T_t.
-
-    `placement` (n,): pose at each observation; `free_placement` (t,): estimated ones, the others are the world itself.
-    """
-
-    placement: IntArray
-    free_placement: BoolArray
-
-    @property
-    def place(self) -> IntArray:
-        """The observations share no shape noise, (0,)."""
-        return _NO_INDICES
-
-    @property
-    def shape_sd(self) -> FloatArray:
-        """There is no shape noise, (0,)."""
-        return _NO_NUMBERS
-
-    def select(self, rows: BoolArray | IntArray | slice) -> "Rigid":
-        """The model of some of the observations."""
-        return replace(self, placement=self.placement[rows])
-
-    def scaled(self, factor: float) -> "Rigid":
-        """The model with all lengths multiplied by `factor`."""
-        return self
-
-
-@dataclass(frozen=True)
-class Deformable:
+class Deformable(BallModel):
     """The ball keeps its shape but for some shape noise of its dots: X = R_t S + T_t + e (see `deformable`).
 
-    `placement, free_placement`: as of Rigid; `place`: the feature (dot at a placement) that each observation shows,
-    (n,); `shape_sd`: standard deviation of e per coordinate of each feature (f,), in the network's unit and for a
-    standard deviation of unit weight of 1. 0 is a rigid place.
+    `shape_sd` in the network's unit and for a standard deviation of unit weight of 1. 0 is a rigid place.
     """
-
-    placement: IntArray
-    free_placement: BoolArray
-    place: IntArray
-    shape_sd: FloatArray
-
-    def select(self, rows: BoolArray | IntArray | slice) -> "Deformable":
-        """The model of some of the observations."""
-        return replace(self, placement=self.placement[rows], place=self.place[rows])
-
-    def scaled(self, factor: float) -> "Deformable":
-        """The model with all lengths multiplied by `factor`."""
-        return replace(self, shape_sd=self.shape_sd * factor)
 
 
 @dataclass(frozen=True)
@@ -123,38 +75,17 @@ class ShapePrior:
         return off, np.einsum("pij,pj->pi", self.information, off)
 
 
-@dataclass(frozen=True)
-class Stored:
+@dataclass(frozen=True, kw_only=True)
+class Stored(BallModel):
     """The ball keeps a shape that is stored (a ball profile): its dots are observations of the shape.
 
     As Rigid; all placements but the first, the world itself, are free.
     """
 
-    placement: IntArray
-    free_placement: BoolArray
     shape: ShapePrior
-
-    @property
-    def place(self) -> IntArray:
-        """The observations share no shape noise, (0,)."""
-        return _NO_INDICES
-
-    @property
-    def shape_sd(self) -> FloatArray:
-        """There is no shape noise, (0,)."""
-        return _NO_NUMBERS
-
-    def select(self, rows: BoolArray | IntArray | slice) -> "Stored":
-        """The model of some of the observations."""
-        return replace(self, placement=self.placement[rows])
-
-    def scaled(self, factor: float) -> "Stored":
-        """The model as it is: the shape is in millimetres, and so is a network based on it."""
-        return self
 
 
 FREE = Free()
-BallModel: TypeAlias = Free | Rigid | Deformable | Stored
 
 
 def as_rigid(ball: BallModel) -> BallModel:

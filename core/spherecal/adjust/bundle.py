@@ -209,7 +209,8 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
             break
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
         known = np.where(np.isfinite(state.points), state.points, 0.0)
-        settings = Settings(first_damping=_first_damping(problem))
+        # with the usual damping, long flexible chains of cameras converge slowly
+        settings = Settings(first_damping=LARGE_DAMPING) if _is_large(problem) else Settings()
         minimum = minimise(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
         lost = (network.views(gated) == 0) & ~network.known
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
@@ -221,11 +222,6 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
             break
     assert done is not None
     return done
-
-
-def _first_damping(problem: Problem) -> float:
-    """The damping from a good start: with the usual one, long flexible chains of cameras converge slowly."""
-    return LARGE_DAMPING if _is_large(problem) else Settings().first_damping
 
 
 def _is_large(problem: Problem) -> bool:

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from spherecal.adjust.lens_field import FieldBasis
+from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation
@@ -54,16 +55,20 @@ class Bending:
         return 3 * self.values.shape[1]
 
 
-def bending_of(points: FloatArray, is_shared: BoolArray, n_placements: int) -> Bending:
-    """Changes of the shape of a body by polynomials, each with an rms over its points (p,3) of 1 over its degree.
+def bending_of(problem: Problem, points: FloatArray) -> Bending | None:
+    """Changes of the ball's shape by polynomials, each with an rms over its points (p,3) of 1 over its degree.
 
-    `is_shared` (p,): points that several placements show; marks of a bar are none of the body.
+    Its points are those that several placements show, not a bar's marks; None without any.
     """
+    seen = np.unique(problem.point * problem.n_placements + problem.placement) // problem.n_placements
+    is_shared = np.bincount(seen, minlength=problem.n_points) > 1
+    if not is_shared.any():
+        return None
     off = np.where(is_shared[:, None], points - points[is_shared].mean(axis=0), 0.0)
     size = float(np.sqrt((off[is_shared] ** 2).sum(axis=1).mean()))
     values = ((off / size)[:, None] ** _POWERS).prod(axis=2)
     rms = np.sqrt((values[is_shared] ** 2).mean(axis=0)).clip(min=1e-9)
-    return Bending(values / rms / _POWERS.sum(axis=1), size, n_placements)
+    return Bending(values / rms / _POWERS.sum(axis=1), size, problem.n_placements)
 
 
 @dataclass(frozen=True)
@@ -115,12 +120,9 @@ class Design:
         return np.repeat([FIELD, MOTION, BENDING], [len(self.fields), self.n_cameras, int(self.bending is not None)])
 
     @cached_property
-    def _fields_by_camera(self) -> list[list[Field]]:
+    def fields_of(self) -> list[list[Field]]:
+        """The fields that each camera has."""
         return [[field for field in self.fields if camera in field.cameras] for camera in range(self.n_cameras)]
-
-    def fields_of(self, camera: int) -> list[Field]:
-        """The fields that a camera has."""
-        return self._fields_by_camera[camera]
 
     def images(self, camera: IntArray, placement: IntArray) -> IntArray:
         """The image (n,) of observations by camera and placement (n,); the camera where there are no turns."""
@@ -196,7 +198,7 @@ class Corrections:
     def field(self, camera: int, uv: FloatArray) -> FloatArray:
         """The field (n,2) px of a camera's lens at measured pixels (n,2)."""
         out = np.zeros_like(uv)
-        for field in self.design.fields_of(camera):
+        for field in self.design.fields_of[camera]:
             coefficients = self.applied[field.columns]
             if coefficients.any():
                 out += field.basis.at(uv) @ coefficients

@@ -17,13 +17,13 @@ from spherecal.adjust.camera_effects import (
     FIELD,
     MOTION,
     TURN,
-    Bending,
     Corrections,
     Design,
     Field,
     bending_of,
 )
-from spherecal.adjust.covariance import Covariance, inverted, with_effects
+from spherecal.adjust.covariance import inverted, with_effects
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.effect_elimination import effects_of
 from spherecal.adjust.lens_field import beyond_lens, field_basis
@@ -125,7 +125,7 @@ def corrected(
     `placed`: cameras that have a pose, (c,); `places` None in the free form; `first`: its `first_effects`.
     """
     found = network.corrections
-    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted) or (found is None and first is None):
+    if not _may_have_effects(network, adjusted) or (found is None and first is None):
         return network, adjusted
     limit = None if found is None or isinstance(network.ball, Free) else MOST_GROWTH * found.variances
     for _ in range(ROUNDS):
@@ -158,27 +158,20 @@ def _is_settled(before: Corrections | None, found: Corrections) -> bool:
 
 
 def _may_have_effects(network: Network, adjusted: Adjustment) -> bool:
-    """Whether fields and motions may be estimated of a network at all."""
+    """Whether fields and motions may be estimated of a network at all: not where a field has no other placement.
+
+    camcal's lens then went 0.011 mm from what two programs published; it is within 0.004 without a field.
+    """
     if adjusted.redundancy <= 0 or isinstance(network.ball, Deformable):
         return False
-    return has_estimated_lenses(network, adjusted) and not _is_of_one_placement(network)
-
-
-def _is_nearly_exact(adjusted: Adjustment) -> bool:
-    return not np.sqrt(adjusted.variance) / np.median(adjusted.problem.weight) > LEAST_NOISE_PX
+    several = (np.bincount(network.placement) >= LEAST_OBSERVATIONS).sum() > 1
+    is_exact = not np.sqrt(adjusted.variance) / np.median(adjusted.problem.weight) > LEAST_NOISE_PX
+    return has_estimated_lenses(network, adjusted) and bool(several) and not is_exact
 
 
 def has_estimated_lenses(network: Network, adjusted: Adjustment) -> bool:
     """Whether effects may be estimated: what a given lens cannot do is for the test of given lenses to say."""
     return network.sizes is not None and bool(network.free[np.unique(adjusted.problem.camera), 0].all())
-
-
-def _is_of_one_placement(network: Network) -> bool:
-    """Whether a field would have no other placement to agree with.
-
-    camcal's lens then went 0.011 mm from what two programs published; it is within 0.004 without a field.
-    """
-    return int((np.bincount(network.placement) >= LEAST_OBSERVATIONS).sum()) < 2
 
 
 def drifts(network: Network) -> bool:
@@ -223,16 +216,16 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
     found = network.corrections
     if isinstance(network.ball, Deformable):
         return given
-    if found is None and (not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted)):
+    if found is None and not _may_have_effects(network, adjusted):
         return given
     with one_blas_thread(), suppress(np.linalg.LinAlgError):
         design = design_of(network, adjusted).of_fields if found is None else found.design
         if isinstance(network.ball, Rigid) and adjusted.problem.n_placements <= MOST_BENDING:
-            design = replace(design, bending=_bending(adjusted))
+            design = replace(design, bending=bending_of(adjusted.problem, adjusted.state.points))
         if not design.count:
             return given
         start = None if found is None else np.append(found.applied, np.zeros(design.count - design.n_of_cameras))
-        system = effects_of(network, adjusted, design, given.factors, start, True)
+        system = effects_of(network, adjusted, design, given, start, True)
         taken = np.zeros(len(design.kind))
         if found is not None:
             taken[: len(found.variances)] = found.variances
@@ -273,13 +266,6 @@ def _with_considered(effects: Effects, variances: FloatArray, considered: FloatA
     return own + by * considered[effects.part[taken_up]] @ by.T
 
 
-def _bending(adjusted: Adjustment) -> Bending | None:
-    problem, points = adjusted.problem, adjusted.state.points
-    seen = np.unique(problem.point * problem.n_placements + problem.placement) // problem.n_placements
-    is_shared = np.bincount(seen, minlength=problem.n_points) > 1
-    return bending_of(points, is_shared, problem.n_placements) if is_shared.any() else None
-
-
 def _not_excluded(
     design: Design, effects: Effects, variances: FloatArray, adjusted: Adjustment
 ) -> tuple[FloatArray, float]:
@@ -305,21 +291,20 @@ def first_effects(network: Network, adjusted: Adjustment) -> Corrections | None:
     """The effects that a free form asks for which has none yet; None for none."""
     if network.corrections is not None or not isinstance(network.ball, Free):
         return None  # what only the ball as one object asks for may be its own change of shape
-    if not _may_have_effects(network, adjusted) or _is_nearly_exact(adjusted):
+    if not _may_have_effects(network, adjusted):
         return None
     with one_blas_thread(), suppress(np.linalg.LinAlgError):  # a network that hardly hangs together has no effects
         system = inverted(adjusted.problem, adjusted.state, None)
         if system is None:
             return None
-        design = design_of(network, adjusted)
-        effects = effects_of(network, adjusted, design, system, None).quadratic
-        found = chosen(design, effects, _first_variances(design, adjusted))
-        fine = (LARGE / np.median(adjusted.problem.weight)) ** 2
-        if found is not None and (found.variances[design.kind == FIELD] > fine).any():
-            design = design_of(network, adjusted, FINE_SHARE)
+        large = (LARGE / np.median(adjusted.problem.weight)) ** 2
+        for share in (LEAST_SHARE, FINE_SHARE):
+            design = design_of(network, adjusted, share)
             effects = effects_of(network, adjusted, design, system, None).quadratic
             found = chosen(design, effects, _first_variances(design, adjusted))
-        if found is None or _predicts(network, adjusted, None, found):
+            if found is None or not (found.variances[design.kind == FIELD] > large).any():
+                break
+        if found is None or _predicts(network, adjusted, found):
             return found
         return chosen(design, effects, _first_variances(design, adjusted), frozenset({MOTION}))
     return None
@@ -379,7 +364,7 @@ def chosen(
     )
 
 
-def _predicts(network: Network, adjusted: Adjustment, places: Places | None, found: Corrections) -> bool:
+def _predicts(network: Network, adjusted: Adjustment, found: Corrections) -> bool:
     """Whether fields that one half of the placements shows fit the other half better than none do, both ways together.
 
     What the errors of neighbouring points have in common looks like a field in the placements that it is estimated
@@ -390,7 +375,7 @@ def _predicts(network: Network, adjusted: Adjustment, places: Places | None, fou
     if found.evidence.get(FIELD, np.inf) > CLEAR * found.field_freedom:  # or it has no fields
         return True
     fields = design.kind[design.part] == FIELD
-    one, other = (_half(network, adjusted, places, design, number) for number in (0, 1))
+    one, other = (_half(network, adjusted, design, number) for number in (0, 1))
     if one is None or other is None:
         return True  # too little is left of a half to say
     turning = np.where(design.kind == MOTION, found.variances, 0.0)
@@ -401,7 +386,7 @@ def _predicts(network: Network, adjusted: Adjustment, places: Places | None, fou
     return gain > 0.0
 
 
-def _half(network: Network, adjusted: Adjustment, places: Places | None, design: Design, number: int) -> Effects | None:
+def _half(network: Network, adjusted: Adjustment, design: Design, number: int) -> Effects | None:
     """The effects by every other placement alone, at the same state; None where that says too little."""
     problem, of_row = adjusted.problem, network.placement[adjusted.rows]
     seen = np.unique(of_row)
@@ -412,10 +397,7 @@ def _half(network: Network, adjusted: Adjustment, places: Places | None, design:
     half = problem.select(mine)
     looking = np.bincount(half.camera, minlength=half.n_cameras) > 0
     half = replace(half, free_pose=half.free_pose & looking, free_intrinsics=half.free_intrinsics & looking[:, None])
-    if half.n_placements:
-        there = np.bincount(half.placement, minlength=half.n_placements) > 0
-        half = replace(half, ball=replace(half.ball, free_placement=half.ball.free_placement & there))
-    system = inverted(half, adjusted.state, places)
+    system = inverted(half, adjusted.state, None)
     if system is None:
         return None
     own = replace(adjusted, problem=half, rows=adjusted.rows[mine])

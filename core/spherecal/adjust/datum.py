@@ -65,8 +65,7 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     moved[~takes_part] = 0.0
     pieces = [moved_cameras(problem, state, centroid, spread)]
     if places is not None:
-        moved_placements = _moved_anchored if state.is_anchored else _moved_placements
-        pieces.append(moved_placements(state, centroid, spread))
+        pieces.append(_moved_placements(state, centroid, spread))
     pieces.append(moved_points(state.points[problem.kept_points], centroid, spread).reshape(-1, 7))
     first = 6 if len(locked) else 0
     last = 7 if len(locked) < 2 else 6
@@ -100,8 +99,12 @@ def moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: 
 
 
 def _moved_placements(state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How placements move when the ball's points move as the world does, (t*6,7); nothing where R = I, T = 0."""
-    rotation, translation = state.placement_rotation, state.placement_translation
+    """How placements move when the ball's points move as the world does, (t*6,7); nothing where R = I, T = 0.
+
+    Points that a stored shape fixes in their frame do not move with the world; the first placement is the world.
+    """
+    translation = state.placement_translation
+    rotation = state.placement_rotation * (not state.is_anchored)
     out = np.zeros((len(rotation), POSE, 7))
     carried = np.einsum("tij,j->ti", rotation, centroid)
     out[:, 3:, :3] = np.eye(3) - rotation
@@ -109,16 +112,6 @@ def _moved_placements(state: State, centroid: FloatArray, spread: float) -> Floa
     # w x (T - c) + R (w x c), linear in w
     out[:, 3:, 3:6] = -(cross_matrix(translation - centroid) + rotation @ cross_matrix(centroid)) / spread
     out[:, 3:, 6] = (translation - centroid + carried) / spread
-    return out.reshape(-1, 7)
-
-
-def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How placements move when a stored shape fixes the points in their frame, (t*6,7); the first is the world."""
-    translation = state.placement_translation
-    out = np.zeros((len(translation), POSE, 7))
-    out[:, 3:, :3] = np.eye(3)
-    out[:, :3, 3:6] = np.eye(3) / spread
-    out[:, 3:, 3:6] = -cross_matrix(translation - centroid) / spread
-    out[:, 3:, 6] = (translation - centroid) / spread
-    out[0] = 0.0
+    if state.is_anchored:
+        out[0] = 0.0
     return out.reshape(-1, 7)

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
+from spherecal.adjust.covariance_factors import Covariance, Inverted, add_products, moments_of
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.deformable import shape_noise_matrices, shape_noise_of
 from spherecal.adjust.parameter_layout import POSE
@@ -23,7 +23,7 @@ _CHUNK = 500
 
 
 @dataclass(frozen=True)
-class DeformableFactors(CovarianceFactors):
+class DeformableFactors(Covariance):
     """Pieces of the covariance; the noise sources (p + f, 3) are the dots, then the features' shape noise.
 
     `by_columns` (3f,e): places by columns, `by_dots` (3f,3p): places by the dots' own noise; `through` (f,3,3): its
@@ -50,14 +50,14 @@ class DeformableFactors(CovarianceFactors):
 
     def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) in the datum, by columns (e,) and by the noise sources (p + f,3)."""
-        left = np.einsum("fi,fig->g", gradient, self.gauge_places) @ self.moments
+        left = np.einsum("fi,fig->g", gradient, self.motions.places) @ self.moments
         by_noise = _by_noise(self.by_dots, gradient) - self.datum_points @ left
         return gradient.ravel() @ self.by_columns - left @ self.gauge_rows, by_noise
 
     @cached_property
     def gauge_rows(self) -> FloatArray:
         """The datum's conditions by columns, (g,e)."""
-        flat = self.gauge_places.reshape(3 * len(self.gauge_places), self.gauge_places.shape[2])
+        flat = self.motions.places.reshape(3 * len(self.motions.places), self.motions.places.shape[2])
         return np.asarray(self.by_columns.T @ flat).T
 
     def place_cofactors(self) -> FloatArray:
@@ -68,11 +68,8 @@ class DeformableFactors(CovarianceFactors):
         dots = (self.point_inverse[:p] @ self.datum_points[:p]).reshape(3 * p, g)
         gauge_cross += np.asarray(self.by_dots @ dots).reshape(count, 3, g)
         gauge_cross += self.point_inverse[p:] @ self.datum_points[p:]
-        for first in range(0, count, _CHUNK):
-            rows = self.by_columns[3 * first : 3 * (first + _CHUNK)].toarray()
-            product = (rows @ self.inverse).reshape(-1, 3, rows.shape[1])
-            out[first : first + _CHUNK] += product @ rows.reshape(product.shape).transpose(0, 2, 1)
-        self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
+        add_products(out, self.by_columns, self.inverse, _CHUNK)
+        self.take_back(out, gauge_cross)
         out[~self.is_located] = np.nan
         return out
 
@@ -102,27 +99,20 @@ def deformable_factors(inverted: Inverted, state: State, places: Places) -> Defo
     dots += _blocks(kept, first + 3 * np.arange(len(kept)), np.tile(np.eye(3), (len(kept), 1, 1)), dots.shape)
     by_columns = (by_pose - _diagonal(q) @ met + through_dots @ dots).tocsr()
     g = motions.columns.shape[1]
-    noise = np.concatenate([dot_inverse, q])
     datum = np.zeros((p + count, 3, g))
     for k in range(g):
         datum[:, :, k] = _by_noise(through_dots, motions.places[:, :, k])
     return DeformableFactors(
-        problem,
-        places,
-        rotation,
-        lever_arm,
-        inverted.inverse,
-        linear,
-        noise,
-        motions.columns,
-        motions.places,
-        datum,
-        np.zeros((columns, g)),
-        moments_of(motions.places),
-        motions.spread,
-        through,
-        by_columns,
-        through_dots,
+        **vars(inverted) | {"linear": linear, "point_inverse": np.concatenate([dot_inverse, q])},
+        places=places,
+        rotation=rotation,
+        lever_arm=lever_arm,
+        datum_points=datum,
+        datum_columns=np.zeros((columns, g)),
+        moments=moments_of(motions.places),
+        through=through,
+        by_columns=by_columns,
+        by_dots=through_dots,
     )
 
 

@@ -13,7 +13,6 @@ seconds to compile and few balls need them.
 import numpy as np
 
 from spherecal.adjust.kernel import INNER, KERNEL
-from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.schur_kernel import (
     add_observations,
     inverse_damped,
@@ -24,6 +23,7 @@ from spherecal.adjust.schur_kernel import (
     subtract_point,
     weigh,
 )
+from spherecal.adjust.substitution_kernel import add_change, change_of_row, most_rows, step_point
 from spherecal.base.kernels import njit
 
 
@@ -124,23 +124,6 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
 
 
 @njit(**INNER)
-def _change_of_row(k, part, offset, n_cameras, step):
-    """Residuals of row k after a step of the reduced system."""
-    linear = part.linear
-    d0, d1 = linear.residual[k, 0], linear.residual[k, 1]
-    first = offset[part.camera[k]]
-    for i in range(linear.by_camera.shape[2]):
-        d0 += linear.by_camera[k, 0, i] * step[first + i]
-        d1 += linear.by_camera[k, 1, i] * step[first + i]
-    if len(part.placement) > 0:
-        first = offset[n_cameras + part.placement[k]]
-        for i in range(POSE):
-            d0 += linear.by_placement[k, 0, i] * step[first + i]
-            d1 += linear.by_placement[k, 1, i] * step[first + i]
-    return d0, d1
-
-
-@njit(**INNER)
 def _add_squares_after(begin, end, by_point, step, change, squares):
     """Returns `squares` and those of residuals (in `change`) after their point's step."""
     for k in range(begin, end):
@@ -150,30 +133,6 @@ def _add_squares_after(begin, end, by_point, step, change, squares):
                 value += by_point[k, e, j] * step[j]
             squares += value * value
     return squares
-
-
-@njit(**INNER)
-def _step_point(step, v, g0, g1, g2):
-    """The step of an eliminated point from the inverse of its V and its gradient."""
-    step[0] = -(v[0, 0] * g0 + v[0, 1] * g1 + v[0, 2] * g2)
-    step[1] = -(v[1, 0] * g0 + v[1, 1] * g1 + v[1, 2] * g2)
-    step[2] = -(v[2, 0] * g0 + v[2, 1] * g1 + v[2, 2] * g2)
-
-
-@njit(**INNER)
-def _most_rows(begins, ends):
-    """The largest number of rows of a point."""
-    longest = 0
-    for n in range(len(begins)):
-        longest = max(longest, ends[n] - begins[n])
-    return longest
-
-
-@njit(**INNER)
-def _add_change(by_point, k, d0, d1, out):
-    """out += the derivatives of row k by its point times a change (2,) of its residuals."""
-    for j in range(3):
-        out[j] += by_point[k, 0, j] * d0 + by_point[k, 1, j] * d1
 
 
 @njit(**INNER)
@@ -198,7 +157,7 @@ def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, res
         met[:] = 0.0
         for k in range(first, last):
             at = k - begin
-            _add_change(by_point, k, change[at, 0] - residual[k, 0], change[at, 1] - residual[k, 1], met)
+            add_change(by_point, k, change[at, 0] - residual[k, 0], change[at, 1] - residual[k, 1], met)
         for i in range(3):
             out[i] += p[i, 0] * met[0] + p[i, 1] * met[1] + p[i, 2] * met[2]
         first = last
@@ -218,7 +177,7 @@ def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step
             for j in range(3):
                 d0 += by_point[k, 0, j] * step[j]
                 d1 += by_point[k, 1, j] * step[j]
-            _add_change(by_point, k, d0, d1, met)
+            add_change(by_point, k, d0, d1, met)
         for i in range(3):
             taken += met[i] * (q[i, 0] * met[0] + q[i, 1] * met[1] + q[i, 2] * met[2])
         first = last
@@ -232,17 +191,17 @@ def substitute_places(part, is_kept, shape_sd, offset, n_cameras, reduced, step,
     As `substitute_points`, with what the shape noise of the places takes off the squares; `shape_sd`: tau of each place
     that `part.place` names.
     """
-    change = np.empty((_most_rows(part.begin, part.end), 2))
+    change = np.empty((most_rows(part.begin, part.end), 2))
     q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     of_row, residual, by_point = part.place, part.linear.residual, part.linear.by_point
     for n in range(len(part.points)):
         point, begin, end = part.points[n], part.begin[n], part.end[n]
         g[:] = reduced.point_gradient[point]
         for k in range(begin, end):
-            change[k - begin] = _change_of_row(k, part, offset, n_cameras, step)
+            change[k - begin] = change_of_row(k, part, offset, n_cameras, step)
         _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
         if not is_kept[point]:
-            _step_point(point_step[point], reduced.point_inverse[point], g[0], g[1], g[2])
+            step_point(point_step[point], reduced.point_inverse[point], g[0], g[1], g[2])
         squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
         squares -= _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
     return squares

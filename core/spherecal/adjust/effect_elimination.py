@@ -15,7 +15,7 @@ from scipy import sparse
 
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.camera_effects import TURN, Design
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted
+from spherecal.adjust.covariance_factors import Inverted
 from spherecal.adjust.dense_elimination import alike, views_apart
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.network import Network
@@ -76,7 +76,7 @@ def effects_of(
     network: Network,
     adjusted: Adjustment,
     design: Design,
-    system: Inverted | CovarianceFactors,
+    system: Inverted,
     start: FloatArray | None,
     with_shifts: bool = False,
 ) -> EffectSystem:
@@ -117,7 +117,7 @@ def _eliminated(
     network: Network,
     adjusted: Adjustment,
     design: Design,
-    system: Inverted | CovarianceFactors,
+    system: Inverted,
     sums: _Sums,
     with_shifts: bool,
 ) -> Iterator[tuple[FloatArray, IntArray, IntArray]]:
@@ -232,8 +232,10 @@ def _couple(linear, values, columns, begin, polynomials, own_columns, root, at, 
     for i in range(len(begin) - 1):
         w = white[3 * i : 3 * i + 3]
         for k in range(begin[i], begin[i + 1]):
-            s = _effects_of_row(k, values, columns, linear.by_camera, effects)
-            t = _unknowns_of_row(k, columns, linear.by_camera, linear.by_placement, unknowns)
+            s = _append(columns.field[k], columns.width[k], values, k, 0, effects)
+            s = _append(columns.turn[k], TURN, linear.by_camera, k, s, effects)
+            t = _append(columns.camera[k], width, linear.by_camera, k, 0, unknowns)
+            t = _append(columns.placement[k], POSE, linear.by_placement, k, t, unknowns)
             jp, r, bending = linear.by_point[k], linear.residual[k], columns.bending[k]
             point = jp, r, polynomials[i], bending, w
             _add_row(True, effects, s, effects, s, point, sums.own, sums.gradient, at[0])
@@ -273,35 +275,15 @@ def _add_row(is_own, of, s, by, t, point, sums, gradient, at):
 
 
 @njit(**INNER)
-def _effects_of_row(k, values, columns, by_camera, found):
-    """The columns of fields and turns that a row has, and its derivatives by them (2,s); how many."""
+def _append(first, count, derivatives, k, known, found):
+    """Append `count` columns from `first` (-1: none) on that row k has, and its derivatives; how many there are now."""
     index, out = found
-    s = columns.width[k]
-    for a in range(s):
-        index[a] = columns.field[k] + a
-        out[0, a], out[1, a] = values[k, 0, a], values[k, 1, a]
-    if columns.turn[k] >= 0:
-        for a in range(TURN):
-            index[s + a] = columns.turn[k] + a
-            out[0, s + a], out[1, s + a] = by_camera[k, 0, a], by_camera[k, 1, a]
-        s += TURN
-    return s
-
-
-@njit(**INNER)
-def _unknowns_of_row(k, columns, by_camera, by_placement, found):
-    """The columns of camera and placement that a row has, and its derivatives by them (2,t); how many."""
-    index, out = found
-    t = by_camera.shape[2]
-    for a in range(t):
-        index[a] = columns.camera[k] + a
-        out[0, a], out[1, a] = by_camera[k, 0, a], by_camera[k, 1, a]
-    if columns.placement[k] >= 0:
-        for a in range(POSE):
-            index[t + a] = columns.placement[k] + a
-            out[0, t + a], out[1, t + a] = by_placement[k, 0, a], by_placement[k, 1, a]
-        t += POSE
-    return t
+    if first < 0:
+        return known
+    for a in range(count):
+        index[known + a] = first + a
+        out[0, known + a], out[1, known + a] = derivatives[k, 0, a], derivatives[k, 1, a]
+    return known + count
 
 
 @njit(**INNER)

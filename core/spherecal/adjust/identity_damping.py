@@ -49,7 +49,7 @@ class _Levenberg:
         step = solve_damped(normal.matrix, normal.gradient, np.ones_like(normal.gradient), damping)
         if step is None:
             return None
-        by_points, after = engine.back_substitute(problem, linear, reduced, problem.layout.expand_vector(step))
+        by_points, after = engine.back_substitute(problem, linear, reduced, problem.layout.expanded_rows(step))
         new = moved(problem, state, step, by_points)
         if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
             return None

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem

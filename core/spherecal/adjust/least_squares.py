@@ -72,7 +72,7 @@ class _Bundle:
         step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
         if step is None:
             return None
-        whole = problem.layout.expand_vector(step)
+        whole = problem.layout.expanded_rows(step)
         point_step, after = engine.back_substitute(problem, linear.linear, normal.reduced, whole)
         residual = linear.linear.residual
         before = 0.5 * float((residual**2).sum() - linear.shape_noise.taken(residual))

@@ -77,14 +77,9 @@ class Layout:
         """The reduced vector (d,) from the expanded one."""
         return self._fold @ expanded
 
-    def expand_vector(self, reduced: FloatArray) -> FloatArray:
-        """The expanded vector from the reduced one; zero where nothing is estimated."""
-        padded = np.append(reduced, 0.0)
-        return padded[self.column]
-
-    def expand_rows(self, reduced: FloatArray) -> FloatArray:
-        """A reduced matrix (d, m) expanded to rows (e, m)."""
-        return np.vstack([reduced, np.zeros((1, reduced.shape[1]))])[self.column]
+    def expanded_rows(self, reduced: FloatArray) -> FloatArray:
+        """A reduced vector (d,) or matrix (d, m) expanded to rows (e,) or (e, m); zero where nothing is estimated."""
+        return np.concatenate([reduced, np.zeros((1, *reduced.shape[1:]))])[self.column]
 
 
 def symmetric(upper: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.covariance_factors import CovarianceFactors, Inverted, moments_of
+from spherecal.adjust.covariance_factors import Covariance, Inverted, add_products, moments_of
 from spherecal.adjust.datum import Places, carried_dots
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
@@ -26,7 +26,7 @@ _MOST_KEPT = 200_000
 
 
 @dataclass(frozen=True)
-class PointFactors(CovarianceFactors):
+class PointFactors(Covariance):
     """Factors whose sources of noise are the points; `shifts` -V^-1 W' (3p,e): kept where few points are seen often."""
 
     shifts: sparse.csr_array | None
@@ -65,17 +65,14 @@ class PointFactors(CovarianceFactors):
     @property
     def point_of_feature(self) -> IntArray:
         """The unknown point (f,) behind each feature."""
-        return np.arange(len(self.gauge_places)) if self.places is None else self.places.point
+        return np.arange(len(self.motions.places)) if self.places is None else self.places.point
 
     def place_cofactors(self) -> FloatArray:
         """Cofactors (f,3,3) of L C L' + R V^-1 R' in the datum, L = R K + J by columns; NaN without observations."""
         if self.places is None:
             out = self.point_inverse.copy()
             if self.shifts is not None:
-                for first in range(0, len(out), _CHUNK):
-                    rows = self.shifts[3 * first : 3 * (first + _CHUNK)].toarray()
-                    moved = (rows @ self.inverse).reshape(-1, 3, len(self.inverse))
-                    out[first : first + _CHUNK] += moved @ rows.reshape(moved.shape).transpose(0, 2, 1)
+                add_products(out, self.shifts, self.inverse, _CHUNK)
             else:
                 for begin, end in _runs_of_points(self.problem):
                     by_camera = self.shifts_of(slice(begin, end))[0]
@@ -88,7 +85,7 @@ class PointFactors(CovarianceFactors):
             gauge_cross = _carried_points(self) + self.point_inverse @ self.datum_points
         else:
             out, gauge_cross = _carried_places(self)
-        self.take_back(out, gauge_cross, self.gauge_places @ self.moments)
+        self.take_back(out, gauge_cross)
         out[~self.is_located] = np.nan
         return out
 
@@ -125,7 +122,7 @@ class PointFactors(CovarianceFactors):
 
     def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) in the datum, by columns (e,) and by the points' own noise (p,3)."""
-        left = np.einsum("fi,fig->g", gradient, self.gauge_places) @ self.moments  # how much the datum takes back
+        left = np.einsum("fi,fig->g", gradient, self.motions.places) @ self.moments  # how much the datum takes back
         points, columns = self.to_unknowns(gradient)
         by_column = columns + self.point_columns_times(points[None])[0] - left @ self.gauge_rows
         return by_column, points - self.datum_points @ left
@@ -142,20 +139,14 @@ def point_factors(inverted: Inverted, state: State, places: Places | None) -> Po
     g, expanded = motions.columns.shape[1], problem.layout.expanded
     rotation, lever_arm = carried_dots(state, places)
     parts = PointFactors(
-        problem,
-        places,
-        rotation,
-        lever_arm,
-        inverted.inverse,
-        inverted.linear,
-        inverted.point_inverse,
-        motions.columns,
-        motions.places,
-        motions.places,
-        np.zeros((expanded, g)),
-        moments_of(motions.places),
-        motions.spread,
-        None,
+        **vars(inverted),
+        places=places,
+        rotation=rotation,
+        lever_arm=lever_arm,
+        datum_points=motions.places,
+        datum_columns=np.zeros((expanded, g)),
+        moments=moments_of(motions.places),
+        shifts=None,
     )
     if places is None:
         return parts
@@ -173,8 +164,9 @@ def widened(parts: PointFactors, inverse: FloatArray, shifts: sparse.csr_array) 
         parts,
         inverse=inverse,
         shifts=sparse.hstack([shift_matrix(parts), shifts], format="csr"),
-        gauge_columns=np.pad(parts.gauge_columns, more),
+        motions=replace(parts.motions, columns=np.pad(parts.motions.columns, more)),
         datum_columns=np.pad(parts.datum_columns, more),
+        given=parts,
     )
 
 

@@ -169,7 +169,7 @@ def _layout(problem: Problem) -> Layout:
 def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: FloatArray) -> State:
     """The state after a step: reduced unknowns (d,), eliminated points (p,3)."""
     layout, c = problem.layout, problem.n_cameras
-    step = layout.expand_vector(reduced_step)
+    step = layout.expanded_rows(reduced_step)
     cameras = step[: c * (POSE + len(problem.intrinsic_columns))].reshape(c, -1)
     turn = exp_rotation(cameras[:, :3])
     rotation, translation = turn @ state.rotation, np.einsum("cij,cj->ci", turn, state.translation) + cameras[:, 3:POSE]

@@ -7,11 +7,12 @@ pipelines do (J. Schoenberger, J.-M. Frahm, Structure-from-motion revisited, 201
 docs/decisions/0008-wrong-minima.md.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import RobustStep, residual_size, robust_adjustment, triangulated, usable_features
+from spherecal.adjust.bundle import RobustStep, residual_size, robust_adjustment, triangulated
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -101,13 +102,8 @@ def _better_poses(
     network: Network, state: State, used: BoolArray, candidates: BoolArray, doubtful: BoolArray
 ) -> dict[int, ResectedPose]:
     """Poses of doubtful cameras that fit the others' points better than the ones they have."""
-    noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
     better = {}
-    triangulated = _of_the_others(network, state, used, doubtful)
-    for camera in np.flatnonzero(doubtful).tolist():
-        view = _View.of(network, triangulated, camera, candidates, noise_px)
-        if view is None:
-            continue
+    for camera, view in _views(network, state, used, candidates, doubtful):
         now = pose_cost(state.rotation[camera], state.translation[camera], view.points, view.xy, view.scale)
         poses = resected_poses(view.points, view.xy, view.scale)
         if poses and poses[0].cost < now - BETTER_BY and poses[0].cost < 0.9 * now:
@@ -121,15 +117,10 @@ def _ambiguous(network: Network, state: State, used: BoolArray, candidates: Bool
     doubtful = doubtful_cameras(network, state, used, candidates, placed) & ~network.locked
     if not doubtful.any() or doubtful.sum() > placed.sum() / 2:
         return out
-    noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
-    triangulated = _of_the_others(network, state, used, doubtful)
-    for camera in np.flatnonzero(doubtful).tolist():
-        view = _View.of(network, triangulated, camera, candidates, noise_px)
-        if view is None:
-            continue
+    for camera, view in _views(network, state, used, candidates, doubtful):
         poses = resected_poses(view.points, view.xy, view.scale)
         if len(poses) > 1:
-            best, second = (_misfit(pose, view, noise_px) for pose in poses[:2])
+            best, second = (_misfit(pose, view) for pose in poses[:2])
             fits = best < OUTLIER, second < OUTLIER
             # two poses that fit different points, or none, are those of a camera that moved
             alike = (fits[0] & fits[1]).sum() >= SAME_POINTS * max(fits[0].sum(), SAME_POINTS * len(best))
@@ -137,9 +128,9 @@ def _ambiguous(network: Network, state: State, used: BoolArray, candidates: Bool
     return out
 
 
-def _misfit(pose: ResectedPose, view: "_View", noise_px: float) -> FloatArray:
+def _misfit(pose: ResectedPose, view: "_View") -> FloatArray:
     """Twice minus the log-likelihood of each point (k,) in a pose; beyond five standard deviations it is an outlier."""
-    scale = view.scale * noise_px / view.scale_px
+    scale = view.scale * view.noise_px / view.scale_px
     x = view.points @ pose.rotation.T + pose.translation
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = ((x[:, :2] / x[:, 2:] - view.xy) ** 2).sum(axis=1) / scale**2
@@ -154,27 +145,25 @@ class _View:
     xy: FloatArray
     scale: float
     scale_px: float
+    noise_px: float
 
-    @staticmethod
-    def of(
-        network: Network, triangulated: State, camera: int, candidates: BoolArray, noise_px: float
-    ) -> "_View | None":
-        rows: IntArray = np.flatnonzero(
-            candidates & (network.camera == camera) & np.isfinite(triangulated.points[network.feature, 0])
-        )
-        xy, usable = undistort(network.uv[rows], triangulated.intrinsics[camera])
+
+def _views(
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, doubtful: BoolArray
+) -> Iterator[tuple[int, _View]]:
+    """The doubtful cameras (c,) that see enough points which the others have located."""
+    by_others = used & ~doubtful[network.camera]
+    noise_px = _noise_px(network, state, by_others)
+    located = triangulated(network, state, by_others)
+    scale_px = max(SCALE_SIGMAS * noise_px, LEAST_SCALE_PX)
+    known = candidates & np.isfinite(located.points[network.feature, 0])
+    for camera in np.flatnonzero(doubtful).tolist():
+        rows: IntArray = np.flatnonzero(known & (network.camera == camera))
+        xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
         rows, xy = rows[usable], xy[usable]
-        if len(rows) < MIN_AGREEING:
-            return None
-        scale_px = max(SCALE_SIGMAS * noise_px, LEAST_SCALE_PX)
-        points = network.only(rows).world_points(triangulated)
-        return _View(points, xy, scale_px / float(triangulated.intrinsics[camera, 0]), scale_px)
-
-
-def _of_the_others(network: Network, state: State, used: BoolArray, doubtful: BoolArray) -> State:
-    """The state with the points located by the cameras that are not doubtful, NaN where these cannot locate them."""
-    points, good = usable_features(network, state, used & ~doubtful[network.camera])
-    return replace(state, points=np.where(good[:, None], points, np.nan))
+        if len(rows) >= MIN_AGREEING:
+            points = network.only(rows).world_points(located)
+            yield camera, _View(points, xy, scale_px / float(state.intrinsics[camera, 0]), scale_px, noise_px)
 
 
 def _noise_px(network: Network, state: State, rows: BoolArray) -> float:

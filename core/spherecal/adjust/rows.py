@@ -21,12 +21,6 @@ class LengthRows:
     length: FloatArray
     covariance: FloatArray
 
-    @staticmethod
-    def between(first: IntArray, second: IntArray, length: FloatArray, sigma: FloatArray) -> "LengthRows":
-        """Independent distances between pairs of points, (m,) indices, with standard uncertainties (m,)."""
-        ends = np.column_stack([first, second])
-        return LengthRows(ends, np.broadcast_to([-1.0, 1.0], ends.shape), length, np.diag(np.square(sigma)))
-
     @cached_property
     def whitening(self) -> FloatArray:
         """The matrix (m,m) that makes the rows' errors independent and of unit size."""

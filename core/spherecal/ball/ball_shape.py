@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.ball_model import ShapePrior, Stored
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places, moved_points
 from spherecal.adjust.point_factors import PointFactors, shift_matrix
 from spherecal.adjust.state import State
@@ -25,27 +25,27 @@ OTHER_BALL = 0.03
 
 def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
     """Cofactors (d,3,3) of some dots (d,) of the points (p,3) among themselves, in the network's unit squared."""
-    parts = covariance._parts
-    assert isinstance(parts, PointFactors)
-    own, at = parts.point_inverse[dots], points[dots]
+    assert isinstance(covariance, PointFactors)
+    own, at = covariance.point_inverse[dots], points[dots]
     centroid = at.mean(axis=0)
     spread = float(np.sqrt(((at - centroid) ** 2).sum(axis=1).mean()))
     motions = moved_points(at, centroid, spread)
     flat = motions.reshape(-1, 7)
-    shifts = shift_matrix(parts)  # of all dots: nearly full, so that taking these dots' rows of it would copy 100 MB
-    spread_out = np.zeros((len(parts.point_inverse), 3, 7))
+    # of all dots: nearly full, so that taking these dots' rows of it would copy 100 MB
+    shifts = shift_matrix(covariance)
+    spread_out = np.zeros((len(covariance.point_inverse), 3, 7))
     spread_out[dots] = motions
     gauge_rows = np.asarray(shifts.T @ spread_out.reshape(-1, 7)).T
     noise = own @ motions
-    gauge_cross = np.asarray(shifts @ (parts.inverse @ gauge_rows.T)).reshape(-1, 3, 7)[dots] + noise
-    gauge_inner = gauge_rows @ parts.inverse @ gauge_rows.T + np.einsum("pig,pih->gh", motions, noise)
+    gauge_cross = np.asarray(shifts @ (covariance.inverse @ gauge_rows.T)).reshape(-1, 3, 7)[dots] + noise
+    gauge_inner = gauge_rows @ covariance.inverse @ gauge_rows.T + np.einsum("pig,pih->gh", motions, noise)
     gauge_weights = motions @ np.linalg.inv(flat.T @ flat)
     cross = gauge_cross @ gauge_weights.transpose(0, 2, 1)
     out = own + gauge_weights @ gauge_inner @ gauge_weights.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
     for first in range(0, len(dots), _CHUNK):
         own_rows = (3 * dots[first : first + _CHUNK, None] + np.arange(3)).ravel()
         some = shifts[own_rows].toarray()
-        product = (some @ parts.inverse).reshape(-1, 3, some.shape[1])
+        product = (some @ covariance.inverse).reshape(-1, 3, some.shape[1])
         out[first : first + _CHUNK] += product @ some.reshape(product.shape).transpose(0, 2, 1)
     return out
 
@@ -64,14 +64,13 @@ class KnownDots:
 class Anchored:
     """A network based on a stored shape, in mm, and its start; `matched` (t,): placements whose ball has that shape.
 
-    `common` (t,): dots of each that the shape knows; `mm_per_unit` of the free network.
+    `common` (t,): dots of each that the shape knows.
     """
 
     rigid: RigidNetwork
     start: State
     matched: BoolArray
     common: IntArray
-    mm_per_unit: float
 
 
 def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) -> Anchored | None:
@@ -112,7 +111,9 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
         feature=point[network.feature],
         n_features=len(every),
         ball=Stored(
-            block[features.placement][network.feature], np.arange(1 + len(motions)) > 0, ShapePrior(places, information)
+            block[features.placement][network.feature],
+            np.arange(1 + len(motions)) > 0,
+            shape=ShapePrior(places, information),
         ),
     )
     start = replace(
@@ -126,7 +127,7 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     nothing_shared = np.zeros((n_placements, n_placements), dtype=np.int64)
     alignment = Alignment(np.arange(n_placements), turns, shifts, nothing_shared)
     places_of = Places(point, block[features.placement])
-    return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common, unit)
+    return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common)
 
 
 def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:

@@ -8,7 +8,8 @@ import numpy as np
 from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.camera_effects import MOTION, Corrections
 from spherecal.adjust.corrections import corrected, first_effects, with_corrections
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.intrinsic_priors import (
     LEAST_NOISE,
     like_the_others,
@@ -19,7 +20,7 @@ from spherecal.adjust.intrinsic_priors import (
 )
 from spherecal.adjust.network import Network
 from spherecal.adjust.reresection import with_right_poses
-from spherecal.adjust.rows import LengthRows
+from spherecal.adjust.rows import NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.ball.calibration_run import Run
 from spherecal.ball.rigid import RigidNetwork
@@ -192,3 +193,21 @@ def solve_with_priors(
             break
         fit, has_prior = held, has_prior | weak
     return replace(fit, has_prior=has_prior)
+
+
+def without_priors(rigid: RigidNetwork) -> RigidNetwork:
+    """The same network with nothing known of its intrinsics."""
+    return replace(rigid, network=replace(rigid.network, priors=NO_PRIORS))
+
+
+def rigid_solution(
+    rigid: RigidNetwork, first: Adjustment, placed: BoolArray, run: Run, priors: Priors | None = None
+) -> BallFit:
+    """The solution from `first`, which is of the same network with `priors`; None for another."""
+
+    def solution(described: Network) -> BallFit:
+        is_first = described.priors is priors and first.is_settled
+        own = first if is_first else refine(described, first.state, first.used, placed, run.context)
+        return finished_solution(described, own, placed, run, rigid)
+
+    return solve_with_priors(rigid.network, first.used, placed, solution, run)

@@ -15,10 +15,9 @@ from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.corrections import corrected
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
-from spherecal.adjust.rows import NO_PRIORS, Priors
 from spherecal.adjust.state import State
 from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, finished_solution, solve_from, solve_with_priors
+from spherecal.ball.fit import BallFit, rigid_solution, solve_from, solve_with_priors, without_priors
 from spherecal.ball.form_agreement import Agreement, agreement
 from spherecal.ball.linking import link_camera_groups
 from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetwork, share_shape
@@ -149,16 +148,12 @@ def choose_ball_model(
         choice = replace(choice, form="free")
     if choice.form == "free":
         return free, choice
-    fit = _rigid_solution(_without_priors(rigid), first, free.placed, run, rigid.network.priors)
+    fit = rigid_solution(without_priors(rigid), first, free.placed, run, rigid.network.priors)
     return _with_more_cameras(*_with_more_placements(fit, choice, ball, run), ball, run)
 
 
 def _kept(choice: ModelChoice) -> ModelChoice:
     return replace(choice, reason=Phrase("form-kept", {"facts": choice.facts}), asked=False)
-
-
-def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
-    return replace(rigid, network=replace(rigid.network, priors=NO_PRIORS))
 
 
 def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
@@ -260,21 +255,8 @@ def _with_more_cameras(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run
     if not (placed & missing).any():
         return fit, choice
     start = InitialPoses(replace(state, rotation=rotation, translation=translation), placed)
-    rigid = _without_priors(replace(fit.rigid, network=fit.network))
+    rigid = without_priors(replace(fit.rigid, network=fit.network))
     return _rigid_from(rigid, start, ball.candidates, run), choice
-
-
-def _rigid_solution(
-    rigid: RigidNetwork, first: Adjustment, placed: BoolArray, run: Run, priors: Priors | None = None
-) -> BallFit:
-    """The solution from `first`, which is of the same network with `priors`; None for another."""
-
-    def solution(described: Network) -> BallFit:
-        is_first = described.priors is priors and first.is_settled
-        own = first if is_first else refine(described, first.state, first.used, placed, run.context)
-        return finished_solution(described, own, placed, run, rigid)
-
-    return solve_with_priors(rigid.network, first.used, placed, solution, run)
 
 
 def _soft_solution(
@@ -290,7 +272,7 @@ def _soft_solution(
         start = adjusted_with(rigid, first, used, placed, shape_sd)
     if choice.limit is not None and not choice.asked and shape_sd * noise > MOST_SHAPE_SD * _radius(start):
         return None
-    fit = _rigid_solution(_without_priors(rigid).softened(shape_sd), start, placed, run)
+    fit = rigid_solution(without_priors(rigid).softened(shape_sd), start, placed, run)
     sd_mm = shape_sd * noise * unit_mm
     source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})

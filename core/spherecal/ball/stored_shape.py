@@ -11,11 +11,9 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
-from spherecal.adjust.network import Network
-from spherecal.adjust.rows import NO_PRIORS
 from spherecal.ball.ball_shape import Anchored, KnownDots, anchored
 from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, finished_solution, solve_with_priors
+from spherecal.ball.fit import BallFit, rigid_solution, without_priors
 from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
 from spherecal.base.arrays import BoolArray
 from spherecal.base.messages.values import Phrase
@@ -65,13 +63,7 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
     if misfit > MOST_MISFIT or not np.isfinite(misfit):
         return StoredShapeFit(None, misfit, placements, common)
     first, placed = _with_the_rest(there, first, free.placed, ball.candidates, run)
-    whole = replace(there.rigid, network=replace(there.rigid.network, priors=NO_PRIORS))
-
-    def solution(described: Network) -> BallFit:
-        adjusted = refine(described, first.state, first.used, placed, run.context)
-        return finished_solution(described, adjusted, placed, run, whole)
-
-    fit = solve_with_priors(whole.network, first.used, placed, solution, run)
+    fit = rigid_solution(without_priors(there.rigid), first, placed, run)
     return StoredShapeFit(replace(fit, free=free), misfit, placements, common)
 
 

@@ -7,25 +7,19 @@ Python function, slowly; with SPHERECAL_KERNELS set to `strict` it is an error. 
 the folder is not used. Compiled functions leave the interpreter free (nogil).
 """
 
-import hashlib
 import importlib
-import importlib.metadata
 import importlib.util
 import json
 import logging
 import os
 import pickle
-import sys
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-
-from spherecal.base.filesystem import write_whole
-from spherecal.base.resources import cache_folder
 
 _log = logging.getLogger("spherecal")
 _FOLDER = Path(__file__).resolve().parents[1] / "_kernels"
@@ -184,39 +178,3 @@ def njit(*functions: Callable[..., Any], **options: Any) -> Any:
         return Kernel(function, forms.get((function.__module__, function.__name__), {}), options)
 
     return decorate(functions[0]) if functions else decorate
-
-
-# --- whether numba's cache holds them ---------------------------------------------------------------------------------
-
-
-def state() -> Literal["ahead", "compiled", "to compile"]:
-    """Whether the first calibration finds its kernels: compiled ahead, in numba's cache, or not at all."""
-    if AHEAD is not None:
-        return "ahead"
-    return "compiled" if is_marked(wanted()) else "to compile"
-
-
-def wanted() -> str:
-    """What numba's cache depends on, as a SHA-256: the files with kernels as they are now, numba, Python."""
-    root = Path(__file__).resolve().parents[2]
-    known = [sys.version, importlib.metadata.version("numba"), os.environ.get("NUMBA_CACHE_DIR", "")]
-    for path in sorted(root.glob("spherecal*/**/*.py")):
-        if b"njit" in path.read_bytes():
-            known.append(f"{path} {path.stat().st_mtime_ns} {path.stat().st_size}")
-    return hashlib.sha256("\n".join(known).encode()).hexdigest()
-
-
-def is_marked(made_from: str) -> bool:
-    """Whether `mark_compiled` was called with this."""
-    return _stamp(made_from).exists()
-
-
-def mark_compiled(made_from: str) -> None:
-    """Remember that all kernels are in numba's cache, compiled from what `wanted` was then."""
-    stamp = _stamp(made_from)
-    stamp.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(stamp, b"")
-
-
-def _stamp(made_from: str) -> Path:
-    return cache_folder(f"kernels-{made_from[:16]}")

@@ -6,27 +6,9 @@ mappings of their own, took a third more processor time.
 """
 
 import ctypes
-import os
 import sys
 from collections.abc import Callable
 from functools import cache
-
-from spherecal.base.errors import OutputError
-from spherecal.base.messages.values import Phrase
-
-# With less, libraries end while they load: numba by a segmentation fault below 0.8 GB, OpenCV by an ImportError.
-_LEAST_BYTES = 1 << 30
-
-
-def check_address_space() -> None:
-    """Refuse to begin where the system gives this process too few addresses (`ulimit -v`)."""
-    if os.name == "nt":
-        return
-    import resource
-
-    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if allowed != resource.RLIM_INFINITY and allowed < _LEAST_BYTES:
-        raise OutputError(Phrase("error-address-space", {"allowed": allowed / 2**20, "least": _LEAST_BYTES / 2**20}))
 
 
 def release_freed() -> None:

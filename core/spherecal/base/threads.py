@@ -74,12 +74,8 @@ class SharedLimit:
                     self._limit.close()
 
 
-_BLAS = SharedLimit(_blas_limited)
-
-
-def one_blas_thread() -> AbstractContextManager[None]:
-    """A block in which BLAS keeps to one thread, in this thread and all others."""
-    return _BLAS.block()
+# A block in which BLAS keeps to one thread, in this thread and all others.
+one_blas_thread = SharedLimit(_blas_limited).block
 
 
 def on_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:

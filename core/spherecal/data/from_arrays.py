@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray, IntArray, float_array
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import id_problem
+from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, Observations, name_problem
 from spherecal.data.rig_camera import ImageSize, is_wide, size_of
@@ -341,7 +341,7 @@ def _frames(given: Mapping[str, ArrayLike], cameras: Sequence[str]) -> Mapping[s
 
 def _written_out(places: Mapping[str, Any], cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
     """A row for each point of each array; its row number is its target."""
-    columns: dict[str, list[Any]] = {name: [] for name in ("placement", "camera", "target", "point", "u", "v")}
+    rows: Places = {}
     for place, given in places.items():
         arrays = _by_camera(place, given, cameras)
         counts = sorted({len(array) for array in arrays.values()})
@@ -350,14 +350,8 @@ def _written_out(places: Mapping[str, Any], cameras: Sequence[str]) -> Mapping[s
                 f"The cameras have different numbers of image points at {place} ({', '.join(map(str, counts))}).",
                 "Row i of every camera is the same point; put NaN where a camera does not see it.",
             )
-        for name, array in arrays.items():
-            columns["placement"] += [place] * len(array)
-            columns["camera"] += [name] * len(array)
-            columns["target"] += range(len(array))
-            columns["point"] += [POINT] * len(array)
-            columns["u"] += array[:, 0].tolist()
-            columns["v"] += array[:, 1].tolist()
-    return columns
+        rows[place] = {name: (np.arange(len(array)), array[:, None]) for name, array in arrays.items()}
+    return _rows(rows)
 
 
 def _by_camera(place: str, given: Any, cameras: Sequence[str]) -> dict[str, FloatArray]:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherecal.base.arrays import FloatArray, IntArray, ReadOnly, float_array
+from spherecal.base.arrays import FloatArray, ReadOnly, float_array
 from spherecal.base.errors import InputError, Words
-from spherecal.base.filesystem import id_problem
+from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
 from spherecal.geometry import opencv
 from spherecal.geometry.camera import (
@@ -219,18 +219,3 @@ def posed(cameras: Sequence[RigCamera]) -> PosedCameras:
         np.array([c.rotation for c in cameras]).reshape(-1, 3, 3),
         np.array([c.translation_mm for c in cameras]).reshape(-1, 3),
     )
-
-
-def lens_corrected(
-    cameras: Sequence[RigCamera], camera: IntArray, uv: FloatArray, sigma: FloatArray, noise: float = 1.0
-) -> tuple[FloatArray, FloatArray]:
-    """Pixels (n,2) as the lens models predict them, and sigmas (n,2), in units of `noise` px, with the fields'."""
-    if all(one.field is None for one in cameras):
-        return uv, sigma
-    uv, sigma = uv.copy(), np.array(np.broadcast_to(sigma, uv.shape))
-    for c, one in enumerate(cameras):
-        rows = np.flatnonzero(camera == c)
-        if one.field is not None and len(rows):
-            sigma[rows] = np.hypot(sigma[rows], one.field.sd_at(uv[rows])[:, None] / noise)
-            uv[rows] -= one.field.at(uv[rows])
-    return uv, sigma

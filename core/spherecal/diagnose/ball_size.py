@@ -14,7 +14,8 @@ from scipy.special import chdtri
 
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.rigid import RigidNetwork
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray

@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.special import chdtrc
 
 from spherecal.adjust import engine
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.linear import Linear, Linearisation
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.point_factors import PointFactors, shift_matrix
@@ -187,12 +187,11 @@ class ScoreTest:
 
 def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> ScoreTest:
     """A network at its minimum, prepared for tests."""
-    linear, parts = engine.linear_model(problem, state, None), cofactors._parts
-    assert isinstance(parts, PointFactors)
-    shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
-    return ScoreTest(
-        problem, linear, linear.residual.ravel(), parts.inverse, shift, parts.point_inverse, 2 * cost, redundancy
-    )
+    linear = engine.linear_model(problem, state, None)
+    assert isinstance(cofactors, PointFactors)
+    shift = shift_matrix(cofactors) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
+    residual, by_points = linear.residual.ravel(), cofactors.point_inverse
+    return ScoreTest(problem, linear, residual, cofactors.inverse, shift, by_points, 2 * cost, redundancy)
 
 
 def _full(matrix: Sparse) -> FloatArray:

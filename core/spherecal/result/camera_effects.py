@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.camera_effects import FIELD, MOTION, TURN, Corrections, Field
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.lens_field import left_unknown, lens_and_turns_in
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray
@@ -36,7 +36,7 @@ def lens_field(
     """
     if corrections is None:
         return None
-    fields = corrections.design.fields_of(c)
+    fields = corrections.design.fields_of[c]
     if not any(corrections.coefficients[field.columns].any() for field in fields):
         return None
     pitch, nodes, shape = table_nodes(size)

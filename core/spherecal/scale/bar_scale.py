@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.rows import LengthRows
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
@@ -131,10 +131,9 @@ def _odd_ones(
         return {}
     gradients, ratio = [], np.empty(n)
     for i, sample in enumerate(group):
-        along = _along(sample, points, factor)
-        ratio[i] = (sample.second.place(points, factor) - sample.first.place(points, factor)) @ along
+        length, along = _length(sample, points, factor)
         gradients.append(_length_gradient(sample, points, along, factor) / sample.reference_mm)
-        ratio[i] /= sample.reference_mm
+        ratio[i] = length / sample.reference_mm
     matrix = variance * covariance.functionals(gradients) / ratio.mean() ** 2 + LEAST_OWN**2 * np.eye(n)
     ratio = ratio / ratio.mean()
     order = np.argsort(ratio)
@@ -184,7 +183,7 @@ def scale_from_bars(
     gradient = np.zeros_like(points)
     certificate = temperature = 0.0
     for sample, w in zip(samples, weight, strict=True):
-        along = _along(sample, points, factor) * (w / (sample.reference_mm * mean))
+        along = _length(sample, points, factor)[1] * (w / (sample.reference_mm * mean))
         gradient += _length_gradient(sample, points, along, factor)
         standard = sample.certified.expanded_uncertainty_mm / sample.certified.coverage_factor
         certificate += w * standard / sample.certified.length_mm
@@ -274,19 +273,19 @@ def _mean_ratio(
     """The mean ratio of measured to reference lengths and the weights (n,) behind it, by the marks' own noise."""
     ratio, precision = np.empty(len(samples)), np.empty(len(samples))
     for i, sample in enumerate(samples):
-        along = _along(sample, points, factor)
-        length = float((sample.second.place(points, factor) - sample.first.place(points, factor)) @ along)
+        length, along = _length(sample, points, factor)
         ratio[i] = length / sample.reference_mm
         noise = 0.0
         for mark in (sample.first, sample.second):
             by_dot = np.einsum("i,kij->kj", along, mark.by_point(points, factor))
-            noise += float(np.einsum("ki,kij,kj->", by_dot, covariance.point_noise[mark.dots], by_dot))
+            noise += float(np.einsum("ki,kij,kj->", by_dot, covariance.own_noise[mark.dots], by_dot))
         precision[i] = sample.reference_mm**2 / noise
     weight = precision / precision.sum()
     return float(weight @ ratio), weight
 
 
-def _along(sample: _Sample, points: FloatArray, factor: float) -> FloatArray:
-    """The unit vector from the first mark to the second."""
+def _length(sample: _Sample, points: FloatArray, factor: float) -> tuple[float, FloatArray]:
+    """The length in network units, and the unit vector from the first mark to the second."""
     difference = sample.second.place(points, factor) - sample.first.place(points, factor)
-    return difference / np.linalg.norm(difference)
+    along = difference / np.linalg.norm(difference)
+    return float(difference @ along), along

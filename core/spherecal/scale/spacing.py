@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance_factors import Covariance
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Features
 
@@ -168,7 +168,7 @@ def _ratios(
     turned = bent @ rotation.transpose(0, 2, 1)
     gradient = turned / (bent**2).sum(axis=(1, 2))[:, None, None]
     ratio = (gradient * place).sum(axis=(1, 2))
-    noise = np.where(w[:, :, None, None], covariance.point_noise[stickers.feature], 0.0)
+    noise = np.where(w[:, :, None, None], covariance.own_noise[stickers.feature], 0.0)
     spread = np.einsum("nki,nkij,nkj->n", gradient, noise, gradient)
     return ratio, gradient, variance * spread / ratio**2
 

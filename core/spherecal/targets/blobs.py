@@ -61,15 +61,10 @@ _NOTHING, _DOT, _COMPOUND, _LARGE = 0, 1, 2, 3
 
 @dataclass(frozen=True)
 class Blobs:
-    """Elliptic blobs: `uv` (n, 2) px, `moments` (n, 3) px^2 central xx xy yy, `area` (n,) px^2, `peak` (n,) grey.
-
-    `looks` are their contrasts and the like.
-    """
+    """Elliptic blobs: `uv` (n, 2) px, `moments` (n, 3) px^2 central xx xy yy; `looks`: areas, contrasts and so on."""
 
     uv: FloatArray
     moments: FloatArray
-    area: FloatArray
-    peak: FloatArray
     looks: Looks
 
     def __len__(self) -> int:
@@ -103,7 +98,7 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
 def _described(rows: FloatArray, looks: Looks) -> Blobs:
     # contiguous: the search for groups reads them often
     uv, moments = np.ascontiguousarray(rows[:, 0:2]), np.ascontiguousarray(rows[:, 2:5])
-    return Blobs(uv, moments, rows[:, 5].copy(), rows[:, 6].copy(), looks)
+    return Blobs(uv, moments, looks)
 
 
 class _Found:

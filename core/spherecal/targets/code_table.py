@@ -16,7 +16,7 @@ _SAME_PLACE_MM = 0.6
 
 @dataclass(frozen=True)
 class CodeTable:
-    """Targets as arrays, all places divided by `unit_mm` so that a sticker is 28 wide whatever its printed size.
+    """Targets as arrays, all places scaled so that a sticker is 28 wide whatever its printed size.
 
     `layouts` (n, 8, 2) are the targets `ids` (n,) in the order of DOTS. `template` (5, 2) is the mean of their A to E.
     `places` (k, 2) are all places of code dots. `by_triple` (k, k, k) and `by_pair` (k, k) give the index of the target
@@ -31,7 +31,6 @@ class CodeTable:
     by_triple: IntArray
     by_pair: IntArray
     dot_radius: float
-    unit_mm: float
 
 
 def code_table(target_set: TargetSet) -> CodeTable:
@@ -59,7 +58,7 @@ def code_table(target_set: TargetSet) -> CodeTable:
         by_triple[i, j, k] = index
         for pair in ((i, j), (i, k), (j, k)):
             by_pair[pair] = index if by_pair[pair] == -1 else -2
-    return CodeTable(ids, layouts, template, places, by_triple, by_pair, target_set.dot_diameter_mm / 2 / unit, unit)
+    return CodeTable(ids, layouts, template, places, by_triple, by_pair, target_set.dot_diameter_mm / 2 / unit)
 
 
 def _cluster(dots: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_file
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")

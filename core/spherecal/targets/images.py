@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_file
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.pnm import read_pnm

@@ -54,14 +54,8 @@ def find_markers(image: NDArray[np.uint8] | NDArray[np.uint16], targets: TargetS
     grey = image.astype(np.float64)
     sign = -1.0 if targets.polarity == "light-on-dark" else 1.0
     found = [_refined(sign * grey, square, cells) for square in corners]
-    empty = np.empty((0, 4, 2))
-    return Markers(
-        ids,
-        np.array([one[0] for one in found]) if found else empty,
-        np.array([one[1] for one in found]) if found else empty,
-        np.array([one[2] for one in found]),
-        np.array([one[3] for one in found]),
-    )
+    uv, sigma, residual, blur = (np.array([one[k] for one in found]) for k in range(4))
+    return Markers(ids, uv.reshape(-1, 4, 2), sigma.reshape(-1, 4, 2), residual, blur)
 
 
 def _eight_bits(image: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint8]:

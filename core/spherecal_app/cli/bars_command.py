@@ -8,7 +8,6 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
-from spherecal.data.session import expiry
 from spherecal_app.cli.console import answer, output_file, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_files import bar_registry
@@ -17,6 +16,7 @@ from spherecal_files.read_session import read_session
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_rigs.pose_plan import LINE_NAMES, BarMarks, PosePlan, plan_poses
 from spherecal_rigs.rig_source import read_source, volume_of
+from spherecal_verify.expiry import expiry
 from spherecal_verify.measuring_volume import LEAST_LENGTHS
 
 

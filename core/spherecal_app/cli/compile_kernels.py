@@ -20,11 +20,11 @@ from typing import cast
 
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, SpherecalError
-from spherecal.base.kernels import is_marked, mark_compiled, state, wanted
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import is_installed
 from spherecal_app.cli.console import out
 from spherecal_app.cli.progress import shown_progress
+from spherecal_app.kernel_state import is_marked, mark_compiled, state, wanted
 
 log = logging.getLogger("spherecal")
 _Tell = Callable[[int, int], None]  # done, all

@@ -110,7 +110,8 @@ def _package(name: str, absent: Literal["missing", "optional"], purpose: str) ->
 def _kernels() -> DoctorLine:
     """The numeric kernels: compiled ahead, in numba's cache, or still to be compiled by numba."""
     try:
-        from spherecal.base.kernels import AHEAD, state  # here, since it fails where numba is missing
+        from spherecal.base.kernels import AHEAD  # here, since it fails where numba is missing
+        from spherecal_app.kernel_state import state
 
         found = state()
     except ImportError as error:

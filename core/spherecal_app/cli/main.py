@@ -12,9 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spherecal import __version__
-from spherecal.base import interrupts
 from spherecal.base.errors import Cancelled, MissingPackage, OutputError, SpherecalError, needing, reason
-from spherecal.base.memory import check_address_space
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.base.working_folder import distrust, own_program
@@ -22,9 +20,13 @@ from spherecal_app.cli.commands import SHOWING, command_of, words_of
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
 from spherecal_app.cli.options import make_parser
 from spherecal_app.cli.parsing import is_standard_output, parsers_below
+from spherecal_files import interrupts
 
 # without --log nothing is logged anywhere: Python's last resort would print each error a second time
 logging.getLogger("spherecal").addHandler(logging.NullHandler())
+
+# With less, libraries end while they load: numba by a segmentation fault below 0.8 GB, OpenCV by an ImportError.
+_LEAST_BYTES = 1 << 30
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -108,6 +110,17 @@ def _escape_what_the_terminal_lacks() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def _check_address_space() -> None:
+    """Refuse to begin where the system gives this process too few addresses (`ulimit -v`)."""
+    if os.name == "nt":
+        return
+    import resource
+
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if allowed != resource.RLIM_INFINITY and allowed < _LEAST_BYTES:
+        raise OutputError(Phrase("error-address-space", {"allowed": allowed / 2**20, "least": _LEAST_BYTES / 2**20}))
+
+
 def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
     """Run the command; `log` closes the log file once errors are in it."""
     parser = make_parser()
@@ -120,7 +133,7 @@ def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
         return subprocess.call(own_program("spherecal_gui"))
     if options.command == "help":
         return _help(parser, options.words)
-    check_address_space()
+    _check_address_space()
     beside = any(is_standard_output(value) for value in vars(options).values())
     as_json = getattr(options, "json", False)
     with _speaking(options.verbose, options.quiet, as_json, beside):

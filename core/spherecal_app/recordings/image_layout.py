@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from spherecal.base.errors import InputError, Words
-from spherecal.base.filesystem import as_id
 from spherecal.base.messages.values import Phrase
 from spherecal_app.recordings.video_frames import grouped_by_time
+from spherecal_files.filesystem import as_id
 from spherecal_files.toml_text import toml_of
 
 IMAGES = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm"})

@@ -10,7 +10,7 @@ import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError
-from spherecal.base.filesystem import read_file, write_new
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.session import UNMEASURED_PRINT, Session
@@ -24,6 +24,7 @@ from spherecal_app.recordings.video_frames import choose_frames, frame_times, gr
 from spherecal_boards.board_images import eight_bits, look_for_board, spread
 from spherecal_boards.looking import LOOKED_AT, as_text
 from spherecal_files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
+from spherecal_files.filesystem import write_new
 from spherecal_files.json_file import MOST_CAMERAS, json_bytes
 from spherecal_files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
 from spherecal_files.session_json import ASSUMED_FOCAL, assumed_prior, centred_matrix

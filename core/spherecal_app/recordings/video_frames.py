@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_file
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.images import LARGEST_MEGAPIXELS
 from spherecal_files.png_file import png_bytes

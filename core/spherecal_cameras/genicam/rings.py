@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import OutputError, reason
-from spherecal.base.filesystem import remove_below
 from spherecal.base.messages.values import Phrase
 from spherecal_cameras.genicam.messages import FrameMeta, UseRing
 from spherecal_cameras.protocol import CameraError, Frame, GreyPixels
+from spherecal_files.filesystem import remove_below
 
 # 4 images: 0.27 s of 15 frames/s to fetch one before it is overwritten.
 SLOTS = 4

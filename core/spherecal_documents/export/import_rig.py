@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import id_problem
+from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
 from spherecal.base.plugins import EXPORTERS, IMPORTERS, names
 from spherecal.data.rig import Rig, rig_of_unknown_quality

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import read_file, write_new
+from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import CameraSpec, Session
 from spherecal.geometry.camera import camera_matrix
@@ -14,6 +14,7 @@ from spherecal_documents.export.file_cameras import FileCamera
 from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.opencv_yaml import read_opencv, read_yaml
 from spherecal_files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
+from spherecal_files.filesystem import write_new
 from spherecal_files.json_file import json_bytes
 from spherecal_files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
 

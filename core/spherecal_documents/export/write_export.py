@@ -11,11 +11,9 @@ import numpy as np
 from spherecal import __version__
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import write_new
 from spherecal.base.messages.values import Phrase
 from spherecal.base.plugins import EXPORTERS, names
 from spherecal.data.rig import Rig, RigCamera, Verdict
-from spherecal.data.verdict import WORDS, named
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal_documents.export.anipose import ANIPOSE, CALISCOPE
 from spherecal_documents.export.colmap import COLMAP
@@ -31,10 +29,12 @@ from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat
 from spherecal_documents.export.scene_formats import largest_difference_px as scene_difference_px
 from spherecal_files.atomic import Marker, write_file_whole, write_folder_whole
+from spherecal_files.filesystem import write_new
 from spherecal_files.json_file import json_bytes, software_entry
 from spherecal_files.verification_file import Override
 from spherecal_rigs.framed_rig import frame_entry, in_frame
 from spherecal_rigs.user_frame import UserFrame
+from spherecal_verify.verdict_words import WORDS, named
 
 _FORMATS = (
     OPENCV, ROS, KALIBR, COLMAP, METASHAPE, ANIPOSE, CALISCOPE, MC_CALIB, MULTICAL, MRCAL, MRCAL_SPLINED, CSV, MAPS,

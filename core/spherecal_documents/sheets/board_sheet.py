@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
 from spherecal_boards.board_pattern import BoardPattern, figure
 from spherecal_documents.sheets.pdf_canvas import POINTS_PER_MM as MM
 from spherecal_documents.sheets.pdf_canvas import PdfCanvas
 from spherecal_documents.sheets.sticker_sheet import FOOT_MM, HEAD_MM, LEFT_MM, SheetDrawing, draw_rulers
+from spherecal_files.filesystem import write_whole
 
 BOARD_PAGES_MM: dict[str, tuple[float, float]] = {
     "A4": (210.0, 297.0), "Letter": (215.9, 279.4), "A3": (297.0, 420.0), "A2": (420.0, 594.0),

@@ -7,14 +7,14 @@ from typing import Literal
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.family import DOTS
-from spherecal.targets.marker_set import marker_bits, sticker_mm
 from spherecal.targets.target_set import TargetSet
 from spherecal_boards.board_pattern import marker_parts
 from spherecal_documents.sheets.pdf_canvas import POINTS_PER_MM as MM
 from spherecal_documents.sheets.pdf_canvas import PdfCanvas
+from spherecal_files.filesystem import write_whole
+from spherecal_files.marker_targets import marker_bits, sticker_mm
 
 Page = Literal["A4", "Letter"]
 PAGE_SIZES_MM: dict[str, tuple[float, float]] = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}

@@ -18,7 +18,6 @@ from typing import Any
 from spherecal import __version__
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.base.filesystem import as_id, new_file, read_below, write_whole
 from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
@@ -29,6 +28,7 @@ from spherecal_documents.support.redact import Redactor
 from spherecal_files.bar_registry import figures_entry
 from spherecal_files.bundle_file import BUNDLE_FILE, bundle_bytes
 from spherecal_files.capture_file import CAPTURE_FILE
+from spherecal_files.filesystem import as_id, new_file, read_below, write_whole
 from spherecal_files.json_file import json_bytes, read_bytes, read_json
 from spherecal_files.observations_file import observations_bytes
 from spherecal_files.read_session import FORMAT as SESSION_FORMAT

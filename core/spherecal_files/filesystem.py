@@ -21,39 +21,30 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
 from spherecal.base.errors import InputError, OutputError, reason
-from spherecal.base.interrupts import uninterrupted
+from spherecal.base.file_reading import (
+    LONGEST_ID,
+    NO_WAIT,
+    TO_READ,
+    check_size,
+    file_name_problem,
+    id_problem,
+    plain_reading,
+    read_opened,
+)
 from spherecal.base.messages.values import Phrase
+from spherecal_files.interrupts import uninterrupted
 
-LONGEST_ID = 64
-# Common file systems allow 255 bytes a name; an id is followed by an ending of up to 20.
-_LONGEST_NAME_BYTES = 235
 _DEEPEST = 16  # our own folders are 4 deep
 _LONGEST_PATH = 500
-_DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}
 PARTIAL = ".spherecal-partial"
 _SCRATCH = re.compile(rf"\.[0-9a-f]{{12}}{re.escape(PARTIAL)}")
 _LEFT_OVER_S = 3600.0  # a partial file that nobody has written to for so long is no writer's any more
 _HAS_DIR_FD = os.open in os.supports_dir_fd and os.rename in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
-_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
-_TO_READ = os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)
 _IN_FOLDER = getattr(os, "O_DIRECTORY", 0) | _NO_LINK
 
 
 # --- names -----------------------------------------------------------------------------------------------------------
-
-
-def id_problem(text: str) -> Phrase | None:
-    """Why a text cannot be an id, which becomes a file name; None if it can."""
-    if not text:
-        return Phrase("problem-name-empty")
-    if len(text) > LONGEST_ID:
-        return Phrase("problem-name-long", {"most": LONGEST_ID})
-    if text.startswith("."):
-        return Phrase("problem-id-dot")
-    if not all(c.isalnum() or c in "-_." for c in text):
-        return Phrase("problem-id-characters")
-    return _name_problem(text)
 
 
 def as_id(text: str, otherwise: str) -> str:
@@ -71,21 +62,7 @@ def path_problem(text: str) -> Phrase | None:
     parts = text.split("/")
     if len(parts) > _DEEPEST:
         return Phrase("problem-path-deep", {"most": _DEEPEST})
-    return next((problem for part in parts if (problem := _name_problem(part))), None)
-
-
-def _name_problem(name: str) -> Phrase | None:
-    if name in ("", ".", ".."):
-        return Phrase("problem-path-part")
-    if not name.isprintable():
-        return Phrase("problem-control-characters")
-    if len(name.encode(errors="surrogatepass")) > _LONGEST_NAME_BYTES:
-        return Phrase("problem-file-name-long")
-    if os.name == "nt" and (
-        name.split(".", maxsplit=1)[0].rstrip().lower() in _DEVICES or name[-1] in ". " or ":" in name
-    ):
-        return Phrase("problem-file-name-windows")
-    return None
+    return next((problem for part in parts if (problem := file_name_problem(part))), None)
 
 
 # --- walking without links -------------------------------------------------------------------------------------------
@@ -198,73 +175,25 @@ def is_plain_file_below(root: Path, relative: str) -> bool:
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-Fits = Callable[[BinaryIO, Path, int], None]
-
-
-def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
-    """The contents of a regular file of at most `most` bytes, if it fits."""
-    with _plain_reading(path):
-        return _read(os.open(path, _TO_READ), path, most, fits)
-
-
 def read_below(root: Path, relative: str, most: int) -> bytes:
     """As `read_file`, of a file below a folder; no link on the way is followed."""
-    with _plain_reading(root / relative), _place(root, relative) as place:
+    with plain_reading(root / relative), _place(root, relative) as place:
         try:
-            descriptor = place.open(os.O_RDONLY | _NO_WAIT)
+            descriptor = place.open(os.O_RDONLY | NO_WAIT)
         except OSError as error:
             if error.errno == errno.ELOOP:
                 raise _not_plain(place.shown()) from None
             raise
-        return _read(descriptor, root / relative, most)
-
-
-def _read(descriptor: int, path: Path, most: int, fits: Fits | None = None) -> bytes:
-    with os.fdopen(descriptor, "rb") as file:
-        size = _check_size(file, path, most)
-        if fits is not None:
-            fits(file, path, size)
-            file.seek(0)
-        data = file.read(most + 1)
-        if len(data) > most:
-            raise _too_large(path, most)
-        return data
-
-
-def _check_size(file: BinaryIO, path: Path, most: int) -> int:
-    state = os.fstat(file.fileno())
-    if not stat.S_ISREG(state.st_mode):
-        raise InputError(Phrase("error-not-a-file", {"file": path}))
-    if state.st_size > most:
-        raise _too_large(path, most)
-    return state.st_size
-
-
-def _too_large(path: Path, most: int) -> InputError:
-    size = f"{most >> 20} MB" if most >= 1 << 20 else f"{most >> 10} kB"
-    return InputError(Phrase("error-too-large", {"file": path, "size": size}))
+        return read_opened(descriptor, root / relative, most)
 
 
 def file_sha256(path: Path, most: int) -> str:
     """The SHA-256 of a regular file of at most `most` bytes, in hexadecimal digits."""
     if not os.path.exists(path):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    with _plain_reading(path), os.fdopen(os.open(path, _TO_READ), "rb") as file:
-        _check_size(file, path, most)
+    with plain_reading(path), os.fdopen(os.open(path, TO_READ), "rb") as file:
+        check_size(file, path, most)
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@contextmanager
-def _plain_reading(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(Phrase("error-no-file", {"file": path})) from None
-    except IsADirectoryError:
-        raise InputError(Phrase("error-not-a-file", {"file": path})) from None
-    except (OSError, ValueError) as error:
-        why = str(getattr(error, "strerror", None) or error)
-        raise InputError(Phrase("error-cannot-read", {"file": str(path), "why": why})) from error
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------
@@ -357,8 +286,8 @@ def _state(path: Path) -> os.stat_result | None:
 
 
 def _write_directly(path: Path, data: bytes | BinaryIO) -> None:
-    descriptor = os.open(path, os.O_WRONLY | _NO_WAIT)  # a pipe that nobody reads: an error instead of waiting
-    if _NO_WAIT:
+    descriptor = os.open(path, os.O_WRONLY | NO_WAIT)  # a pipe that nobody reads: an error instead of waiting
+    if NO_WAIT:
         os.set_blocking(descriptor, True)
     with os.fdopen(descriptor, "wb") as file:
         _fill(file, data)

@@ -41,13 +41,6 @@ def preferred() -> str:
     return next((code for code in LANGUAGES if name == code or name.split("_")[0] == code.split("_")[0]), "en")
 
 
-def _locale() -> QLocale:
-    """How numbers are written; a point that is typed for a comma is refused, else 1.5 would be read as 15."""
-    made = QLocale(*_LOCALES[now()])
-    made.setNumberOptions(QLocale.NumberOption.OmitGroupSeparator | QLocale.NumberOption.RejectGroupSeparator)
-    return made
-
-
 def by_locale(text: str) -> str:
     """A text for the screen, its decimal numbers as the language writes them; files keep the point.
 
@@ -80,7 +73,9 @@ def use(language: str) -> str:
         application.removeTranslator(translator)
     _installed.clear()
     _spoken[0] = language if language in LANGUAGES else "en"
-    QLocale.setDefault(_locale())
+    made = QLocale(*_LOCALES[now()])
+    made.setNumberOptions(QLocale.NumberOption.OmitGroupSeparator | QLocale.NumberOption.RejectGroupSeparator)
+    QLocale.setDefault(made)
     if now() != "en":
         qt = QLibraryInfo.path(QLibraryInfo.LibraryPath.TranslationsPath)
         for name, folder in ((f"spherecal_{now()}", str(resource_path("translations"))), (f"qtbase_{now()}", qt)):

@@ -135,16 +135,13 @@ class LimitsDesk:
             write_limits(limits, self.path)
             said, self.kept = changes_text(self.kept, limits), limits
             in_use.use(limits)
-            self._into_profile(limits)
+            from spherecal_rigs.store import set_limits  # imports scipy
+
+            if self.differs_in_profile(limits):
+                set_limits(self._profile, **asdict(limits.validity))
         except SpherecalError as error:
             return said, error_line(error)
         return said, ""
-
-    def _into_profile(self, limits: Limits) -> None:
-        from spherecal_rigs.store import set_limits  # imports scipy
-
-        if self.differs_in_profile(limits):
-            set_limits(self._profile, **asdict(limits.validity))
 
     def differs_in_profile(self, limits: Limits) -> bool:
         """Whether the rig's profile has other ages or temperatures; InputError where it cannot be read."""

@@ -211,7 +211,12 @@ class WizardWindow(WindowFrame):
         self.header.compiling.setVisible(state is None and bool(self.header.compiling.text))
         for part in (self.rail, self.footer, self._heading, self.header.home):
             part.setVisible(state is not None)
-        self._show_status()
+        self._show_source()
+        self._lost = self.controller.cameras.lost()
+        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
+        self.validity.show_state(word, level, details)
+        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
+        self.start.validity.show_state(word, level, details)
         if state is None:
             self._drop_pages()
             self.guard.enter(None)
@@ -296,14 +301,6 @@ class WizardWindow(WindowFrame):
         if ready and not self._ready:
             self.sounds.play("ready")
         self._ready = ready
-
-    def _show_status(self) -> None:
-        self._show_source()
-        self._lost = self.controller.cameras.lost()
-        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
-        self.validity.show_state(word, level, details)
-        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
-        self.start.validity.show_state(word, level, details)
 
     def _show_source(self) -> None:
         """Where the images come from, and from how many cameras."""

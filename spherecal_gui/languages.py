@@ -5,7 +5,8 @@ from collections.abc import Iterable
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
-from spherecal.base.messages.catalogue import LANGUAGES
+from spherecal.base.messages.catalogue import LANGUAGES, fill, table
+from spherecal.base.messages.values import plain
 from spherecal.base.resources import resource_path
 
 translate = QCoreApplication.translate  # (context, text): texts that belong to no widget
@@ -39,6 +40,12 @@ def preferred() -> str:
     """The system's language where we speak it, else English."""
     name = QLocale.system().name()
     return next((code for code in LANGUAGES if name == code or name.split("_")[0] == code.split("_")[0]), "en")
+
+
+def word(group: str, code: str, otherwise: str | None = None, **values: object) -> str:
+    """What people read for a code: of the table `words.GROUP` of resources/messages; `otherwise` where it is new."""
+    words = table(now())["words"][group]
+    return otherwise if otherwise is not None and code not in words else fill(words[code], plain(values), now())
 
 
 def by_locale(text: str) -> str:

@@ -19,7 +19,7 @@ from spherecal_gui.project_folder import is_project, load_project, profile_shown
 from spherecal_gui.standing import Standing, camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import BackgroundTask
-from spherecal_gui.texts import error_text, reason_text, step_task, step_title
+from spherecal_gui.texts import error_text, reason_text, step_title
 from spherecal_gui.wizard.bench_editor import show_bench
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
@@ -252,7 +252,7 @@ class WizardWindow(WindowFrame):
         self.guard.enter(step.id)
         self.start.close_profile()
         self.title.setText(step_title(step))
-        self.task.setText(step_task(step))
+        self.task.setText(languages.word("tasks", step.kind))
         self.page = page = self._page_of(step.kind)
         self.stack.setCurrentWidget(page)
         page.enter(step)

@@ -18,9 +18,8 @@ from spherecal.base.memory import check_address_space
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.base.working_folder import distrust, own_program
-from spherecal_app.cli.commands import SHOWING, command_of, words_of
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
-from spherecal_app.cli.options import make_parser
+from spherecal_app.cli.options import TABLE, command_of, make_parser, words_of
 from spherecal_app.cli.parsing import is_standard_output, parsers_below
 
 # without --log nothing is logged anywhere: Python's last resort would print each error a second time
@@ -137,7 +136,8 @@ def _told(code: int, options: argparse.Namespace) -> int:
     if lost is None:
         return code
     _complain(OutputError(Phrase("error-output-lost", {"why": reason(lost)}), Phrase("error-output-lost-hint")))
-    return BAD_INPUT if getattr(options, "json", False) or words_of(options) in SHOWING else code
+    printed = getattr(options, "json", False) or TABLE["commands"][words_of(options)].get("shows", False)
+    return BAD_INPUT if printed else code  # what gives nothing but what it prints has failed
 
 
 def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:

@@ -236,34 +236,6 @@
         <translation>etwas fehlt</translation>
     </message>
     <message>
-        <source>Mark</source>
-        <translation>Marke</translation>
-    </message>
-    <message>
-        <source>sticker</source>
-        <translation>Aufkleber</translation>
-    </message>
-    <message>
-        <source>to mark</source>
-        <translation>bis Marke</translation>
-    </message>
-    <message>
-        <source>nominal</source>
-        <translation>Nennmaß</translation>
-    </message>
-    <message>
-        <source>certified</source>
-        <translation>zertifiziert</translation>
-    </message>
-    <message>
-        <source>U</source>
-        <translation>U</translation>
-    </message>
-    <message>
-        <source>k</source>
-        <translation>k</translation>
-    </message>
-    <message>
         <source>Remove this length</source>
         <translation>Diese Länge entfernen</translation>
     </message>
@@ -1802,74 +1774,6 @@ px</translation>
 </context>
 <context>
     <name>Limits</name>
-    <message>
-        <source>h</source>
-        <translation>h</translation>
-    </message>
-    <message>
-        <source>The chip turns amber. Comparable systems warn after 5 h as well.</source>
-        <translation>Die Anzeige wird gelb. Vergleichbare Systeme warnen ebenfalls nach 5 h.</translation>
-    </message>
-    <message>
-        <source>The chip turns red. Comparable systems refuse to measure after 12 h.</source>
-        <translation>Die Anzeige wird rot. Vergleichbare Systeme verweigern nach 12 h das Messen.</translation>
-    </message>
-    <message>
-        <source>Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.</source>
-        <translation>Zwischen dem Kalibrieren und jetzt. Ein 1,3 m breiter Aufbau auf Aluminium wächst je Kelvin um 0,03 mm.</translation>
-    </message>
-    <message>
-        <source>Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.</source>
-        <translation>Ab dieser Zahl grün. Kameras sehen 270 bis 420; ein Viertel davon verdoppelt alle Standardabweichungen.</translation>
-    </message>
-    <message>
-        <source>A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty.</source>
-        <translation>A in mm, etwa 0.03+L/20000: was die Messaufgabe zulässt. Leer: nach der eigenen Unsicherheit beurteilt.</translation>
-    </message>
-    <message>
-        <source>Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.</source>
-        <translation>Nur mit einem Grund in der Notiz. Ohne Stab zeigt nichts einen falschen Maßstab: Kein Residuum hängt davon ab.</translation>
-    </message>
-    <message>
-        <source>Dots that each camera needs at a placement</source>
-        <translation>Punkte, die jede Kamera bei einer Aufstellung braucht</translation>
-    </message>
-    <message>
-        <source>dots</source>
-        <translation>Punkte</translation>
-    </message>
-    <message>
-        <source>Ageing after</source>
-        <translation>Altert nach</translation>
-    </message>
-    <message>
-        <source>Out of date after</source>
-        <translation>Veraltet nach</translation>
-    </message>
-    <message>
-        <source>Ageing from a temperature change of</source>
-        <translation>Altert ab einer Temperaturänderung von</translation>
-    </message>
-    <message>
-        <source>Out of date from a temperature change of</source>
-        <translation>Veraltet ab einer Temperaturänderung von</translation>
-    </message>
-    <message>
-        <source>Limit of the length errors in new projects, A+L/K</source>
-        <translation>Grenze der Längenabweichungen in neuen Projekten, A+L/K</translation>
-    </message>
-    <message>
-        <source>The technician may give a project another limit</source>
-        <translation>Wer bedient, darf einem Projekt eine andere Grenze geben</translation>
-    </message>
-    <message>
-        <source>Without this, nobody passes a rig by widening the limit at Verify.</source>
-        <translation>Ohne dies besteht kein Aufbau durch Erweitern der Grenze beim Verifizieren.</translation>
-    </message>
-    <message>
-        <source>A calibration that was not verified may be put to use</source>
-        <translation>Eine nicht verifizierte Kalibrierung darf in Gebrauch genommen werden</translation>
-    </message>
     <message>
         <source>A calibration ages before it is out of date: give this one more.</source>
         <translation>Eine Kalibrierung altert, bevor sie veraltet ist: hier mehr angeben.</translation>

@@ -236,34 +236,6 @@
         <translation>尚不完整</translation>
     </message>
     <message>
-        <source>Mark</source>
-        <translation>标记</translation>
-    </message>
-    <message>
-        <source>sticker</source>
-        <translation>贴纸</translation>
-    </message>
-    <message>
-        <source>to mark</source>
-        <translation>到标记</translation>
-    </message>
-    <message>
-        <source>nominal</source>
-        <translation>标称</translation>
-    </message>
-    <message>
-        <source>certified</source>
-        <translation>证书值</translation>
-    </message>
-    <message>
-        <source>U</source>
-        <translation>U</translation>
-    </message>
-    <message>
-        <source>k</source>
-        <translation>k</translation>
-    </message>
-    <message>
         <source>Remove this length</source>
         <translation>移除此长度</translation>
     </message>
@@ -1802,74 +1774,6 @@ px</translation>
 </context>
 <context>
     <name>Limits</name>
-    <message>
-        <source>h</source>
-        <translation>小时</translation>
-    </message>
-    <message>
-        <source>The chip turns amber. Comparable systems warn after 5 h as well.</source>
-        <translation>状态变为黄色。同类系统同样在 5 小时后提醒。</translation>
-    </message>
-    <message>
-        <source>The chip turns red. Comparable systems refuse to measure after 12 h.</source>
-        <translation>状态变为红色。同类系统在 12 小时后拒绝测量。</translation>
-    </message>
-    <message>
-        <source>Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.</source>
-        <translation>指标定时与现在之间。宽 1.3 m 的铝制系统每开尔文伸长 0.03 mm。</translation>
-    </message>
-    <message>
-        <source>Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.</source>
-        <translation>达到此数量即为绿色。相机通常看到 270 至 420 个；只有四分之一时，所有标准差加倍。</translation>
-    </message>
-    <message>
-        <source>A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty.</source>
-        <translation>A 的单位为 mm，例如 0.03+L/20000：测量任务所允许的值。留空则按自身不确定度判定。</translation>
-    </message>
-    <message>
-        <source>Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.</source>
-        <translation>仅在备注中写明原因时允许。没有基准尺就无法发现比例错误：残差与比例无关。</translation>
-    </message>
-    <message>
-        <source>Dots that each camera needs at a placement</source>
-        <translation>每次摆放时每台相机所需的点数</translation>
-    </message>
-    <message>
-        <source>dots</source>
-        <translation>点</translation>
-    </message>
-    <message>
-        <source>Ageing after</source>
-        <translation>渐旧时限</translation>
-    </message>
-    <message>
-        <source>Out of date after</source>
-        <translation>过期时限</translation>
-    </message>
-    <message>
-        <source>Ageing from a temperature change of</source>
-        <translation>渐旧的温度变化</translation>
-    </message>
-    <message>
-        <source>Out of date from a temperature change of</source>
-        <translation>过期的温度变化</translation>
-    </message>
-    <message>
-        <source>Limit of the length errors in new projects, A+L/K</source>
-        <translation>新项目的长度误差限值 A+L/K</translation>
-    </message>
-    <message>
-        <source>The technician may give a project another limit</source>
-        <translation>操作人员可为项目设定其他限值</translation>
-    </message>
-    <message>
-        <source>Without this, nobody passes a rig by widening the limit at Verify.</source>
-        <translation>不允许时，任何人都不能在验证时放宽限值使系统通过。</translation>
-    </message>
-    <message>
-        <source>A calibration that was not verified may be put to use</source>
-        <translation>允许启用未经验证的标定</translation>
-    </message>
     <message>
         <source>A calibration ages before it is out of date: give this one more.</source>
         <translation>标定先渐旧、后过期：请将此值设得更大。</translation>

@@ -87,7 +87,7 @@ def test_nothing_in_the_catalogue_is_of_no_use() -> None:
         assert "*" in used or set(kinds_of(code)) <= used, (code, set(kinds_of(code)) - used)
     keys = {key for one in phrases_in_code() for key in one.codes}
     window = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "spherecal_gui").rglob("*.py"))
-    assert [group for group in table("en")["words"] if f'word("{group}", ' not in window] == []
+    assert [group for group in table("en")["words"] if f'"{group}"' not in window] == []
     assert set(table("en")["phrases"]) - keys - {f"{key}-{part}" for key in keys for part in ("hint", "short")} == set()
 
 

@@ -281,5 +281,3 @@ def redundancy(model: FrameModel, state: State) -> int:
     _, _, by_part = model.linearise(state, None)
     touched = sum_by(model.part, (by_part**2).sum(axis=1), model.n_frames * model.parts)
     return rows - problem.layout.size - int((touched > 0).sum())
-
-

@@ -5,6 +5,7 @@ Source: the published schema of DCC 3.2.1 (ptb.de/dcc).
 """
 
 import hashlib
+import re
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import Literal, get_args
@@ -21,7 +22,6 @@ from spherecal_documents.report.model import Verdict
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
 from spherecal_files.codec import FileFormat, Kind, choice, field, optional, record, text
 from spherecal_files.codec import date as day
-from spherecal_files.json_file import JsonValue
 from spherecal_files.verification_file import ArtefactRow
 from spherecal_rigs.result_folder import Result, refuse_failed
 from spherecal_verify.limit import RULE
@@ -59,18 +59,13 @@ class Issuer:
     end: date | None = None
 
 
-def _check_country(country: str, value: JsonValue) -> None:
-    if len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
-        raise value.error(Phrase("problem-country"))
-
-
-def _check_not_empty(said: str, value: JsonValue) -> None:
-    if not said:
-        raise value.error(Phrase("problem-name-empty"))
+_COUNTRY = text("Two capital letters.").that(
+    lambda said: re.fullmatch("[A-Z]{2}", said), Phrase("problem-country"), pattern="^[A-Z]{2}$"
+)
 
 
 def _said(about: str) -> Kind[str]:
-    return text(about).mapped(lambda said: " ".join(said.split())).checked(_check_not_empty)
+    return text(about).mapped(lambda said: " ".join(said.split())).that(bool, Phrase("problem-name-empty"))
 
 
 def _stated_contact(about: str) -> Kind[Contact]:
@@ -79,7 +74,7 @@ def _stated_contact(about: str) -> Kind[Contact]:
         Contact,
         field("name", _said("Its name.")),
         field("city", _said("Where it is.")),
-        field("country", text("Two capital letters.").checked(_check_country, pattern="^[A-Z]{2}$")),
+        field("country", _COUNTRY),
         optional("email", _said("Its e-mail address.")),
     )
 

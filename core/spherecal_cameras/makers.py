@@ -30,10 +30,10 @@ class Maker:
 
 
 TABLE: dict[str, Any] = tomllib.loads(resource_path("camera_makers.toml").read_text(encoding="utf-8"))
-MAKERS = tuple(
-    Maker(**{key: tuple(value) if isinstance(value, list) else value for key, value in one.items()})
-    for one in TABLE["maker"]
-)
+_ROWS: list[dict[str, Any]] = [
+    {key: tuple(one) if isinstance(one, list) else one for key, one in row.items()} for row in TABLE["maker"]
+]
+MAKERS = tuple(Maker(**row) for row in _ROWS)
 # Any maker's GigE Vision and USB3 Vision cameras, on Linux: our own, after the makers' own.
 ANY_MAKER = Maker("", "Aravis", ("spherecal_aravis.cti",), ("/opt/spherecal/cti",), source="our own")
 _FIRST = {"linux": ("/opt/*/lib/x86_64",)}

@@ -28,7 +28,9 @@ logging.getLogger("spherecal").addHandler(logging.NullHandler())
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; errors are one clear message on standard error."""
-    _escape_what_the_terminal_lacks()
+    for stream in (sys.stdout, sys.stderr):  # one of an old encoding shows foreign letters of a path escaped
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
     with ExitStack() as log:
         try:
             return _run(arguments, log)
@@ -98,13 +100,6 @@ def _in_words(error: OSError | MemoryError) -> SpherecalError:
     where = ", ".join(f"{name:.300}" for name in (error.filename, error.filename2) if isinstance(name, str))
     why = reason(error) if error.strerror or str(error) else type(error).__name__
     return OutputError(Phrase("error-system", {"where": where or Phrase("input-or-output"), "why": why}))
-
-
-def _escape_what_the_terminal_lacks() -> None:
-    """A terminal or pipe of an old encoding shows foreign letters of a path escaped, instead of ending the program."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors="backslashreplace")
 
 
 def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:

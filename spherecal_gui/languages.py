@@ -5,7 +5,8 @@ from collections.abc import Iterable
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
-from spherecal.base.messages.catalogue import LANGUAGES
+from spherecal.base.messages.catalogue import LANGUAGES, fill, table
+from spherecal.base.messages.values import plain
 from spherecal.base.resources import resource_path
 
 translate = QCoreApplication.translate  # (context, text): texts that belong to no widget
@@ -41,11 +42,10 @@ def preferred() -> str:
     return next((code for code in LANGUAGES if name == code or name.split("_")[0] == code.split("_")[0]), "en")
 
 
-def _locale() -> QLocale:
-    """How numbers are written; a point that is typed for a comma is refused, else 1.5 would be read as 15."""
-    made = QLocale(*_LOCALES[now()])
-    made.setNumberOptions(QLocale.NumberOption.OmitGroupSeparator | QLocale.NumberOption.RejectGroupSeparator)
-    return made
+def word(group: str, code: str, otherwise: str | None = None, **values: object) -> str:
+    """What people read for a code: of the table `words.GROUP` of resources/messages; `otherwise` where it is new."""
+    words = table(now())["words"][group]
+    return otherwise if otherwise is not None and code not in words else fill(words[code], plain(values), now())
 
 
 def by_locale(text: str) -> str:
@@ -80,7 +80,9 @@ def use(language: str) -> str:
         application.removeTranslator(translator)
     _installed.clear()
     _spoken[0] = language if language in LANGUAGES else "en"
-    QLocale.setDefault(_locale())
+    made = QLocale(*_LOCALES[now()])
+    made.setNumberOptions(QLocale.NumberOption.OmitGroupSeparator | QLocale.NumberOption.RejectGroupSeparator)
+    QLocale.setDefault(made)
     if now() != "en":
         qt = QLibraryInfo.path(QLibraryInfo.LibraryPath.TranslationsPath)
         for name, folder in ((f"spherecal_{now()}", str(resource_path("translations"))), (f"qtbase_{now()}", qt)):

@@ -1,6 +1,7 @@
 """How the window looks: palette, type scale, spacing and style sheet. docs/design.md is the page on it."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from string import Template
 
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
 from PySide6.QtWidgets import QApplication
@@ -159,110 +160,19 @@ def _palette(c: Colours) -> QPalette:
 def style_sheet(c: Colours) -> str:
     """The style sheet: targets large enough for gloves, one accent, states by colour and word."""
     side = SMALL if is_far() else PAD  # German in large text needs all of 1280 px
-    ground = "dark" if c.dark else "light"
-    chosen = mixed(c.surface, c.accent, 0.22)
-    down = resource_path("icons", f"down-on-{ground}.svg").as_posix()
-    up = resource_path("icons", f"up-on-{ground}.svg").as_posix()
-    check = resource_path("icons", "check-on-light.svg" if c.dark else "check-on-dark.svg").as_posix()
-    return f"""
-    QWidget {{ font-size: {pt(BODY):.1f}pt; }}
-    QToolTip {{ background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; padding: 6px; }}
-    QFrame#card {{ background: {c.surface}; border: 1px solid {c.border}; border-radius: 8px; }}
-    QFrame#header {{ background: {c.surface}; border: none; border-bottom: 1px solid {c.border}; }}
-    QFrame#footer {{ background: {c.surface}; border: none; border-top: 1px solid {c.border};
-        min-height: {pt(34) + 18 + 2 * SMALL:.0f}px; }}
-    QFrame#banner {{ border-radius: 8px; border: 1px solid {c.border}; background: {c.surface}; }}
-    QFrame#banner[level="good"] {{ background: {c.tint("good")}; border-color: {c.good}; }}
-    QFrame#banner[level="caution"] {{ background: {c.tint("caution")}; border-color: {c.caution}; }}
-    QFrame#banner[level="bad"] {{ background: {c.tint("bad")}; border-color: {c.bad}; }}
-    QFrame#rail {{ background: {c.surface}; border: none; border-right: 1px solid {c.border}; }}
-    QLabel#title {{ font-size: {pt(TITLE):.1f}pt; font-weight: 600; }}
-    QLabel#huge {{ font-size: {pt(DISPLAY):.1f}pt; font-weight: 600; }}
-    QLabel#big {{ font-size: {pt(HEADING):.1f}pt; font-weight: 600; }}
-    QLabel#soft, QLabel#task, QLabel#caption {{ color: {c.soft}; }}
-    QLabel#caption {{ font-size: {pt(CAPTION):.1f}pt; }}
-    QLabel#task {{ font-size: {pt(LEAD):.1f}pt; }}
-    QLabel[level="good"] {{ color: {c.good}; }}
-    QLabel[level="caution"] {{ color: {c.caution}; }}
-    QLabel[level="bad"] {{ color: {c.bad}; }}
-    QPushButton, QToolButton {{
-        background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; border-radius: 8px;
-        padding: 7px {side}px; min-height: {pt(20):.0f}px;
-    }}
-    QFileDialog QToolButton, QFileDialog QToolButton:focus {{ padding: 2px; min-height: 0; }}
-    QPushButton:hover, QToolButton:hover {{ border-color: {c.accent}; }}
-    QPushButton:focus, QToolButton:focus {{ border: 2px solid {c.accent}; padding: 6px {side - 1}px; }}
-    QPushButton:pressed {{ background: {c.border}; }}
-    QPushButton:checked, QToolButton:checked {{ background: {chosen}; color: {c.text};
-        border-color: {c.accent}; }}
-    QPushButton:disabled {{ color: {c.idle}; background: {c.window}; }}
-    QPushButton#primary {{
-        background: {c.accent}; color: {c.on_accent}; border: 1px solid {c.accent}; font-weight: 600;
-        font-size: {pt(HEADING):.1f}pt; min-height: {pt(34):.0f}px; padding: 8px 26px;
-    }}
-    QPushButton#primary:focus {{ border: 3px solid {c.text}; padding: 6px 24px; }}
-    QPushButton#primary:disabled {{ background: {c.raised}; color: {c.idle}; border-color: {c.border}; }}
-    QPushButton#card {{ background: {mixed(c.surface, c.accent, 0.12)}; border-color: {mixed(c.surface, c.accent, 0.5)};
-        font-weight: 600; font-size: {pt(LEAD):.1f}pt; min-height: {pt(28):.0f}px; }}
-    QPushButton#card:hover {{ background: {mixed(c.surface, c.accent, 0.2)}; border-color: {c.accent}; }}
-    QPushButton#card:disabled {{ background: {c.window}; border-color: {c.border}; color: {c.idle}; }}
-    QPushButton#pose {{ padding: 4px 8px; min-height: {pt(16):.0f}px; }}
-    QPushButton#pose[level="good"] {{ color: {c.good}; }}
-    QPushButton#pose:checked {{ color: {c.text}; }}
-    QPushButton#link {{ background: transparent; border: none; color: {c.accent}; text-decoration: underline;
-        padding: 4px; min-height: 0; }}
-    QPushButton#link:focus {{ border: 1px solid {c.accent}; }}
-    QTableView {{ background: {c.surface}; alternate-background-color: {c.raised}; gridline-color: {c.border};
-        border: 1px solid {c.border}; border-radius: 6px; selection-background-color: {chosen};
-        selection-color: {c.text}; }}
-    QTableView::item {{ padding: 0 4px; }}
-    QHeaderView {{ background: {c.raised}; }}
-    QHeaderView::section {{ background: {c.raised}; color: {c.soft}; border: none;
-        border-bottom: 1px solid {c.border}; padding: 8px 5px; font-weight: 600; }}
-    QTableCornerButton::section {{ background: {c.raised}; border: none; }}
-    QProgressBar {{ background: {c.raised}; border: 1px solid {c.border}; border-radius: 6px; text-align: center;
-        min-height: {pt(22):.0f}px; color: {c.text}; }}
-    QProgressBar#hold-still {{ min-height: 0; border-radius: 4px; }}
-    QProgressBar::chunk {{ background: {c.accent}; border-radius: 5px; }}
-    QPlainTextEdit, QTextBrowser, QLineEdit, QComboBox {{ background: {c.surface}; color: {c.text};
-        border: 1px solid {c.border}; border-radius: 6px; padding: 5px; }}
-    QDoubleSpinBox {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; border-radius: 6px;
-        padding: 5px 10px; min-height: {pt(22):.0f}px; }}
-    QLineEdit:disabled, QDoubleSpinBox:disabled {{ background: {c.window}; color: {c.soft}; }}
-    QDoubleSpinBox::up-button, QDoubleSpinBox::down-button {{ width: {pt(26):.0f}px; border: none; }}
-    QDoubleSpinBox::up-arrow {{ image: url("{up}"); width: {pt(12):.0f}px; height: {pt(12):.0f}px; }}
-    QDoubleSpinBox::down-arrow {{ image: url("{down}"); width: {pt(12):.0f}px; height: {pt(12):.0f}px; }}
-    QComboBox {{ min-height: {pt(22):.0f}px; padding: 5px 10px; }}
-    QComboBox::drop-down {{ border: none; width: {pt(26):.0f}px; }}
-    QComboBox::down-arrow {{ image: url("{down}"); width: {pt(14):.0f}px; height: {pt(14):.0f}px; }}
-    QPushButton[key="menu"] {{ padding-right: 26px; }}
-    QPushButton::menu-indicator {{ image: url("{down}"); width: 12px; height: 12px; right: 8px;
-        subcontrol-position: right center; subcontrol-origin: padding; }}
-    QMenu {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; padding: 4px; }}
-    QMenu::item {{ padding: {pt(7):.0f}px {pt(26):.0f}px; }}
-    QMenu::item:selected {{ background: {chosen}; color: {c.text}; }}
-    QMenu::separator {{ height: 1px; background: {c.border}; margin: 4px 8px; }}
-    QComboBox QAbstractItemView {{ background: {c.surface}; color: {c.text}; }}
-    QScrollArea {{ border: none; background: transparent; }}
-    QScrollArea > QWidget > QWidget {{ background: transparent; }}
-    QTabWidget::pane {{ border: 1px solid {c.border}; border-radius: 6px; background: {c.surface}; }}
-    QTabBar::tab {{ background: {c.raised}; color: {c.soft}; padding: 8px {10 if is_far() else 18}px;
-        border: 1px solid {c.border}; border-bottom: none; border-top-left-radius: 6px; border-top-right-radius: 6px; }}
-    QTabBar::tab:selected {{ background: {c.surface}; color: {c.text}; font-weight: 600; }}
-    QCheckBox {{ spacing: 10px; }}
-    QCheckBox::indicator {{ width: {pt(20):.0f}px; height: {pt(20):.0f}px; border: 2px solid {c.soft};
-        border-radius: 5px; background: {c.surface}; }}
-    QCheckBox::indicator:focus {{ border-color: {c.accent}; }}
-    QCheckBox::indicator:checked {{ background: {c.accent}; border-color: {c.accent}; image: url("{check}"); }}
-    QScrollBar {{ background: {c.raised}; border: none; margin: 0; }}
-    QScrollBar:vertical {{ width: {pt(14):.0f}px; }}
-    QScrollBar:horizontal {{ height: {pt(14):.0f}px; }}
-    QScrollBar::handle {{ background: {c.idle}; border-radius: 4px; margin: 2px; }}
-    QScrollBar::handle:vertical {{ min-height: {pt(30):.0f}px; }}
-    QScrollBar::handle:horizontal {{ min-width: {pt(30):.0f}px; }}
-    QScrollBar::handle:hover {{ background: {c.accent}; }}
-    QScrollBar::add-line, QScrollBar::sub-line {{ width: 0; height: 0; }}
-    QScrollBar::add-page, QScrollBar::sub-page {{ background: none; }}
-    QStatusBar {{ background: {c.surface}; border-top: 1px solid {c.border}; }}
-    QSplitter::handle {{ background: {c.border}; }}
-    """
+    ground, other = ("dark", "light") if c.dark else ("light", "dark")
+
+    def icon(name: str) -> str:
+        return resource_path("icons", f"{name}.svg").as_posix()
+
+    words = {
+        **asdict(c), "chosen": mixed(c.surface, c.accent, 0.22), "card": mixed(c.surface, c.accent, 0.12),
+        "card_edge": mixed(c.surface, c.accent, 0.5), "card_hover": mixed(c.surface, c.accent, 0.2),
+        "up": icon(f"up-on-{ground}"), "down": icon(f"down-on-{ground}"), "check": icon(f"check-on-{other}"),
+        "side": side, "side_focus": side - 1, "tab": 10 if is_far() else 18, "footer": f"{pt(34) + 18 + 2 * SMALL:.0f}",
+    }  # fmt: skip
+    words |= {f"{level}_tint": c.tint(level) for level in ("good", "caution", "bad")}
+    words |= {f"px{size}": f"{pt(size):.0f}" for size in (7, 12, 14, 16, 20, 22, 26, 28, 30, 34)}
+    sizes = {"caption": CAPTION, "body": BODY, "lead": LEAD, "heading": HEADING, "title": TITLE, "display": DISPLAY}
+    words |= {name: f"{pt(size):.1f}" for name, size in sizes.items()}
+    return Template(resource_path("window.qss").read_text(encoding="utf-8")).substitute(words)

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -20,6 +20,7 @@ from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import UNMEASURED_PRINT, Session
 from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
 from spherecal.diagnose.plausibility import implausible
+from spherecal.geometry.camera import project
 from spherecal.initialise.view_graph import groups_of
 from spherecal.result.build_result import unsolved
 from spherecal.steps.settings import CalibrationSettings
@@ -49,7 +50,6 @@ from spherecal_boards.camera_lag import (
     lag_findings,
     neighbours,
 )
-from spherecal_boards.eccentricity import eccentricity
 from spherecal_boards.frames_evidence import frame_evidence
 from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
 
@@ -341,3 +341,22 @@ def _about_observations(images: BoardImages | None, foreign: int) -> list[Findin
     if foreign:
         found.append(Finding("not-on-board", "warning", {"observations": foreign}))
     return found
+
+
+def eccentricity(views: BoardViews, poses: ViewPoses, intrinsics: FloatArray, radius_mm: float) -> FloatArray:
+    """Centre of the ellipse minus image of the centre, (n,2) px, for dots of one radius; 0 where no pose is known.
+
+    The dual of a circle about C with radius vectors a, b is a a' + b b' - C C' in homogeneous image coordinates. Its
+    ellipse's centre is that conic's third column.
+    """
+    out = np.zeros_like(views.uv)
+    for (camera, placement), found in poses.items():
+        if not found:
+            continue
+        rows, pose = views.of(camera, placement), found[0]
+        centre = views.points_mm[views.point[rows]] @ pose.rotation.T + pose.translation
+        a, b = radius_mm * pose.rotation[:, 0], radius_mm * pose.rotation[:, 1]
+        dual = np.outer(a, a) + np.outer(b, b) - centre[:, :, None] * centre[:, None]
+        middle = np.column_stack([dual[:, :2, 2] / dual[:, 2:3, 2], np.ones(len(rows))])
+        out[rows] = project(middle, intrinsics[camera]) - project(centre, intrinsics[camera])
+    return out

@@ -278,11 +278,6 @@ def redundancy(model: FrameModel, state: State) -> int:
     """Equations less unknowns; the reference camera's pose is locked, so that nothing is open."""
     problem = model.problem
     rows = 2 * len(problem.uv) + len(model.ties(state).frame) + len(problem.layout.prior_columns)
-    return rows - problem.layout.size - seen_unknowns(model, state)
-
-
-def seen_unknowns(model: FrameModel, state: State) -> int:
-    """How many unknowns of frames some observation depends on."""
     _, _, by_part = model.linearise(state, None)
     touched = sum_by(model.part, (by_part**2).sum(axis=1), model.n_frames * model.parts)
-    return int((touched > 0).sum())
+    return rows - problem.layout.size - int((touched > 0).sum())

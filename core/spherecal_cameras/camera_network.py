@@ -58,17 +58,9 @@ class LocalAddress:
 
 
 @dataclass(frozen=True)
-class WireCamera:
+class WireCamera(gvcp.NetworkCamera):
     """A camera that answers a broadcast, as it names itself."""
 
-    mac: str
-    ip_address: str
-    mask: str  # of `ip_address`
-    maker: str
-    model: str
-    serial: str
-    user_name: str
-    interface: str
     subnet_ok: bool  # this computer reaches its address on that interface
     controlled_by_other: bool | None  # a program holds it, None where it could not be asked
 
@@ -128,7 +120,7 @@ def answering_cameras(local: Sequence[LocalAddress], seconds: float = 0.7) -> tu
     with ThreadPoolExecutor(max(len(places), 1)) as pool:
         found = list(pool.map(answers, places))
     each = {
-        (camera.mac, camera.serial, camera.model, camera.address): camera
+        (camera.mac, camera.serial, camera.model, camera.ip_address): camera
         for cameras in reversed(found)
         for camera in cameras
     }
@@ -139,9 +131,9 @@ def reached(camera: gvcp.NetworkCamera, local: Iterable[LocalAddress]) -> bool:
     """Whether this computer has an address in the camera's network, on the interface where the camera answered."""
     if camera.mask == "0.0.0.0":  # it does not say: then the computer's own networks tell
         lines = [line for line in network_lines() if line.interface == camera.interface]
-        return any(ipaddress.ip_address(camera.address) in network_of(line) for line in lines)
+        return any(ipaddress.ip_address(camera.ip_address) in network_of(line) for line in lines)
     try:
-        network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
+        network = ipaddress.ip_interface(f"{camera.ip_address}/{camera.mask}").network
         return any(
             ipaddress.ip_address(one.address) in network for one in local if one.interface in ("", camera.interface)
         )
@@ -158,13 +150,10 @@ def found_on_wire(seconds: float = 0.7) -> tuple[WireCamera, ...]:
 def _on_wire(camera: gvcp.NetworkCamera, in_reach: bool) -> WireCamera:
     held = None
     if in_reach:
-        with _asking(camera.address) as registers:
+        with _asking(camera.ip_address) as registers:
             privilege = registers.read(gvcp.CONTROL_REGISTER, _ASK_S)
         held = None if privilege is None else privilege != 0
-    return WireCamera(
-        camera.mac, camera.address, camera.mask, camera.vendor, camera.model, camera.serial, camera.user_name,
-        camera.interface, in_reach, held,
-    )  # fmt: skip
+    return WireCamera(**vars(camera), subnet_ok=in_reach, controlled_by_other=held)
 
 
 @contextmanager
@@ -223,7 +212,7 @@ def give_address(mac: str, ip: str, mask: str, gateway: str = "0.0.0.0", persist
     while time.monotonic() < deadline:
         gvcp.force_address(camera.interface, mac, ip, mask, gateway, where)
         now = next((one for one in gvcp.search(camera.interface, _ASK_S, where) if one.mac == mac), None)
-        if now is not None and now.address == ip:
+        if now is not None and now.ip_address == ip:
             break
     else:
         raise CameraError(Phrase("error-address-refused", words))
@@ -248,8 +237,8 @@ def _check_address(
     if line is not None and ipaddress.ip_address(ip) not in network_of(line):
         values |= {"interface": line.interface, "network": str(network_of(line))}
         raise CameraError(Phrase("error-address-elsewhere", values))
-    taken = any(one.address == ip and one.mac != camera.mac for one in there)
-    if line is not None and ip != camera.address:
+    taken = any(one.ip_address == ip and one.mac != camera.mac for one in there)
+    if line is not None and ip != camera.ip_address:
         taken = taken or ip == line.address or _somebody_at(ip, line.interface)
     if taken:
         raise CameraError(Phrase("error-address-taken", values))
@@ -370,11 +359,7 @@ def interface_facts(
         return (_windows_firewall(),) if wire else ()
     facts: list[InterfaceFact] = []
     for line in network_lines():
-        cameras = [
-            gvcp.NetworkCamera(c.interface, c.ip_address, c.mask, c.mac, c.maker, c.model, c.serial, c.user_name)
-            for c in wire
-            if c.interface == line.interface
-        ]
+        cameras = [camera for camera in wire if camera.interface == line.interface]
         facts += _facts_of(line, cameras, loads) if cameras else []
     return tuple(facts)
 

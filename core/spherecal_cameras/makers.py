@@ -29,9 +29,11 @@ class Maker:
         return {"linux": self.linux, "win32": self.windows, "darwin": self.macos}.get(system, ())
 
 
-_TABLE = tomllib.loads(resource_path("camera_makers.toml").read_text(encoding="utf-8"))["maker"]
-_MAKERS: list[dict[str, Any]] = [{k: tuple(v) if isinstance(v, list) else v for k, v in x.items()} for x in _TABLE]
-MAKERS = tuple(Maker(**one) for one in _MAKERS)
+TABLE: dict[str, Any] = tomllib.loads(resource_path("camera_makers.toml").read_text(encoding="utf-8"))
+_ROWS: list[dict[str, Any]] = [
+    {key: tuple(one) if isinstance(one, list) else one for key, one in row.items()} for row in TABLE["maker"]
+]
+MAKERS = tuple(Maker(**row) for row in _ROWS)
 # Any maker's GigE Vision and USB3 Vision cameras, on Linux: our own, after the makers' own.
 ANY_MAKER = Maker("", "Aravis", ("spherecal_aravis.cti",), ("/opt/spherecal/cti",), source="our own")
 _FIRST = {"linux": ("/opt/*/lib/x86_64",)}

@@ -308,16 +308,16 @@ def stagger(loads: Mapping[str, CameraLoad], mbit_s: float) -> tuple[Stagger, ..
 def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Finding]:
     network = network_of(line)
     found = []
-    held = Counter(camera.address for camera in cameras)
+    held = Counter(camera.ip_address for camera in cameras)
     for address in [*[a for a, times in held.items() if times > 1], *({line.address} & set(held))]:
-        who = tuple(camera.serial for camera in cameras if camera.address == address)
+        who = tuple(camera.serial for camera in cameras if camera.ip_address == address)
         found.append(Finding("same-address", "error", {"address": address}, who))
     for camera in cameras:
-        if ipaddress.ip_address(camera.address) in network:
+        if ipaddress.ip_address(camera.ip_address) in network:
             continue
         beside = free_beside(camera)
         values = {
-            "address": camera.address,
+            "address": camera.ip_address,
             "interface": line.interface,
             "network": str(network),
             "command": f"sudo ip address add {beside} dev {line.interface}",
@@ -337,12 +337,12 @@ _WIDEST, _NARROWEST = 8, 29
 def free_beside(camera: NetworkCamera) -> str:
     """An address for this computer in the camera's network, with its prefix length, such as 192.168.7.254/24."""
     try:
-        network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
+        network = ipaddress.ip_interface(f"{camera.ip_address}/{camera.mask}").network
     except ValueError:  # the camera's own word, which may be anything
-        network = ipaddress.ip_interface(f"{camera.address}/24").network
+        network = ipaddress.ip_interface(f"{camera.ip_address}/24").network
     if not _WIDEST <= network.prefixlen <= _NARROWEST:
-        network = ipaddress.ip_interface(f"{camera.address}/24").network
-    hosts = [host for host in (network[1], network[-2]) if str(host) != camera.address]
+        network = ipaddress.ip_interface(f"{camera.ip_address}/24").network
+    hosts = [host for host in (network[1], network[-2]) if str(host) != camera.ip_address]
     return f"{hosts[-1]}/{network.prefixlen}"
 
 

@@ -26,11 +26,6 @@ class _Original:
     files_sha256: dict[str, str]
 
 
-def _check_whole(sha256: str, value: JsonValue) -> None:
-    if not sha256:
-        raise value.error(Phrase("problem-sha256"))
-
-
 def _read_files(value: JsonValue) -> dict[str, str]:
     if not isinstance(value.value, dict) or len(value.value) > _MOST_FILES:
         raise InputError(Phrase("error-bundle-files", {"file": value.file}))
@@ -49,7 +44,10 @@ BUNDLE = FileFormat(
     record(
         "",
         _Original,
-        field("input_sha256", digest("`input_sha256` of the original session.").checked(_check_whole, minLength=64)),
+        field(
+            "input_sha256",
+            digest("`input_sha256` of the original session.").that(bool, Phrase("problem-sha256"), minLength=64),
+        ),
         field("files_sha256", Kind(_FILES, _read_files, dict)),
         unread("images", "Whether the images are in it: `all`, `none` ...", lambda _: None),
         software(),

@@ -64,6 +64,15 @@ class Kind(Generic[T]):
 
         return Kind(self.schema | schema, read, self.entry)
 
+    def that(self, holds: Callable[[T], object], problem: Phrase, **schema: Any) -> "Kind[T]":
+        """The same kind of values for which something holds; `problem` says what is wrong with the others."""
+
+        def check(found: T, value: JsonValue) -> None:
+            if not holds(found):
+                raise value.error(problem)
+
+        return self.checked(check, **schema)
+
     def mapped(self, make: Callable[[T], S], back: Callable[[Any], Any] = _same) -> "Kind[S]":
         """A kind of what `make` makes of the value."""
         return Kind(self.schema, lambda value: make(self.read(value)), lambda made: self.entry(back(made)))

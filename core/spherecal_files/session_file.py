@@ -194,19 +194,29 @@ _SPACING = record(
     field("to", name("The second dot."), "to_point"),
     field("distance_mm", positive("Their distance as printed.", "mm")),
     field("surface", choice("`sphere`: bent onto the ball, so that the distance is an arc.", ("sphere", "flat"))),
-    optional("expanded_uncertainty_mm", number("Of the distance as measured on the print; absent: not measured.", 0)),
-    optional("coverage_factor", positive("The factor k of that; 2 where absent.")),
+    optional(
+        "expanded_uncertainty_mm",
+        number("Of the distance as measured on the print; absent: not measured.", 0),
+        omit=None,
+    ),
+    optional(
+        "coverage_factor",
+        positive("The factor k of that; 2 where absent."),
+        lambda scale: None if scale.expanded_uncertainty_mm is None else scale.coverage_factor,
+        "coverage_factor",
+        omit=None,
+    ),
     check=_check_spacing,
 )
 _NO_SCALE = record("", Scale, field("kind", choice("Lengths do not matter, by choice.", ("none",))))
 
 
-def _read_scale(value: JsonValue) -> Scale:
-    kind = value.fields(("kind",))["kind"].choice("target_spacing", "bar", "none")
-    return {"bar": _BAR_SCALE, "none": _NO_SCALE}.get(kind, _SPACING).read(value)
-
-
-SCALE = replace(one_of("Where the scale comes from.", _BAR_SCALE, _SPACING, _NO_SCALE), read=_read_scale)
+_SCALES = {"target_spacing": _SPACING, "bar": _BAR_SCALE, "none": _NO_SCALE}
+SCALE = replace(
+    one_of("Where the scale comes from.", _BAR_SCALE, _SPACING, _NO_SCALE),
+    read=lambda value: _SCALES[value.fields(("kind",))["kind"].choice(*_SCALES)].read(value),
+    entry=lambda scale: _SCALES[scale.kind].entry(scale),
+)
 
 
 # --- board -----------------------------------------------------------------------------------------------------------

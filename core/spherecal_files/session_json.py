@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from spherecal.data.session import Bar, CameraSpec, Scale, Session
+from spherecal.data.session import Bar, CameraSpec, Session
 from spherecal.geometry.camera import camera_matrix, is_fisheye
-from spherecal_files.bar_registry import LENGTHS
+from spherecal_files.bar_registry import LENGTHS, MARKS
 from spherecal_files.json_file import plain_fields
+from spherecal_files.session_file import SCALE
 
 # A lens of 45 degrees across: what COLMAP begins with too. Phones and webcams have 0.7 to 0.9, machine vision 1 to 4.
 ASSUMED_FOCAL = 1.2
@@ -34,7 +35,7 @@ def session_json(session: Session, folder: Path) -> dict[str, Any]:
     if session.wanted_uncertainty_mm is not None:
         document["wanted_uncertainty_mm"] = session.wanted_uncertainty_mm
     if session.scale is not None:
-        document["scale"] = _scale(session.scale)
+        document["scale"] = SCALE.entry(session.scale)
     return document
 
 
@@ -59,31 +60,9 @@ def _with_images(entry: dict[str, Any], images: dict[str, Path], folder: Path) -
 
 
 def _bar(bar: Bar) -> dict[str, Any]:
-    return {
-        "id": bar.id,
-        "role": bar.role,
-        "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
-        "lengths": LENGTHS.entry(bar.lengths),
-        "expansion_per_kelvin": bar.expansion_per_kelvin,
-        "reference_temperature_c": bar.reference_temperature_c,
-    }
-
-
-def _scale(scale: Scale) -> dict[str, Any]:
-    if scale.kind == "bar":
-        return {"kind": "bar", "bar": scale.bar}
-    if scale.kind == "none":
-        return {"kind": "none"}
-    u, k = scale.expanded_uncertainty_mm, scale.coverage_factor
-    measured = {} if u is None else {"expanded_uncertainty_mm": u, "coverage_factor": k}
-    return {
-        "kind": scale.kind,
-        "from": scale.from_point,
-        "to": scale.to_point,
-        "distance_mm": scale.distance_mm,
-        "surface": scale.surface,
-        **measured,
-    }
+    marks, lengths = MARKS.entry(bar.marks), LENGTHS.entry(bar.lengths)
+    material = plain_fields(bar, "expansion_per_kelvin reference_temperature_c")
+    return {"id": bar.id, "role": bar.role, "marks": marks, "lengths": lengths, **material}
 
 
 def assumed_prior(size: tuple[int, int]) -> dict[str, Any]:

@@ -92,11 +92,6 @@ def _check_reach(layouts: Mapping[int, Mapping[str, FloatArray]], targets: JsonV
                 raise dots.error(Phrase("problem-dot-off", {"point": point, "reach": size_mm / 2}))
 
 
-def _check_some(dots: Mapping[str, FloatArray], value: JsonValue) -> None:
-    if not dots:
-        raise value.error(Phrase("problem-no-dots"))
-
-
 def write_target_set(path: Path, target_set: TargetSet) -> None:
     """Write targets.json."""
     write_file_whole(path, TARGETS.bytes(target_set))
@@ -109,9 +104,9 @@ def given(*keys: str, **others: Schema) -> Schema:
 
 
 _PLACE = numbers("", 2).mapped(np.array, lambda xy: np.asarray(xy, dtype=float).tolist())
-_DOTS = entries(
-    "Places of the dots by name: mm from the sticker's centre, x right, y down as printed.", _PLACE
-).checked(_check_some, minProperties=1)
+_DOTS = entries("Places of the dots by name: mm from the sticker's centre, x right, y down as printed.", _PLACE).that(
+    len, Phrase("problem-no-dots"), minProperties=1
+)
 _TARGET = record("", _Target, field("id", integer("The number that the target carries.")), field("dots", _DOTS))
 _LAYOUTS = items(
     "The targets. For `aruco` they may be absent: all markers of the dictionary.", _TARGET, least=1, differ="id"

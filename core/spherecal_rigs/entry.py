@@ -12,7 +12,7 @@ from spherecal.data.rig import Rig, Verdict
 from spherecal_files import codec
 from spherecal_files.codec import serial
 from spherecal_files.filesystem import read_below
-from spherecal_files.json_file import JsonValue, software_entry
+from spherecal_files.json_file import software_entry
 from spherecal_files.rig_file import read_rig
 from spherecal_files.verification_file import OVERRIDE, Override
 
@@ -78,16 +78,6 @@ class Entry:
         return self.failed or self.verdict == "inconsistent"
 
 
-def _check_corners(volume: tuple[tuple[float, ...], ...], value: JsonValue) -> None:
-    if any(a > b for a, b in zip(*volume, strict=True)):
-        raise value.error(Phrase("problem-low-corner"))
-
-
-def _check_settings(settings: Mapping[str, Setting], value: JsonValue) -> None:
-    if len(settings) > _MOST_SETTINGS:
-        raise value.error(Phrase("problem-many-settings", {"most": _MOST_SETTINGS}))
-
-
 _SETTING = codec.one_of(
     "",
     codec.boolean(""),
@@ -95,7 +85,11 @@ _SETTING = codec.one_of(
     codec.items("", codec.number("")).mapped(lambda found: list(found[:_MOST_NUMBERS])),
     codec.number(""),
 )
-SETTINGS = codec.entries("Its settings by name.", _SETTING).checked(_check_settings, maxProperties=_MOST_SETTINGS)
+SETTINGS = codec.entries("Its settings by name.", _SETTING).that(
+    lambda settings: len(settings) <= _MOST_SETTINGS,
+    Phrase("problem-many-settings", {"most": _MOST_SETTINGS}),
+    maxProperties=_MOST_SETTINGS,
+)
 """A camera's settings by name: numbers, texts, true or false, or a few numbers (a region)."""
 _CAMERA = codec.record(
     "",
@@ -164,7 +158,10 @@ ENTRY = codec.FileFormat(
         codec.optional("sphere_diameter_mm", codec.positive("Diameter of the ball.", "mm")),
         codec.optional("temperature_c", codec.celsius("The rig's temperature in degrees Celsius.")),
         codec.optional(
-            "volume_mm", codec.matrix("Low and high corner of the calibrated points.", 2, 3).checked(_check_corners)
+            "volume_mm",
+            codec.matrix("Low and high corner of the calibrated points.", 2, 3).that(
+                lambda corners: all(a <= b for a, b in zip(*corners, strict=True)), Phrase("problem-low-corner")
+            ),
         ),
         _VERIFICATION,
         codec.field(

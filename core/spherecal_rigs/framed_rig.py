@@ -17,19 +17,13 @@ from spherecal.geometry.volume_map import LengthMap
 from spherecal_files import codec
 from spherecal_files.atomic import write_file_whole
 from spherecal_files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
-from spherecal_files.json_file import JsonValue, printable, read_json
+from spherecal_files.json_file import printable, read_json
 from spherecal_files.rig_file import read_rig, rotation
 from spherecal_files.table_file import Table
 from spherecal_files.verification_file import VERIFICATION
 from spherecal_files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal_rigs.result_folder import read_csv
 from spherecal_rigs.user_frame import TURNS, FrameDefinition, UserFrame, user_frame
-
-
-def _check_places(made: FrameDefinition, value: JsonValue) -> None:
-    if (made.origin, made.x, made.xy).count(None) not in (0, 3):
-        raise value.error(Phrase("problem-three-places"))
-
 
 _DEFINITION = codec.record(
     "How it was defined; `origin`, `x` and `xy` are all given or none.",
@@ -39,7 +33,7 @@ _DEFINITION = codec.record(
     codec.optional("xy", codec.text("A place in the xy plane.")),
     codec.optional("offset_mm", codec.numbers("Shift of the origin.", 3)),
     codec.optional("turns", codec.items("Turns by 90 degrees.", codec.choice("", TURNS))),
-).checked(_check_places)
+).that(lambda made: (made.origin, made.x, made.xy).count(None) in (0, 3), Phrase("problem-three-places"))
 _SIGMAS = codec.items("", codec.number("", 0), length=3).mapped(np.array)
 FIELDS = (
     codec.field("rotation", rotation("x_user = R x_world + t.")),

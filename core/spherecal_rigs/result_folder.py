@@ -178,10 +178,13 @@ def read_result(folder: Path) -> Result:
 def _read_result(folder: Path) -> Result:
     rig = read_rig(folder / "rig.json")
     points = _read_points(folder / "points.csv")
+    residuals = _read_residuals(folder / "residuals.csv", rig, points)
+    table = read_csv(folder / "spheres.csv", SPHERE_COLUMNS)
+    sizes = table.lengths("radius_mm").tolist(), table.lengths("radial_sd_mm", may_be_empty=True).tolist()
+    spheres = zip(table.names("placement"), _columns(table, ("x_mm", "y_mm", "z_mm")), *sizes, strict=True)
     return Result(
-        folder=folder, rig=rig, software=_read_software(folder / "rig.json"), points=points,
-        residuals=_read_residuals(folder / "residuals.csv", rig, points),
-        spheres=_read_spheres(folder / "spheres.csv"), bars=read_bar_report(folder),
+        folder=folder, rig=rig, software=_read_software(folder / "rig.json"), points=points, residuals=residuals,
+        spheres=tuple(PlacedSphere(*row) for row in spheres), bars=read_bar_report(folder),
     )  # fmt: skip
 
 
@@ -235,13 +238,3 @@ def _predict(rig: Rig, camera: np.ndarray, rows: IntArray, xyz: FloatArray) -> F
         in_front = x_camera[:, 2] > 0
         predicted[own[in_front]] = project(x_camera[in_front], placed.intrinsics)
     return predicted
-
-
-def _read_spheres(path: Path) -> tuple[PlacedSphere, ...]:
-    table = read_csv(path, SPHERE_COLUMNS)
-    centres = _columns(table, ("x_mm", "y_mm", "z_mm"))
-    radii, sds = table.lengths("radius_mm"), table.lengths("radial_sd_mm", may_be_empty=True)
-    return tuple(
-        PlacedSphere(name, centre, float(radius), float(sd))
-        for name, centre, radius, sd in zip(table.names("placement"), centres, radii, sds, strict=True)
-    )

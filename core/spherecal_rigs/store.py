@@ -126,11 +126,6 @@ def _profile(name: str, applied: tuple[Applied, ...], limits: ValidityLimits | N
     return Profile(Path(), name, limits or ValidityLimits(), applied, {})
 
 
-def _check_number(calibration: str, value: JsonValue) -> None:
-    if not _ID.fullmatch(calibration):
-        raise value.error(Phrase("problem-calibration-number"))
-
-
 _STATED = record(
     "When a calibration is ageing or stale.",
     dict,
@@ -153,7 +148,10 @@ def _read_limits(value: JsonValue) -> ValidityLimits:
 _APPLIED = record(
     "",
     Applied,
-    field("calibration", text("Its number.").checked(_check_number, pattern="^[0-9]{4,9}$")),
+    field(
+        "calibration",
+        text("Its number.").that(_ID.fullmatch, Phrase("problem-calibration-number"), pattern="^[0-9]{4,9}$"),
+    ),
     field("at", time("When it was put to use.")),
     optional("note", text("The reason.")),
 )

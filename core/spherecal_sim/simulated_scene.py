@@ -136,11 +136,7 @@ def _sticker_grid(centres: FloatArray, reach: float) -> NDArray[np.int32]:
     # a chord is at most the arc; a cell's corner is sqrt(3) / g from its middle; 5 % for bumps and bending
     chord = 1.05 * reach + np.sqrt(3) / g
     squares = (cells**2).sum(axis=-1)[..., None] + (centres**2).sum(axis=-1) - 2 * cells @ centres.T
-    return _candidate_lists(squares < chord**2)
-
-
-def _candidate_lists(near: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """For each cell (..., n) the indices that are near, -1 behind the last, (..., most)."""
+    near = squares < chord**2
     most = max(int(near.sum(axis=-1).max()), 1)
     order = np.argsort(~near, axis=-1, kind="stable")[..., :most].astype(np.int32)
     return np.where(np.take_along_axis(near, order, axis=-1), order, np.int32(-1))

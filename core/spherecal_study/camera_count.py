@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Estimate, Results, bar_sd, below, estimate, mean_px
-from spherecal_study.study_page import Document, Options, PaperComparison
+from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "Number of cameras (Fig. 13)"
 RUNS = 5
@@ -32,12 +32,7 @@ def _counts(options: Options) -> list[int]:
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: errors over the number of cameras, and the table paper / ours."""
-    document = options.begin(
-        TITLE,
-        f"{options.rig_words('rigA')}: four or seven nearest to the middle, and all; the ball at four "
-        "places. The bar is A3A4 (200 mm) in up to 20 poses; poses whose marks fewer than two cameras see "
-        "drop out.",
-    )
+    document = options.begin(TITLE, "cameras", rig=options.rig_words("rigA"))
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
     px: dict[str, _ByCount] = {}
     sd: dict[str, _ByCount] = {}
@@ -80,15 +75,7 @@ def _compared(px: _ByCount, off: dict[str, _ByCount], sd: dict[str, _ByCount]) -
         return found.get(n, estimate([])), f"at {n} cameras"
 
     most, where = worst(px)
-    rows = [
-        PaperComparison(
-            "mean reprojection error",
-            "0.0593 px at best, 0.0875 at worst",
-            f"{most.words(4)} px at most, {where}",
-            below(most, 0.0875),
-            "follows the image noise. The paper prints 0.875 at worst; 0.0875 is probably meant.",
-        )
-    ]
+    rows = [paper_line("cameras", "pixels", below(most, 0.0875), px=most.words(4), where=where)]
     few = {"free": "few views at four placements determine the lenses poorly."}
     for name, means in off.items():
         for what, found, limit, why in (

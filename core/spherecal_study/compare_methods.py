@@ -23,7 +23,7 @@ from spherecal_study.study_agreement import (
     pooled_sd,
     with_seeds,
 )
-from spherecal_study.study_page import Document, Options, PaperComparison
+from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "This method, a board and a bar (Figs. 16 to 19, Table III)"
 RUNS = 3
@@ -93,15 +93,7 @@ _COLUMNS = (
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: all methods by residuals, bars and time, and the table paper / ours."""
     document = options.begin(
-        TITLE,
-        f"{options.rig_words(_RIG)} is calibrated by the ball at four places (the paper's own method to the "
-        "letter, and our free and rigid forms), by a board of 8 x 11 dots 33 mm apart in "
-        "twenty tilts, and by a bar of two marks 300 mm apart in 3,000 frames. Chained: groups of four cameras "
-        "(board) or pairs (bar) are adjusted alone and joined over common cameras, as the paper's rivals are; the "
-        "bar has exact intrinsics given, which is more than any user has. All are judged by the same two reference "
-        "bars in 20 poses each, and by the errors of perfect images: the calibration alone.",
-        "Prints: stickers are perfect, or off by the paper's Assumption 3 (+-0.1 mm, evenly spread: standard "
-        f"deviation {ASSUMPTION_3_SD_MM:g} mm a coordinate); the board is perfect, or off by {_PRINT_MM:g} mm.",
+        TITLE, "compare", rig=options.rig_words(_RIG), sticker_mm=ASSUMPTION_3_SD_MM, board_mm=_PRINT_MM
     )
     names = _rows(options)
     wanted = {name: {_trial(name, options, s).key for s in options.seeds} for name in names}
@@ -261,16 +253,7 @@ def _rivals(found: _Found) -> list[PaperComparison]:
     why = "each on its own images; residuals do not show how well the rig measures."
     lines.append(_against_rivals(residual, "-", found, _mean_residual, "px", [], why))
     seconds = "; ".join(f"{_SHORT[name]} {sum(local_and_global_s(found[name])):.2f} s" for name in names)
-    lines.append(
-        PaperComparison(
-            "time (Fig. 19)",
-            "ball 168.71 s, 1-D 319.20 s, 2-D 237.89 s, handling included",
-            seconds,
-            Judged(min(len(found[name]) for name in names)),
-            "ours is computing alone (median, one core); handling, most of the paper's time, was not measured.",
-            "all three",
-        )
-    )
+    lines.append(paper_line("compare", "time", Judged(min(len(found[name]) for name in names)), seconds=seconds))
     return lines
 
 

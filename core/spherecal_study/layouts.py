@@ -13,7 +13,7 @@ from spherecal_study.study_agreement import (
     like,
     mean_px,
 )
-from spherecal_study.study_page import Document, Options, PaperComparison
+from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "Number of placements (Fig. 8)"
 RUNS = 5
@@ -42,13 +42,7 @@ def trials(options: Options) -> list[Trial]:
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: errors over the number of placements, and the table paper / ours."""
-    document = options.begin(
-        TITLE,
-        f"{options.rig_words('rigA')} is calibrated with the ball at one, two, four or seven places. "
-        "Reprojection errors tell how well the model fits, errors of bars how well the rig measures: 20 poses "
-        "each of two bars, three lengths each. Free: every dot at every placement is a point of its own, as in the "
-        "paper. Rigid: the ball is one object.",
-    )
+    document = options.begin(TITLE, "layouts", rig=options.rig_words("rigA"))
     px, bars, exact = {}, {}, {}
     for method in _METHODS:
         own = [(t.settings, r) for t, r in zip(listed, results, strict=True) if t.settings["method"] == method]
@@ -80,33 +74,8 @@ def _compared(px: _ByCount, bars: dict[str, _ByCount]) -> list[PaperComparison]:
     levels = ", ".join(f"{e.words(3)} mm at {n}" for n, e in at.items())
     usual, usual_rigid = at[STANDARD_PLACEMENTS], rigid.get(STANDARD_PLACEMENTS, none)
     return [
-        PaperComparison(
-            "reprojection error, 1 to 7 placements",
-            "below 0.2 px in all",
-            f"{worst.words(4)} px at most",
-            below(worst, 0.2),
-            "follows the image noise of 0.04 px a coordinate.",
-        ),
-        PaperComparison(
-            "bar error at 4 placements",
-            "settles near 0.1 mm",
-            f"{usual.words(4)} mm",
-            like(usual, 0.1),
-            "the simulation has no lens errors beyond the model, vibration or print errors.",
-        ),
-        PaperComparison(
-            "bar error by number of placements",
-            "from 1 to 4 placements, little gain beyond",
-            levels,
-            Judged(min(e.n for e in at.values())),
-            "where the grid lies in the volume, which differs for each number, matters as much as the number.",
-        ),
-        PaperComparison(
-            "the rigid form, 4 placements",
-            "-",
-            f"{usual_rigid.words(4)} mm",
-            Judged(usual_rigid.n),
-            "at the placements of the second row.",
-            "rigid",
-        ),
+        paper_line("layouts", "pixels", below(worst, 0.2), px=worst.words(4)),
+        paper_line("layouts", "bars", like(usual, 0.1), mm=usual.words(4)),
+        paper_line("layouts", "placements", Judged(min(e.n for e in at.values())), levels=levels),
+        paper_line("layouts", "rigid", Judged(usual_rigid.n), mm=usual_rigid.words(4)),
     ]

@@ -8,7 +8,7 @@ import numpy as np
 from spherecal_study.displacement import PERCENT
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Judged, Results, always, estimate, never, share_interval
-from spherecal_study.study_page import Document, Options, PaperComparison
+from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "Spherical projection and displaced points (Table II)"
 RUNS = 3
@@ -60,15 +60,7 @@ _USUAL_STEPS = 50
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: which starts converge, final errors by camera, and the table paper / ours."""
-    document = options.begin(
-        TITLE,
-        f"{options.rig_words(_RIG)}: start points are displaced by a % of the ball's radius times a normal number "
-        "within (-1, 1) in every coordinate; with SPO they are then moved onto their placements' spheres. The "
-        "start is the paper's own (`--method tao2021`: poses and points chained along OPT's paths). The adjustment "
-        "is plain, all unknowns at once, 200 steps at most: damped by the identity with lengths in millimetres "
-        "(Levenberg), or by the diagonal (Marquardt). Rig B has wide baselines and weak groups. Converged: the "
-        "optimum's rms within 5 %.",
-    )
+    document = options.begin(TITLE, "noise", rig=options.rig_words(_RIG))
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
     def some(rig: str, damping: str, known: bool) -> Results:
@@ -158,14 +150,9 @@ def _compared(cases: Callable[..., _Cases], options: Options) -> list[PaperCompa
         for percent in _ENDS:
             found = cases(_RIG, "identity", options.known, way, percent)
             soon, late = sum(map(_is_soon, found)), sum(c["converged"] for c in found)
-            within.append(
-                PaperComparison(
-                    f"{name}, {percent} %, identity: converged within {_USUAL_STEPS} steps",
-                    "does not converge" if (way, percent) == ("none", _ENDS[-1]) else "converges",
-                    f"{soon} of {len(found)} runs; within 200 steps {late}",
-                    Judged(len(found)),
-                )
-            )
+            paper = "does not converge" if (way, percent) == ("none", _ENDS[-1]) else "converges"
+            figures = {"way": name, "percent": percent, "steps": _USUAL_STEPS, "soon": soon, "late": late}
+            within.append(paper_line("noise", "within", Judged(len(found)), paper=paper, runs=len(found), **figures))
     wide = []
     for rig, known, percent in (
         (_WIDE, False, 25),
@@ -180,28 +167,18 @@ def _compared(cases: Callable[..., _Cases], options: Options) -> list[PaperCompa
     by_diagonal, n_diagonal = tried["the diagonal"]
     return [
         PaperComparison("with SPO, 10 and 25 %", "always converges", f"in {spo} of {n} runs", always(spo, n)),
-        PaperComparison(
-            "without SPO, 25 %",
-            "does not converge",
-            f"converges in {none} of {n_none} runs",
+        paper_line(
+            "noise",
+            "without",
             never(none, n_none),
-            "without SPO converge: "
-            + ", ".join(f"{what} {count} of {of}" for what, (count, of) in tried.items() if of)
-            + f" runs; {by_steps} of {len(lost)} cases are lost by the limit of 200 steps. SPO removes only the "
-            "radial third of a displacement.",
+            converged=none,
+            runs=n_none,
+            lost=len(lost),
+            by_steps=by_steps,
+            tried=", ".join(f"{what} {count} of {of}" for what, (count, of) in tried.items() if of),
         ),
-        PaperComparison(
-            "damped by the diagonal, without SPO, 20 and 25 %",
-            "does not converge",
-            f"converges in {by_diagonal} of {n_diagonal} runs",
-            never(by_diagonal, n_diagonal),
-        ),
-        PaperComparison(
-            "steps, SPO against none-SPO",
-            "-",
-            f"{steps['spo'].words(1)} with, {steps['none'].words(1)} without",
-            Judged(n),
-        ),
+        paper_line("noise", "diagonal", never(by_diagonal, n_diagonal), converged=by_diagonal, runs=n_diagonal),
+        paper_line("noise", "steps", Judged(n), spo=steps["spo"].words(1), none=steps["none"].words(1)),
         *within,
         *wide,
     ]

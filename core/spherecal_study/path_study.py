@@ -23,7 +23,7 @@ from spherecal_study.study_agreement import (
     pooled_rms,
     with_seeds,
 )
-from spherecal_study.study_page import Document, Options, PaperComparison
+from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "Paths through the camera graph (Figs. 9 and 10)"
 RUNS = 5
@@ -87,14 +87,7 @@ def _rigs(options: Options) -> tuple[str, ...]:
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: paths, starts and results of each search, the graph, and the table paper / ours."""
-    document = options.begin(
-        TITLE,
-        "Triples of cameras are chained to the reference camera along paths of the camera graph, whose edges "
-        "weigh the triples' reprojection error and one over the common points. OPT takes the path with the least "
-        "b^m g by A*; none-OPT grows from the reference by the first triple that reaches a camera. All of this "
-        "page is the paper's own pipeline (`--method tao2021`): every group of TH_pt = 12 common points, poses and "
-        "points chained as they are, SPO or not, then one Levenberg-Marquardt adjustment of everything.",
-    )
+    document = options.begin(TITLE, "path")
     rigs = _rigs(options)
     whole = [rig for rig in rigs[:1] if not rig_design(rig).walk]
     both = with_seeds(listed, results)
@@ -193,12 +186,14 @@ def _line(words: str, runs: Results, options: Options) -> PaperComparison:
     counts["our robust start"] = sum(
         r["ours"]["cameras"] == cameras and (r["ours"]["rms_px"] or np.inf) < limit for r in runs
     )
-    return PaperComparison(
-        f"runs of {n} that end in the optimum, {words}",
-        "-",
-        ", ".join(map(str, counts.values())),
+    return paper_line(
+        "path",
+        "optimum",
         Judged(n),
-        f"from the starts {'; '.join(counts)}. How the others were lost, steps and times: in the PDF.",
+        runs=n,
+        words=words,
+        starts="; ".join(counts),
+        counts=", ".join(map(str, counts.values())),
     )
 
 
@@ -207,12 +202,8 @@ def _search_line(rig: str, opt: Results, dijkstra: Results) -> PaperComparison:
     both = pairs(opt, dijkstra)
     ms = [estimate([1e3 * pair[way]["search_s"] for pair in both]) for way in (0, 1)]
     same = sum(a["paths"] == b["paths"] for a, b in both)
-    return PaperComparison(
-        f"time of the path search, {rig}",
-        "-",
-        f"{ms[0].words(2)} ms by A*, {ms[1].words(2)} ms by Dijkstra",
-        Judged(len(both)),
-        f"the same paths in {same} runs. b^m g does not add up along a path: A* looks at each number of hops.",
+    return paper_line(
+        "path", "search", Judged(len(both)), rig=rig, opt=ms[0].words(2), dijkstra=ms[1].words(2), same=same
     )
 
 
@@ -266,12 +257,13 @@ def _compared(rig: str, some: Callable[..., Results], options: Options) -> list[
             both = pairs(some("paths", rig, "opt", known), some("paths", rig, s, known))
             ratio = estimate([_over(_length(b), _length(a)) for a, b in both])
             rows.append(
-                PaperComparison(
-                    f"length of the paths, {SEARCHES[s]}, {words} intrinsics",
-                    "1.54 times",
-                    f"{ratio.words(3)} times OPT's",
+                paper_line(
+                    "path",
+                    "lengths",
                     like(ratio, 0.188 / 0.1221),
-                    "0.188 over 0.1221; only the ratio can be compared: the unit depends on the prior of the lens.",
+                    search=SEARCHES[s],
+                    words=words,
+                    ratio=ratio.words(3),
                 )
             )
     opt = some("ball", rig, "opt")
@@ -281,20 +273,10 @@ def _compared(rig: str, some: Callable[..., Results], options: Options) -> list[
         bars = estimate([pooled_rms([all_errors(b)]) / pooled_rms([all_errors(a)]) for a, b in chosen])
         px = mean_px([a for a, _ in chosen])
         rows += [
-            PaperComparison(
-                f"reprojection error at the end, {SEARCHES[s]} over OPT",
-                "0.15 over 0.09 px",
-                f"{ratio.words(4)} ({px.words(4)} px with OPT)",
-                like(ratio, 0.15 / 0.09),
-                "on rig A the plain adjustment finds the same optimum from all of these starts; for rig B see below.",
+            paper_line(
+                "path", "pixels", like(ratio, 0.15 / 0.09), search=SEARCHES[s], ratio=ratio.words(4), px=px.words(4)
             ),
-            PaperComparison(
-                f"error of bars, {SEARCHES[s]} over OPT",
-                "much larger than OPT's 0.11 mm",
-                bars.words(4),
-                above(bars, RATIO),
-                "for the same reason; much larger: by a quarter or more.",
-            ),
+            paper_line("path", "bars", above(bars, RATIO), search=SEARCHES[s], ratio=bars.words(4)),
         ]
     return rows
 

@@ -12,7 +12,7 @@ from spherecal_study.study_agreement import (
     like,
     local_and_global_s,
 )
-from spherecal_study.study_page import Document, Options, PaperComparison
+from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "The second system: rig B"
 RUNS = 5
@@ -31,12 +31,7 @@ def trials(options: Options) -> list[Trial]:
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: residuals and bars of both rigs, and the table paper / ours."""
-    document = options.begin(
-        TITLE,
-        "Twelve cameras with 12 mm lenses on two opposed planes of a 1290 x 1150 x 990 mm frame, beside the ten "
-        "of rig A. Half of the cameras hardly see the other half's side of the ball. The paper gives no sensor "
-        "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated.",
-    )
+    document = options.begin(TITLE, "rigB")
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
     def some(rig: str, method: str) -> Results:
@@ -89,35 +84,9 @@ def _compared(a: Results, b: Results, options: Options) -> list[PaperComparison]
     ratio = estimate([r["sd_px"][0] / r["mean_abs_px"][0] for r in a])
     placed = sum(r["cameras"] == 12 and r["valid"] for r in b)
     return [
-        PaperComparison(
-            "rig A: mean absolute residuals x, y",
-            "0.0453, 0.0483 px",
-            f"{x.words(4)}, {y.words(4)} px",
-            Judged(x.n),
-            f"proportional to the image noise: the paper's figures are those of {noise} px a coordinate.",
-        ),
-        PaperComparison(
-            "rig A: standard deviations", "0.0632, 0.0629 px", f"{sx.words(4)}, {sy.words(4)} px", Judged(sx.n)
-        ),
-        PaperComparison(
-            "rig A: standard deviation over mean",
-            "1.395, 1.302",
-            ratio.words(3),
-            like(ratio, 1.35),
-            "a normal distribution's is 1.25; some outliers remain in the paper's.",
-        ),
-        PaperComparison(
-            "rig B: all cameras calibrated and valid",
-            "12",
-            f"12 in {placed} of {len(b)} runs",
-            always(placed, len(b)),
-            pipeline="auto",
-        ),
-        PaperComparison(
-            "rig B: seconds of computing",
-            "-",
-            f"{sum(local_and_global_s(b)):.1f} s on one core",
-            Judged(len(b)),
-            pipeline="auto",
-        ),
+        paper_line("rigB", "residuals", Judged(x.n), x=x.words(4), y=y.words(4), noise=noise),
+        paper_line("rigB", "deviations", Judged(sx.n), x=sx.words(4), y=sy.words(4)),
+        paper_line("rigB", "ratio", like(ratio, 1.35), ratio=ratio.words(3)),
+        paper_line("rigB", "placed", always(placed, len(b)), placed=placed, runs=len(b)),
+        paper_line("rigB", "seconds", Judged(len(b)), seconds=sum(local_and_global_s(b))),
     ]

@@ -1,5 +1,6 @@
 """The page of a study: its document, and what it says of each run."""
 
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -9,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from spherecal import __version__
+from spherecal.base.resources import resource_path
 from spherecal_documents.report.model import Cell, Figure, Paragraph, Report, Section, Strong, Table
 from spherecal_documents.report.pdf import page_pictures, pdf_bytes
 from spherecal_documents.report.style import (
@@ -42,6 +44,15 @@ class PaperComparison:
     judged: Judged
     why: str = ""
     pipeline: str = ""
+
+
+_TEXTS = tomllib.loads(resource_path("studies.toml").read_text(encoding="utf-8"))
+
+
+def paper_line(study: str, name: str, judged: Judged, /, **values: object) -> PaperComparison:
+    """A line of resources/studies.toml with these figures."""
+    said = {part: text.format(**values) for part, text in _TEXTS[study][name].items()}
+    return PaperComparison(judged=judged, **said)
 
 
 class Document:
@@ -212,9 +223,9 @@ class Options:
         """One seed a repetition."""
         return range(self.seed, self.seed + self.runs)
 
-    def begin(self, title: str, *text: str) -> Document:
-        """A document with its title and what was done."""
-        document = Document(title, text)
+    def begin(self, title: str, study: str, **values: object) -> Document:
+        """A document with its title and what was done, as resources/studies.toml says it."""
+        document = Document(title, [text.format(**values) for text in _TEXTS[study]["about"]])
         seeds = f"seed {self.seed}" if self.runs == 1 else f"seeds {self.seed} to {self.seeds.stop - 1}"
         source = (
             "Rendered images, detected as recorded ones are"

@@ -10,7 +10,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal_sim.simulated_boards import SimulatedRecording
 from spherecal_study.executor import Trial
 from spherecal_study.study_agreement import Judged, Results, always, estimate, local_and_global_s, mean
-from spherecal_study.study_page import Document, Options, PaperComparison
+from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "A waved bar before ten cameras (1-D method)"
 RUNS = 3
@@ -63,13 +63,7 @@ def _rms(vectors: FloatArray) -> float:
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page: errors beside their bounds, over the number of frames, and the table paper / ours."""
-    document = options.begin(
-        TITLE,
-        "A bar of two marks 300 mm apart (certified to 0.004 mm, k = 2) is waved through the volume. "
-        f"{options.rig_words('rigA')} sees it. Intrinsics start from the data sheets and are estimated with "
-        "everything else. Errors are those against the truth, after the similarity that no image can tell; the "
-        "bound is that of Cramer and Rao for the same frames, which no unbiased method can beat.",
-    )
+    document = options.begin(TITLE, "bar", rig=options.rig_words("rigA"))
     by_frames = {n: [r for t, r in zip(listed, results, strict=True) if t.settings["frames"] == n] for n in _FRAMES}
 
     def rms(name: str) -> dict[int, float]:
@@ -98,28 +92,8 @@ def _compared(most: Results, cameras: int) -> list[PaperComparison]:
     stated = estimate([r["scale_bound"] for r in most])
     placed = sum(r["cameras"] == cameras and r["valid"] for r in most)
     return [
-        PaperComparison(
-            f"{_FRAMES[-1]} frames, {cameras} cameras: marks, error over bound",
-            "-",
-            ratio.words(4),
-            Judged(ratio.n),
-            "rms in space over the Cramer-Rao bound.",
-        ),
-        PaperComparison(
-            "cameras calibrated", "all", f"all {cameras} in {placed} of {len(most)} runs", always(placed, len(most))
-        ),
-        PaperComparison(
-            "scale",
-            "-",
-            f"off by {off.times(1e6).words(1)} ppm, stated {stated.times(1e6).words(1)}",
-            Judged(off.n),
-            "stated: the certificate's, which frames do not improve.",
-        ),
-        PaperComparison(
-            "seconds of computing",
-            "319.20 s, waving by hand included",
-            f"{sum(local_and_global_s(most)):.1f} s",
-            Judged(len(most)),
-            "waving was not measured.",
-        ),
+        paper_line("bar", "marks", Judged(ratio.n), frames=_FRAMES[-1], cameras=cameras, ratio=ratio.words(4)),
+        paper_line("bar", "placed", always(placed, len(most)), cameras=cameras, placed=placed, runs=len(most)),
+        paper_line("bar", "scale", Judged(off.n), off=off.times(1e6).words(1), stated=stated.times(1e6).words(1)),
+        paper_line("bar", "seconds", Judged(len(most)), seconds=sum(local_and_global_s(most))),
     ]

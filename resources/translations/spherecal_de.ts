@@ -236,34 +236,6 @@
         <translation>etwas fehlt</translation>
     </message>
     <message>
-        <source>Mark</source>
-        <translation>Marke</translation>
-    </message>
-    <message>
-        <source>sticker</source>
-        <translation>Aufkleber</translation>
-    </message>
-    <message>
-        <source>to mark</source>
-        <translation>bis Marke</translation>
-    </message>
-    <message>
-        <source>nominal</source>
-        <translation>Nennmaß</translation>
-    </message>
-    <message>
-        <source>certified</source>
-        <translation>zertifiziert</translation>
-    </message>
-    <message>
-        <source>U</source>
-        <translation>U</translation>
-    </message>
-    <message>
-        <source>k</source>
-        <translation>k</translation>
-    </message>
-    <message>
         <source>Remove this length</source>
         <translation>Diese Länge entfernen</translation>
     </message>
@@ -826,83 +798,12 @@
 <context>
     <name>Cameras</name>
     <message>
-        <source>Found, but not opened. Search again.</source>
-        <translation>Gefunden, aber nicht geöffnet. Erneut suchen.</translation>
-    </message>
-    <message>
-        <source>It waits for a trigger. Check trigger, cable and network load.</source>
-        <translation>Sie wartet auf einen Trigger. Trigger, Kabel und Netzlast prüfen.</translation>
-    </message>
-    <message>
-        <source>Images arrive with parts missing. Check cable, switch, packet size.</source>
-        <translation>Bilder kommen unvollständig an. Kabel, Switch, Paketgröße prüfen.</translation>
-    </message>
-    <message>
-        <source>Lost. Check cable, power and network; it comes back by itself.</source>
-        <translation>Verloren. Kabel, Strom und Netz prüfen; sie kommt von selbst zurück.</translation>
-    </message>
-    <message>
         <source>Another program is using it. Close that program.</source>
         <translation>Ein anderes Programm benutzt sie. Dieses Programm schließen.</translation>
-    </message>
-    <message>
-        <source>It cannot be opened. Switch it off and on, then search again.</source>
-        <translation>Sie lässt sich nicht öffnen. Aus- und einschalten, dann erneut suchen.</translation>
-    </message>
-</context>
-<context>
-    <name>Certificates</name>
-    <message>
-        <source>no certificate</source>
-        <translation>kein Zertifikat</translation>
-    </message>
-    <message>
-        <source>expired on {date}</source>
-        <translation>abgelaufen am {date}</translation>
-    </message>
-    <message>
-        <source>expires on {date}</source>
-        <translation>läuft am {date} ab</translation>
-    </message>
-    <message>
-        <source>dated {date}, in the future</source>
-        <translation>vom {date}, in der Zukunft</translation>
-    </message>
-    <message>
-        <source>no end of validity stated</source>
-        <translation>keine Gültigkeit angegeben</translation>
-    </message>
-    <message>
-        <source>valid until {date}</source>
-        <translation>gültig bis {date}</translation>
-    </message>
-    <message>
-        <source>Have it calibrated: {bars}. What is measured with it counts as in doubt.</source>
-        <translation>Kalibrieren lassen: {bars}. Was damit gemessen wird, gilt als zweifelhaft.</translation>
-    </message>
-    <message>
-        <source>Check the certificate&apos;s date: {bars}.</source>
-        <translation>Das Datum des Zertifikats prüfen: {bars}.</translation>
-    </message>
-    <message>
-        <source>Have it calibrated soon: {bars}.</source>
-        <translation>Bald kalibrieren lassen: {bars}.</translation>
     </message>
 </context>
 <context>
     <name>Check</name>
-    <message>
-        <source>OK</source>
-        <translation>OK</translation>
-    </message>
-    <message>
-        <source>WATCH</source>
-        <translation>BEOBACHTEN</translation>
-    </message>
-    <message>
-        <source>RECALIBRATE</source>
-        <translation>NEU KALIBRIEREN</translation>
-    </message>
     <message>
         <source>REPAIRED</source>
         <translation>REPARIERT</translation>
@@ -930,18 +831,6 @@
     <message>
         <source>Less sharp than before: {cameras}.</source>
         <translation>Weniger scharf als zuvor: {cameras}.</translation>
-    </message>
-    <message>
-        <source>as calibrated</source>
-        <translation>wie kalibriert</translation>
-    </message>
-    <message>
-        <source>watch it</source>
-        <translation>beobachten</translation>
-    </message>
-    <message>
-        <source>has moved</source>
-        <translation>hat sich bewegt</translation>
     </message>
     <message>
         <source>{cameras} repaired: a point was off by {before:.3f} mm, now by {now:.3f} mm.</source>
@@ -1471,33 +1360,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>Faults</name>
-    <message>
-        <source>nothing goes wrong</source>
-        <translation>nichts geht schief</translation>
-    </message>
-    <message>
-        <source>a camera is moved</source>
-        <translation>eine Kamera wird bewegt</translation>
-    </message>
-    <message>
-        <source>a camera drops out</source>
-        <translation>eine Kamera fällt aus</translation>
-    </message>
-    <message>
-        <source>a camera is out of focus</source>
-        <translation>eine Kamera ist unscharf</translation>
-    </message>
-    <message>
-        <source>a camera is dark</source>
-        <translation>eine Kamera ist dunkel</translation>
-    </message>
-    <message>
-        <source>a camera is late</source>
-        <translation>eine Kamera ist verspätet</translation>
-    </message>
-</context>
-<context>
     <name>FindingsList</name>
     <message>
         <source>Nothing to complain about.</source>
@@ -1912,74 +1774,6 @@ px</translation>
 </context>
 <context>
     <name>Limits</name>
-    <message>
-        <source>h</source>
-        <translation>h</translation>
-    </message>
-    <message>
-        <source>The chip turns amber. Comparable systems warn after 5 h as well.</source>
-        <translation>Die Anzeige wird gelb. Vergleichbare Systeme warnen ebenfalls nach 5 h.</translation>
-    </message>
-    <message>
-        <source>The chip turns red. Comparable systems refuse to measure after 12 h.</source>
-        <translation>Die Anzeige wird rot. Vergleichbare Systeme verweigern nach 12 h das Messen.</translation>
-    </message>
-    <message>
-        <source>Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.</source>
-        <translation>Zwischen dem Kalibrieren und jetzt. Ein 1,3 m breiter Aufbau auf Aluminium wächst je Kelvin um 0,03 mm.</translation>
-    </message>
-    <message>
-        <source>Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.</source>
-        <translation>Ab dieser Zahl grün. Kameras sehen 270 bis 420; ein Viertel davon verdoppelt alle Standardabweichungen.</translation>
-    </message>
-    <message>
-        <source>A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty.</source>
-        <translation>A in mm, etwa 0.03+L/20000: was die Messaufgabe zulässt. Leer: nach der eigenen Unsicherheit beurteilt.</translation>
-    </message>
-    <message>
-        <source>Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.</source>
-        <translation>Nur mit einem Grund in der Notiz. Ohne Stab zeigt nichts einen falschen Maßstab: Kein Residuum hängt davon ab.</translation>
-    </message>
-    <message>
-        <source>Dots that each camera needs at a placement</source>
-        <translation>Punkte, die jede Kamera bei einer Aufstellung braucht</translation>
-    </message>
-    <message>
-        <source>dots</source>
-        <translation>Punkte</translation>
-    </message>
-    <message>
-        <source>Ageing after</source>
-        <translation>Altert nach</translation>
-    </message>
-    <message>
-        <source>Out of date after</source>
-        <translation>Veraltet nach</translation>
-    </message>
-    <message>
-        <source>Ageing from a temperature change of</source>
-        <translation>Altert ab einer Temperaturänderung von</translation>
-    </message>
-    <message>
-        <source>Out of date from a temperature change of</source>
-        <translation>Veraltet ab einer Temperaturänderung von</translation>
-    </message>
-    <message>
-        <source>Limit of the length errors in new projects, A+L/K</source>
-        <translation>Grenze der Längenabweichungen in neuen Projekten, A+L/K</translation>
-    </message>
-    <message>
-        <source>The technician may give a project another limit</source>
-        <translation>Wer bedient, darf einem Projekt eine andere Grenze geben</translation>
-    </message>
-    <message>
-        <source>Without this, nobody passes a rig by widening the limit at Verify.</source>
-        <translation>Ohne dies besteht kein Aufbau durch Erweitern der Grenze beim Verifizieren.</translation>
-    </message>
-    <message>
-        <source>A calibration that was not verified may be put to use</source>
-        <translation>Eine nicht verifizierte Kalibrierung darf in Gebrauch genommen werden</translation>
-    </message>
     <message>
         <source>A calibration ages before it is out of date: give this one more.</source>
         <translation>Eine Kalibrierung altert, bevor sie veraltet ist: hier mehr angeben.</translation>
@@ -2559,18 +2353,6 @@ px</translation>
 <context>
     <name>Profile</name>
     <message>
-        <source>valid</source>
-        <translation>gültig</translation>
-    </message>
-    <message>
-        <source>use with care</source>
-        <translation>mit Vorsicht</translation>
-    </message>
-    <message>
-        <source>not valid</source>
-        <translation>nicht gültig</translation>
-    </message>
-    <message>
         <source>not verified</source>
         <translation>nicht verifiziert</translation>
     </message>
@@ -2665,125 +2447,6 @@ px</translation>
     <message>
         <source>Steps</source>
         <translation>Schritte</translation>
-    </message>
-</context>
-<context>
-    <name>Reasons</name>
-    <message>
-        <source>The cameras are not connected.</source>
-        <translation>Die Kameras sind nicht verbunden.</translation>
-    </message>
-    <message>
-        <source>Nobody has confirmed yet which ball and bars are on the bench.</source>
-        <translation>Noch hat niemand bestätigt, welche Kugel und Stäbe bereitliegen.</translation>
-    </message>
-    <message>
-        <source>Look at the cameras&apos; images first.</source>
-        <translation>Zuerst die Bilder der Kameras ansehen.</translation>
-    </message>
-    <message>
-        <source>New since the last look: {names}.</source>
-        <translation>Neu seit dem letzten Ansehen: {names}.</translation>
-    </message>
-    <message>
-        <source>No pose of the bar that gives the scale is captured.</source>
-        <translation>Vom Stab für den Maßstab fehlt eine Lage.</translation>
-    </message>
-    <message>
-        <source>Changed since: {names}.</source>
-        <translation>Seither geändert: {names}.</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet.</source>
-        <translation>Es gibt noch keine Kalibrierung.</translation>
-    </message>
-    <message>
-        <source>The calibration is out of date: calibrate again.</source>
-        <translation>Die Kalibrierung ist veraltet: neu kalibrieren.</translation>
-    </message>
-    <message>
-        <source>No check bar was chosen at Connect, so there is nothing to verify with.</source>
-        <translation>Bei „Verbinden“ wurde kein Prüfstab gewählt; es gibt nichts zum Verifizieren.</translation>
-    </message>
-    <message>
-        <source>The ball is not captured yet.</source>
-        <translation>Die Kugel wurde noch nicht aufgenommen.</translation>
-    </message>
-    <message>
-        <source>The rig has changed: recalibrate it.</source>
-        <translation>Der Aufbau hat sich verändert: neu kalibrieren.</translation>
-    </message>
-    <message>
-        <source>The calibration is not valid: see its findings.</source>
-        <translation>Die Kalibrierung ist nicht gültig: siehe Befunde.</translation>
-    </message>
-    <message>
-        <source>The check bar contradicts the calibration.</source>
-        <translation>Der Prüfstab widerspricht der Kalibrierung.</translation>
-    </message>
-    <message>
-        <source>The check bar could not be measured.</source>
-        <translation>Der Prüfstab konnte nicht gemessen werden.</translation>
-    </message>
-    <message>
-        <source>Work is running; wait for it or cancel it.</source>
-        <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
-    </message>
-    <message>
-        <source>No images from {names}: check cable, power and network.</source>
-        <translation>Keine Bilder von {names}: Kabel, Strom und Netz prüfen.</translation>
-    </message>
-    <message>
-        <source>Captured without {names}: retake it.</source>
-        <translation>Ohne {names} aufgenommen: bitte neu aufnehmen.</translation>
-    </message>
-    <message>
-        <source>The scene moved in {names}: retake it.</source>
-        <translation>In {names} hat sich die Szene bewegt: bitte neu aufnehmen.</translation>
-    </message>
-    <message>
-        <source>{names} was moved after this: retake it.</source>
-        <translation>{names} wurde danach bewegt: bitte neu aufnehmen.</translation>
-    </message>
-    <message>
-        <source>Repaired, but not in use yet.</source>
-        <translation>Repariert, aber noch nicht in Gebrauch.</translation>
-    </message>
-    <message>
-        <source>To be used with care: see the findings.</source>
-        <translation>Mit Vorsicht zu benutzen: siehe die Befunde.</translation>
-    </message>
-    <message>
-        <source>Saved, but not verified.</source>
-        <translation>Gesichert, aber nicht verifiziert.</translation>
-    </message>
-    <message>
-        <source>Undecided: uncertainty too large for the limit.</source>
-        <translation>Unentschieden: Die Unsicherheit ist zu groß für die Grenze.</translation>
-    </message>
-    <message>
-        <source>The rig has changed a little: watch it.</source>
-        <translation>Der Aufbau hat sich etwas verändert: beobachten.</translation>
-    </message>
-    <message>
-        <source>The project&apos;s folder {folder} is gone. Put it back, or begin anew on the start page.</source>
-        <translation>Der Ordner {folder} des Projekts ist nicht mehr da. Ihn wiederherstellen, oder auf der Startseite neu beginnen.</translation>
-    </message>
-    <message>
-        <source>{have} of at least {need} placements are captured.</source>
-        <translation>{have} von mindestens {need} Aufstellungen sind aufgenommen.</translation>
-    </message>
-    <message>
-        <source>{name} is not good ({cameras}): retake it, or keep it as it is.</source>
-        <translation>{name} ist nicht in Ordnung ({cameras}): neu aufnehmen oder so behalten.</translation>
-    </message>
-    <message>
-        <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
-        <translation>{names} wurde bewegt. Halterung festziehen, dann „Wieder fest“ drücken.</translation>
-    </message>
-    <message>
-        <source>{names} was moved. Tighten its mount, then press “Fixed again” at Camera check.</source>
-        <translation>{names} wurde bewegt. Halterung festziehen, dann bei „Kameraprüfung“ „Wieder fest“ drücken.</translation>
     </message>
 </context>
 <context>
@@ -3266,30 +2929,6 @@ mm</translation>
         <translation>Residuum {px:.3f} px RMS</translation>
     </message>
     <message>
-        <source>TOP</source>
-        <translation>OBEN</translation>
-    </message>
-    <message>
-        <source>BELOW</source>
-        <translation>UNTEN</translation>
-    </message>
-    <message>
-        <source>FRONT</source>
-        <translation>VORN</translation>
-    </message>
-    <message>
-        <source>BACK</source>
-        <translation>HINTEN</translation>
-    </message>
-    <message>
-        <source>RIGHT</source>
-        <translation>RECHTS</translation>
-    </message>
-    <message>
-        <source>LEFT</source>
-        <translation>LINKS</translation>
-    </message>
-    <message>
         <source>Ellipsoids: 1 σ × {factor}</source>
         <translation>Ellipsoide: 1 σ × {factor}</translation>
     </message>
@@ -3400,153 +3039,6 @@ mm</translation>
     <message>
         <source>LIVE</source>
         <translation>LIVE</translation>
-    </message>
-</context>
-<context>
-    <name>Stages</name>
-    <message>
-        <source>Reading what was captured</source>
-        <translation>Aufnahmen lesen</translation>
-    </message>
-    <message>
-        <source>Finding the targets in all images</source>
-        <translation>Zielmarken in allen Bildern suchen</translation>
-    </message>
-    <message>
-        <source>Finding the board in all images</source>
-        <translation>Tafel in allen Bildern suchen</translation>
-    </message>
-    <message>
-        <source>Comparing pairs of cameras</source>
-        <translation>Kamerapaare vergleichen</translation>
-    </message>
-    <message>
-        <source>Linking three cameras at a time</source>
-        <translation>Je drei Kameras verknüpfen</translation>
-    </message>
-    <message>
-        <source>Start values</source>
-        <translation>Startwerte</translation>
-    </message>
-    <message>
-        <source>Growing the network</source>
-        <translation>Netz aufbauen</translation>
-    </message>
-    <message>
-        <source>First adjustment</source>
-        <translation>Erste Ausgleichung</translation>
-    </message>
-    <message>
-        <source>Checking each camera&apos;s pose</source>
-        <translation>Pose jeder Kamera prüfen</translation>
-    </message>
-    <message>
-        <source>Adjusting everything together</source>
-        <translation>Alles gemeinsam ausgleichen</translation>
-    </message>
-    <message>
-        <source>Comparing with the stored ball</source>
-        <translation>Mit der gespeicherten Kugel vergleichen</translation>
-    </message>
-    <message>
-        <source>Adjusting with a slightly deformable ball</source>
-        <translation>Mit einer leicht verformbaren Kugel ausgleichen</translation>
-    </message>
-    <message>
-        <source>Computing with the ball as one rigid body</source>
-        <translation>Kugel als starren Körper rechnen</translation>
-    </message>
-    <message>
-        <source>Looking for the camera that moved</source>
-        <translation>Suchen, welche Kamera sich bewegt hat</translation>
-    </message>
-    <message>
-        <source>Uncertainties</source>
-        <translation>Unsicherheiten</translation>
-    </message>
-    <message>
-        <source>Looking for faults</source>
-        <translation>Nach Fehlern suchen</translation>
-    </message>
-    <message>
-        <source>Measuring the bars</source>
-        <translation>Stäbe messen</translation>
-    </message>
-    <message>
-        <source>Comparing with the calibration</source>
-        <translation>Mit der Kalibrierung vergleichen</translation>
-    </message>
-    <message>
-        <source>Working out the next placement</source>
-        <translation>Nächste Aufstellung ermitteln</translation>
-    </message>
-    <message>
-        <source>Setting exposures</source>
-        <translation>Belichtungen einstellen</translation>
-    </message>
-    <message>
-        <source>Testing that nothing moves</source>
-        <translation>Prüfen, dass sich nichts bewegt</translation>
-    </message>
-    <message>
-        <source>Opening the source</source>
-        <translation>Quelle öffnen</translation>
-    </message>
-    <message>
-        <source>Looking for cameras</source>
-        <translation>Kameras suchen</translation>
-    </message>
-    <message>
-        <source>Opening the cameras</source>
-        <translation>Kameras öffnen</translation>
-    </message>
-    <message>
-        <source>Giving the camera an address</source>
-        <translation>Der Kamera eine Adresse geben</translation>
-    </message>
-    <message>
-        <source>Building the camera driver</source>
-        <translation>Den Kameratreiber bauen</translation>
-    </message>
-    <message>
-        <source>Setting up the camera</source>
-        <translation>Kamera einstellen</translation>
-    </message>
-    <message>
-        <source>Capturing images</source>
-        <translation>Bilder aufnehmen</translation>
-    </message>
-    <message>
-        <source>Finding targets</source>
-        <translation>Zielmarken suchen</translation>
-    </message>
-    <message>
-        <source>Writing the images</source>
-        <translation>Bilder schreiben</translation>
-    </message>
-    <message>
-        <source>Writing the result</source>
-        <translation>Ergebnis schreiben</translation>
-    </message>
-    <message>
-        <source>Reading the result</source>
-        <translation>Ergebnis lesen</translation>
-    </message>
-    <message>
-        <source>Comparing with the calibration in use</source>
-        <translation>Mit der Kalibrierung in Gebrauch vergleichen</translation>
-    </message>
-    <message>
-        <source>Drawing the report</source>
-        <translation>Bericht zeichnen</translation>
-    </message>
-    <message>
-        <source>Saving in the profile</source>
-        <translation>Im Profil sichern</translation>
-    </message>
-    <message>
-        <source>Exporting</source>
-        <translation>Exportieren</translation>
     </message>
 </context>
 <context>
@@ -4191,149 +3683,6 @@ mm</translation>
     </message>
 </context>
 <context>
-    <name>Steps</name>
-    <message>
-        <source>Placement {name}</source>
-        <translation>Aufstellung {name}</translation>
-    </message>
-    <message>
-        <source>Connect</source>
-        <translation>Verbinden</translation>
-    </message>
-    <message>
-        <source>Camera check</source>
-        <translation>Kameraprüfung</translation>
-    </message>
-    <message>
-        <source>Scale bar</source>
-        <translation>Maßstab</translation>
-    </message>
-    <message>
-        <source>Calibrate</source>
-        <translation>Kalibrieren</translation>
-    </message>
-    <message>
-        <source>Results</source>
-        <translation>Ergebnis</translation>
-    </message>
-    <message>
-        <source>Verify</source>
-        <translation>Verifizieren</translation>
-    </message>
-    <message>
-        <source>Save</source>
-        <translation>Sichern</translation>
-    </message>
-    <message>
-        <source>Check</source>
-        <translation>Prüfen</translation>
-    </message>
-    <message>
-        <source>Measure</source>
-        <translation>Messen</translation>
-    </message>
-    <message>
-        <source>Find the cameras and confirm what is on the bench.</source>
-        <translation>Kameras finden und bestätigen, welche Messmittel bereitliegen.</translation>
-    </message>
-    <message>
-        <source>Look at every camera: sharp, well lit, nothing in the way.</source>
-        <translation>Jede Kamera ansehen: scharf, gut belichtet, nichts im Weg.</translation>
-    </message>
-    <message>
-        <source>Compute the cameras from what was captured.</source>
-        <translation>Die Kameras aus den Aufnahmen berechnen.</translation>
-    </message>
-    <message>
-        <source>Is the calibration good, and what would make it better?</source>
-        <translation>Ist die Kalibrierung gut, und was würde sie verbessern?</translation>
-    </message>
-    <message>
-        <source>Write the report and put the calibration to use.</source>
-        <translation>Den Bericht schreiben und die Kalibrierung in Gebrauch nehmen.</translation>
-    </message>
-    <message>
-        <source>One of the ball&apos;s places: the more they differ, the better.</source>
-        <translation>Einer der Orte der Kugel: je verschiedener, desto besser.</translation>
-    </message>
-    <message>
-        <source>The bar that gives the scale, turned another way for every pose.</source>
-        <translation>Der Stab, der den Maßstab gibt, in jeder Lage anders gedreht.</translation>
-    </message>
-    <message>
-        <source>Does it measure right? Measure the check bar and compare with its certificate.</source>
-        <translation>Misst der Aufbau richtig? Den Prüfstab messen und mit seinem Zertifikat vergleichen.</translation>
-    </message>
-    <message>
-        <source>Has a camera moved since the calibration? One placement of the ball shows it.</source>
-        <translation>Hat sich seit der Kalibrierung eine Kamera bewegt? Eine Aufstellung der Kugel zeigt es.</translation>
-    </message>
-    <message>
-        <source>Carry a bar through the volume, or choose points and read their distance.</source>
-        <translation>Einen Stab durch das Volumen tragen, oder Punkte wählen und ihren Abstand ablesen.</translation>
-    </message>
-    <message>
-        <source>not captured</source>
-        <translation>nicht aufgenommen</translation>
-    </message>
-    <message>
-        <source>not yet</source>
-        <translation>noch nicht</translation>
-    </message>
-    <message>
-        <source>ready</source>
-        <translation>bereit</translation>
-    </message>
-    <message>
-        <source>running</source>
-        <translation>läuft</translation>
-    </message>
-    <message>
-        <source>done</source>
-        <translation>fertig</translation>
-    </message>
-    <message>
-        <source>with care</source>
-        <translation>mit Vorsicht</translation>
-    </message>
-    <message>
-        <source>out of date</source>
-        <translation>veraltet</translation>
-    </message>
-    <message>
-        <source>problem</source>
-        <translation>Problem</translation>
-    </message>
-    <message>
-        <source>the bench</source>
-        <translation>die Messmittel</translation>
-    </message>
-    <message>
-        <source>the calibration</source>
-        <translation>die Kalibrierung</translation>
-    </message>
-    <message>
-        <source>what is left out or mended</source>
-        <translation>was weggelassen oder berichtigt wird</translation>
-    </message>
-    <message>
-        <source>the masked parts of images</source>
-        <translation>die abgedeckten Bildteile</translation>
-    </message>
-    <message>
-        <source>the limit</source>
-        <translation>die Grenze</translation>
-    </message>
-    <message>
-        <source>cameras that were moved</source>
-        <translation>bewegte Kameras</translation>
-    </message>
-    <message>
-        <source>the verification</source>
-        <translation>die Verifizierung</translation>
-    </message>
-</context>
-<context>
     <name>StudiesDialog</name>
     <message>
         <source>Compare methods</source>
@@ -4444,53 +3793,6 @@ mm</translation>
     <message>
         <source>to be used with care</source>
         <translation>mit Vorsicht zu benutzen</translation>
-    </message>
-</context>
-<context>
-    <name>Verdicts</name>
-    <message>
-        <source>valid</source>
-        <translation>gültig</translation>
-    </message>
-    <message>
-        <source>use with care</source>
-        <translation>mit Vorsicht</translation>
-    </message>
-    <message>
-        <source>not valid</source>
-        <translation>nicht gültig</translation>
-    </message>
-    <message>
-        <source>consistent</source>
-        <translation>stimmig</translation>
-    </message>
-    <message>
-        <source>within the limit</source>
-        <translation>innerhalb der Grenze</translation>
-    </message>
-    <message>
-        <source>undecided</source>
-        <translation>unentschieden</translation>
-    </message>
-    <message>
-        <source>inconsistent</source>
-        <translation>widersprüchlich</translation>
-    </message>
-    <message>
-        <source>no data</source>
-        <translation>keine Daten</translation>
-    </message>
-    <message>
-        <source>OK</source>
-        <translation>OK</translation>
-    </message>
-    <message>
-        <source>watch</source>
-        <translation>beobachten</translation>
-    </message>
-    <message>
-        <source>recalibrate</source>
-        <translation>neu kalibrieren</translation>
     </message>
 </context>
 <context>
@@ -4643,30 +3945,6 @@ mm</translation>
         <translation>Die Verifizierung ist fertig: {verdict}.</translation>
     </message>
     <message>
-        <source>verified</source>
-        <translation>verifiziert</translation>
-    </message>
-    <message>
-        <source>saw no mark</source>
-        <translation>sah keine Marke</translation>
-    </message>
-    <message>
-        <source>contradicts the others</source>
-        <translation>widerspricht den anderen</translation>
-    </message>
-    <message>
-        <source>pass</source>
-        <translation>bestanden</translation>
-    </message>
-    <message>
-        <source>fail</source>
-        <translation>nicht bestanden</translation>
-    </message>
-    <message>
-        <source>cannot tell</source>
-        <translation>unentschieden</translation>
-    </message>
-    <message>
         <source>Grey: what the uncertainty of each error allows.</source>
         <translation>Grau: was die Unsicherheit jedes Fehlers zulässt.</translation>
     </message>
@@ -4677,66 +3955,6 @@ mm</translation>
     <message>
         <source>all together (k = {k:.1f}: U = {u:.3f} mm)</source>
         <translation>alles zusammen (k = {k:.1f}: U = {u:.3f} mm)</translation>
-    </message>
-    <message>
-        <source>the bar&apos;s certificate</source>
-        <translation>das Zertifikat des Stabs</translation>
-    </message>
-    <message>
-        <source>the thermometer</source>
-        <translation>das Thermometer</translation>
-    </message>
-    <message>
-        <source>the bar&apos;s expansion</source>
-        <translation>die Ausdehnung des Stabs</translation>
-    </message>
-    <message>
-        <source>the cameras&apos; calibration</source>
-        <translation>die Kalibrierung der Kameras</translation>
-    </message>
-    <message>
-        <source>the scale</source>
-        <translation>der Maßstab</translation>
-    </message>
-    <message>
-        <source>the marks&apos; centres</source>
-        <translation>die Mitten der Marken</translation>
-    </message>
-    <message>
-        <source>repeatability</source>
-        <translation>Wiederholbarkeit</translation>
-    </message>
-    <message>
-        <source>the certificate&apos;s digits</source>
-        <translation>die Stellen des Zertifikats</translation>
-    </message>
-    <message>
-        <source>show the marks to more cameras, larger and sharper</source>
-        <translation>die Marken mehr Kameras zeigen, größer und schärfer</translation>
-    </message>
-    <message>
-        <source>a bar with a better certificate</source>
-        <translation>einen Stab mit besserem Zertifikat</translation>
-    </message>
-    <message>
-        <source>a better thermometer, on the bar itself</source>
-        <translation>ein besseres Thermometer, am Stab selbst</translation>
-    </message>
-    <message>
-        <source>measure nearer to the bar&apos;s reference temperature</source>
-        <translation>näher an der Bezugstemperatur des Stabs messen</translation>
-    </message>
-    <message>
-        <source>more placements of the ball, spread over the volume</source>
-        <translation>mehr Aufstellungen der Kugel, im Volumen verteilt</translation>
-    </message>
-    <message>
-        <source>the scale from a certified bar, in more poses</source>
-        <translation>den Maßstab aus einem zertifizierten Stab, in mehr Lagen</translation>
-    </message>
-    <message>
-        <source>enter the certificate&apos;s lengths with all digits</source>
-        <translation>die Längen des Zertifikats mit allen Stellen eintragen</translation>
     </message>
 </context>
 <context>

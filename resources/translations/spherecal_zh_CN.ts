@@ -236,34 +236,6 @@
         <translation>尚不完整</translation>
     </message>
     <message>
-        <source>Mark</source>
-        <translation>标记</translation>
-    </message>
-    <message>
-        <source>sticker</source>
-        <translation>贴纸</translation>
-    </message>
-    <message>
-        <source>to mark</source>
-        <translation>到标记</translation>
-    </message>
-    <message>
-        <source>nominal</source>
-        <translation>标称</translation>
-    </message>
-    <message>
-        <source>certified</source>
-        <translation>证书值</translation>
-    </message>
-    <message>
-        <source>U</source>
-        <translation>U</translation>
-    </message>
-    <message>
-        <source>k</source>
-        <translation>k</translation>
-    </message>
-    <message>
         <source>Remove this length</source>
         <translation>移除此长度</translation>
     </message>
@@ -826,83 +798,12 @@
 <context>
     <name>Cameras</name>
     <message>
-        <source>Found, but not opened. Search again.</source>
-        <translation>已找到但未打开。请重新查找。</translation>
-    </message>
-    <message>
-        <source>It waits for a trigger. Check trigger, cable and network load.</source>
-        <translation>正在等待触发。请检查触发、电缆和网络负载。</translation>
-    </message>
-    <message>
-        <source>Images arrive with parts missing. Check cable, switch, packet size.</source>
-        <translation>图像传输不完整。请检查电缆、交换机和数据包大小。</translation>
-    </message>
-    <message>
-        <source>Lost. Check cable, power and network; it comes back by itself.</source>
-        <translation>已断开。请检查电缆、电源和网络；恢复后会自动连接。</translation>
-    </message>
-    <message>
         <source>Another program is using it. Close that program.</source>
         <translation>被其他程序占用。请关闭该程序。</translation>
-    </message>
-    <message>
-        <source>It cannot be opened. Switch it off and on, then search again.</source>
-        <translation>无法打开。请断电重启后重新查找。</translation>
-    </message>
-</context>
-<context>
-    <name>Certificates</name>
-    <message>
-        <source>no certificate</source>
-        <translation>没有证书</translation>
-    </message>
-    <message>
-        <source>expired on {date}</source>
-        <translation>已于 {date} 过期</translation>
-    </message>
-    <message>
-        <source>expires on {date}</source>
-        <translation>将于 {date} 过期</translation>
-    </message>
-    <message>
-        <source>dated {date}, in the future</source>
-        <translation>日期为 {date}，在未来</translation>
-    </message>
-    <message>
-        <source>no end of validity stated</source>
-        <translation>未注明有效期</translation>
-    </message>
-    <message>
-        <source>valid until {date}</source>
-        <translation>有效期至 {date}</translation>
-    </message>
-    <message>
-        <source>Have it calibrated: {bars}. What is measured with it counts as in doubt.</source>
-        <translation>请送检：{bars}。用它测得的结果视为存疑。</translation>
-    </message>
-    <message>
-        <source>Check the certificate&apos;s date: {bars}.</source>
-        <translation>请核对证书日期：{bars}。</translation>
-    </message>
-    <message>
-        <source>Have it calibrated soon: {bars}.</source>
-        <translation>请尽快送检：{bars}。</translation>
     </message>
 </context>
 <context>
     <name>Check</name>
-    <message>
-        <source>OK</source>
-        <translation>正常</translation>
-    </message>
-    <message>
-        <source>WATCH</source>
-        <translation>需关注</translation>
-    </message>
-    <message>
-        <source>RECALIBRATE</source>
-        <translation>需重新标定</translation>
-    </message>
     <message>
         <source>REPAIRED</source>
         <translation>已修复</translation>
@@ -930,18 +831,6 @@
     <message>
         <source>Less sharp than before: {cameras}.</source>
         <translation>比以前模糊：{cameras}。</translation>
-    </message>
-    <message>
-        <source>as calibrated</source>
-        <translation>与标定一致</translation>
-    </message>
-    <message>
-        <source>watch it</source>
-        <translation>请关注</translation>
-    </message>
-    <message>
-        <source>has moved</source>
-        <translation>已移动</translation>
     </message>
     <message>
         <source>{cameras} repaired: a point was off by {before:.3f} mm, now by {now:.3f} mm.</source>
@@ -1471,33 +1360,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>Faults</name>
-    <message>
-        <source>nothing goes wrong</source>
-        <translation>无故障</translation>
-    </message>
-    <message>
-        <source>a camera is moved</source>
-        <translation>一台相机被移动</translation>
-    </message>
-    <message>
-        <source>a camera drops out</source>
-        <translation>一台相机掉线</translation>
-    </message>
-    <message>
-        <source>a camera is out of focus</source>
-        <translation>一台相机失焦</translation>
-    </message>
-    <message>
-        <source>a camera is dark</source>
-        <translation>一台相机过暗</translation>
-    </message>
-    <message>
-        <source>a camera is late</source>
-        <translation>一台相机延迟</translation>
-    </message>
-</context>
-<context>
     <name>FindingsList</name>
     <message>
         <source>Nothing to complain about.</source>
@@ -1912,74 +1774,6 @@ px</translation>
 </context>
 <context>
     <name>Limits</name>
-    <message>
-        <source>h</source>
-        <translation>小时</translation>
-    </message>
-    <message>
-        <source>The chip turns amber. Comparable systems warn after 5 h as well.</source>
-        <translation>状态变为黄色。同类系统同样在 5 小时后提醒。</translation>
-    </message>
-    <message>
-        <source>The chip turns red. Comparable systems refuse to measure after 12 h.</source>
-        <translation>状态变为红色。同类系统在 12 小时后拒绝测量。</translation>
-    </message>
-    <message>
-        <source>Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.</source>
-        <translation>指标定时与现在之间。宽 1.3 m 的铝制系统每开尔文伸长 0.03 mm。</translation>
-    </message>
-    <message>
-        <source>Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.</source>
-        <translation>达到此数量即为绿色。相机通常看到 270 至 420 个；只有四分之一时，所有标准差加倍。</translation>
-    </message>
-    <message>
-        <source>A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty.</source>
-        <translation>A 的单位为 mm，例如 0.03+L/20000：测量任务所允许的值。留空则按自身不确定度判定。</translation>
-    </message>
-    <message>
-        <source>Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.</source>
-        <translation>仅在备注中写明原因时允许。没有基准尺就无法发现比例错误：残差与比例无关。</translation>
-    </message>
-    <message>
-        <source>Dots that each camera needs at a placement</source>
-        <translation>每次摆放时每台相机所需的点数</translation>
-    </message>
-    <message>
-        <source>dots</source>
-        <translation>点</translation>
-    </message>
-    <message>
-        <source>Ageing after</source>
-        <translation>渐旧时限</translation>
-    </message>
-    <message>
-        <source>Out of date after</source>
-        <translation>过期时限</translation>
-    </message>
-    <message>
-        <source>Ageing from a temperature change of</source>
-        <translation>渐旧的温度变化</translation>
-    </message>
-    <message>
-        <source>Out of date from a temperature change of</source>
-        <translation>过期的温度变化</translation>
-    </message>
-    <message>
-        <source>Limit of the length errors in new projects, A+L/K</source>
-        <translation>新项目的长度误差限值 A+L/K</translation>
-    </message>
-    <message>
-        <source>The technician may give a project another limit</source>
-        <translation>操作人员可为项目设定其他限值</translation>
-    </message>
-    <message>
-        <source>Without this, nobody passes a rig by widening the limit at Verify.</source>
-        <translation>不允许时，任何人都不能在验证时放宽限值使系统通过。</translation>
-    </message>
-    <message>
-        <source>A calibration that was not verified may be put to use</source>
-        <translation>允许启用未经验证的标定</translation>
-    </message>
     <message>
         <source>A calibration ages before it is out of date: give this one more.</source>
         <translation>标定先渐旧、后过期：请将此值设得更大。</translation>
@@ -2559,18 +2353,6 @@ px</translation>
 <context>
     <name>Profile</name>
     <message>
-        <source>valid</source>
-        <translation>有效</translation>
-    </message>
-    <message>
-        <source>use with care</source>
-        <translation>谨慎使用</translation>
-    </message>
-    <message>
-        <source>not valid</source>
-        <translation>无效</translation>
-    </message>
-    <message>
         <source>not verified</source>
         <translation>未验证</translation>
     </message>
@@ -2665,125 +2447,6 @@ px</translation>
     <message>
         <source>Steps</source>
         <translation>步骤</translation>
-    </message>
-</context>
-<context>
-    <name>Reasons</name>
-    <message>
-        <source>The cameras are not connected.</source>
-        <translation>相机未连接。</translation>
-    </message>
-    <message>
-        <source>Nobody has confirmed yet which ball and bars are on the bench.</source>
-        <translation>尚未确认所用的球和基准尺。</translation>
-    </message>
-    <message>
-        <source>Look at the cameras&apos; images first.</source>
-        <translation>请先查看相机图像。</translation>
-    </message>
-    <message>
-        <source>New since the last look: {names}.</source>
-        <translation>上次查看后新增：{names}。</translation>
-    </message>
-    <message>
-        <source>No pose of the bar that gives the scale is captured.</source>
-        <translation>尚未拍摄提供比例尺的基准尺的任何位姿。</translation>
-    </message>
-    <message>
-        <source>Changed since: {names}.</source>
-        <translation>此后已更改：{names}。</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet.</source>
-        <translation>尚无标定。</translation>
-    </message>
-    <message>
-        <source>The calibration is out of date: calibrate again.</source>
-        <translation>标定已过期：请重新标定。</translation>
-    </message>
-    <message>
-        <source>No check bar was chosen at Connect, so there is nothing to verify with.</source>
-        <translation>在“连接”步骤未选择检验尺，无法验证。</translation>
-    </message>
-    <message>
-        <source>The ball is not captured yet.</source>
-        <translation>尚未拍摄球。</translation>
-    </message>
-    <message>
-        <source>The rig has changed: recalibrate it.</source>
-        <translation>系统已变化：请重新标定。</translation>
-    </message>
-    <message>
-        <source>The calibration is not valid: see its findings.</source>
-        <translation>标定无效：请查看检查结果。</translation>
-    </message>
-    <message>
-        <source>The check bar contradicts the calibration.</source>
-        <translation>检验尺与标定矛盾。</translation>
-    </message>
-    <message>
-        <source>The check bar could not be measured.</source>
-        <translation>检验尺无法测量。</translation>
-    </message>
-    <message>
-        <source>Work is running; wait for it or cancel it.</source>
-        <translation>正在运行；请等待或取消。</translation>
-    </message>
-    <message>
-        <source>No images from {names}: check cable, power and network.</source>
-        <translation>{names} 未传来图像：请检查电缆、电源和网络。</translation>
-    </message>
-    <message>
-        <source>Captured without {names}: retake it.</source>
-        <translation>拍摄时缺少 {names}：请重拍。</translation>
-    </message>
-    <message>
-        <source>The scene moved in {names}: retake it.</source>
-        <translation>{names} 中场景有移动：请重拍。</translation>
-    </message>
-    <message>
-        <source>{names} was moved after this: retake it.</source>
-        <translation>此后 {names} 被移动过：请重拍。</translation>
-    </message>
-    <message>
-        <source>Repaired, but not in use yet.</source>
-        <translation>已修复，但尚未启用。</translation>
-    </message>
-    <message>
-        <source>To be used with care: see the findings.</source>
-        <translation>请谨慎使用：见检查结果。</translation>
-    </message>
-    <message>
-        <source>Saved, but not verified.</source>
-        <translation>已保存，但未验证。</translation>
-    </message>
-    <message>
-        <source>Undecided: uncertainty too large for the limit.</source>
-        <translation>未判定：对该限值来说不确定度太大。</translation>
-    </message>
-    <message>
-        <source>The rig has changed a little: watch it.</source>
-        <translation>系统略有变化：请留意。</translation>
-    </message>
-    <message>
-        <source>The project&apos;s folder {folder} is gone. Put it back, or begin anew on the start page.</source>
-        <translation>项目文件夹 {folder} 已不存在。请恢复，或在起始页重新开始。</translation>
-    </message>
-    <message>
-        <source>{have} of at least {need} placements are captured.</source>
-        <translation>至少需 {need} 次摆放，已拍摄 {have} 次。</translation>
-    </message>
-    <message>
-        <source>{name} is not good ({cameras}): retake it, or keep it as it is.</source>
-        <translation>{name} 有问题（{cameras}）：请重拍，或保持现状。</translation>
-    </message>
-    <message>
-        <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
-        <translation>{names} 被移动了。请拧紧支架，然后按“已重新固定”。</translation>
-    </message>
-    <message>
-        <source>{names} was moved. Tighten its mount, then press “Fixed again” at Camera check.</source>
-        <translation>{names} 被移动了。请拧紧支架，然后在“相机检查”中按“已重新固定”。</translation>
     </message>
 </context>
 <context>
@@ -3266,30 +2929,6 @@ mm</translation>
         <translation>残差 {px:.3f} px rms</translation>
     </message>
     <message>
-        <source>TOP</source>
-        <translation>上</translation>
-    </message>
-    <message>
-        <source>BELOW</source>
-        <translation>下</translation>
-    </message>
-    <message>
-        <source>FRONT</source>
-        <translation>前</translation>
-    </message>
-    <message>
-        <source>BACK</source>
-        <translation>后</translation>
-    </message>
-    <message>
-        <source>RIGHT</source>
-        <translation>右</translation>
-    </message>
-    <message>
-        <source>LEFT</source>
-        <translation>左</translation>
-    </message>
-    <message>
         <source>Ellipsoids: 1 σ × {factor}</source>
         <translation>椭球：1 σ × {factor}</translation>
     </message>
@@ -3400,153 +3039,6 @@ mm</translation>
     <message>
         <source>LIVE</source>
         <translation>实时</translation>
-    </message>
-</context>
-<context>
-    <name>Stages</name>
-    <message>
-        <source>Reading what was captured</source>
-        <translation>读取拍摄内容</translation>
-    </message>
-    <message>
-        <source>Finding the targets in all images</source>
-        <translation>在所有图像中查找靶标</translation>
-    </message>
-    <message>
-        <source>Finding the board in all images</source>
-        <translation>在所有图像中查找标定板</translation>
-    </message>
-    <message>
-        <source>Comparing pairs of cameras</source>
-        <translation>比较相机对</translation>
-    </message>
-    <message>
-        <source>Linking three cameras at a time</source>
-        <translation>逐组关联三台相机</translation>
-    </message>
-    <message>
-        <source>Start values</source>
-        <translation>初始值</translation>
-    </message>
-    <message>
-        <source>Growing the network</source>
-        <translation>扩展网络</translation>
-    </message>
-    <message>
-        <source>First adjustment</source>
-        <translation>首次平差</translation>
-    </message>
-    <message>
-        <source>Checking each camera&apos;s pose</source>
-        <translation>检查每台相机的位姿</translation>
-    </message>
-    <message>
-        <source>Adjusting everything together</source>
-        <translation>整体平差</translation>
-    </message>
-    <message>
-        <source>Comparing with the stored ball</source>
-        <translation>与存储的球比较</translation>
-    </message>
-    <message>
-        <source>Adjusting with a slightly deformable ball</source>
-        <translation>用可轻微变形的球进行平差</translation>
-    </message>
-    <message>
-        <source>Computing with the ball as one rigid body</source>
-        <translation>将球作为一个刚体进行计算</translation>
-    </message>
-    <message>
-        <source>Looking for the camera that moved</source>
-        <translation>查找移动过的相机</translation>
-    </message>
-    <message>
-        <source>Uncertainties</source>
-        <translation>不确定度</translation>
-    </message>
-    <message>
-        <source>Looking for faults</source>
-        <translation>查找故障</translation>
-    </message>
-    <message>
-        <source>Measuring the bars</source>
-        <translation>测量基准尺</translation>
-    </message>
-    <message>
-        <source>Comparing with the calibration</source>
-        <translation>与标定比较</translation>
-    </message>
-    <message>
-        <source>Working out the next placement</source>
-        <translation>计算下一个摆放位置</translation>
-    </message>
-    <message>
-        <source>Setting exposures</source>
-        <translation>正在设置曝光</translation>
-    </message>
-    <message>
-        <source>Testing that nothing moves</source>
-        <translation>检查是否静止</translation>
-    </message>
-    <message>
-        <source>Opening the source</source>
-        <translation>打开来源</translation>
-    </message>
-    <message>
-        <source>Looking for cameras</source>
-        <translation>查找相机</translation>
-    </message>
-    <message>
-        <source>Opening the cameras</source>
-        <translation>打开相机</translation>
-    </message>
-    <message>
-        <source>Giving the camera an address</source>
-        <translation>为相机分配地址</translation>
-    </message>
-    <message>
-        <source>Building the camera driver</source>
-        <translation>构建相机驱动</translation>
-    </message>
-    <message>
-        <source>Setting up the camera</source>
-        <translation>设置相机</translation>
-    </message>
-    <message>
-        <source>Capturing images</source>
-        <translation>拍摄图像</translation>
-    </message>
-    <message>
-        <source>Finding targets</source>
-        <translation>查找靶标</translation>
-    </message>
-    <message>
-        <source>Writing the images</source>
-        <translation>写入图像</translation>
-    </message>
-    <message>
-        <source>Writing the result</source>
-        <translation>写入结果</translation>
-    </message>
-    <message>
-        <source>Reading the result</source>
-        <translation>读取结果</translation>
-    </message>
-    <message>
-        <source>Comparing with the calibration in use</source>
-        <translation>与启用中的标定比较</translation>
-    </message>
-    <message>
-        <source>Drawing the report</source>
-        <translation>绘制报告</translation>
-    </message>
-    <message>
-        <source>Saving in the profile</source>
-        <translation>保存到档案</translation>
-    </message>
-    <message>
-        <source>Exporting</source>
-        <translation>导出</translation>
     </message>
 </context>
 <context>
@@ -4191,149 +3683,6 @@ mm</translation>
     </message>
 </context>
 <context>
-    <name>Steps</name>
-    <message>
-        <source>Placement {name}</source>
-        <translation>摆放 {name}</translation>
-    </message>
-    <message>
-        <source>Connect</source>
-        <translation>连接</translation>
-    </message>
-    <message>
-        <source>Camera check</source>
-        <translation>相机检查</translation>
-    </message>
-    <message>
-        <source>Scale bar</source>
-        <translation>基准尺</translation>
-    </message>
-    <message>
-        <source>Calibrate</source>
-        <translation>标定</translation>
-    </message>
-    <message>
-        <source>Results</source>
-        <translation>结果</translation>
-    </message>
-    <message>
-        <source>Verify</source>
-        <translation>验证</translation>
-    </message>
-    <message>
-        <source>Save</source>
-        <translation>保存</translation>
-    </message>
-    <message>
-        <source>Check</source>
-        <translation>检查</translation>
-    </message>
-    <message>
-        <source>Measure</source>
-        <translation>测量</translation>
-    </message>
-    <message>
-        <source>Find the cameras and confirm what is on the bench.</source>
-        <translation>查找相机并确认所用器具。</translation>
-    </message>
-    <message>
-        <source>Look at every camera: sharp, well lit, nothing in the way.</source>
-        <translation>查看每台相机：清晰、曝光良好、无遮挡。</translation>
-    </message>
-    <message>
-        <source>Compute the cameras from what was captured.</source>
-        <translation>由拍摄内容计算各相机。</translation>
-    </message>
-    <message>
-        <source>Is the calibration good, and what would make it better?</source>
-        <translation>标定是否良好？如何改进？</translation>
-    </message>
-    <message>
-        <source>Write the report and put the calibration to use.</source>
-        <translation>生成报告并启用标定。</translation>
-    </message>
-    <message>
-        <source>One of the ball&apos;s places: the more they differ, the better.</source>
-        <translation>球的一个位置：各位置差别越大越好。</translation>
-    </message>
-    <message>
-        <source>The bar that gives the scale, turned another way for every pose.</source>
-        <translation>给出尺度的杆，每个姿态方向不同。</translation>
-    </message>
-    <message>
-        <source>Does it measure right? Measure the check bar and compare with its certificate.</source>
-        <translation>测量是否正确？测量检验杆并与其证书比较。</translation>
-    </message>
-    <message>
-        <source>Has a camera moved since the calibration? One placement of the ball shows it.</source>
-        <translation>标定后是否有相机移动？摆放一次球即可知道。</translation>
-    </message>
-    <message>
-        <source>Carry a bar through the volume, or choose points and read their distance.</source>
-        <translation>拿着基准尺走遍测量空间，或选点读出距离。</translation>
-    </message>
-    <message>
-        <source>not captured</source>
-        <translation>未拍摄</translation>
-    </message>
-    <message>
-        <source>not yet</source>
-        <translation>尚不可用</translation>
-    </message>
-    <message>
-        <source>ready</source>
-        <translation>就绪</translation>
-    </message>
-    <message>
-        <source>running</source>
-        <translation>运行中</translation>
-    </message>
-    <message>
-        <source>done</source>
-        <translation>完成</translation>
-    </message>
-    <message>
-        <source>with care</source>
-        <translation>谨慎</translation>
-    </message>
-    <message>
-        <source>out of date</source>
-        <translation>已过期</translation>
-    </message>
-    <message>
-        <source>problem</source>
-        <translation>有问题</translation>
-    </message>
-    <message>
-        <source>the bench</source>
-        <translation>器具</translation>
-    </message>
-    <message>
-        <source>the calibration</source>
-        <translation>标定</translation>
-    </message>
-    <message>
-        <source>what is left out or mended</source>
-        <translation>剔除或修正的内容</translation>
-    </message>
-    <message>
-        <source>the masked parts of images</source>
-        <translation>图像的遮挡区域</translation>
-    </message>
-    <message>
-        <source>the limit</source>
-        <translation>限值</translation>
-    </message>
-    <message>
-        <source>cameras that were moved</source>
-        <translation>被移动的相机</translation>
-    </message>
-    <message>
-        <source>the verification</source>
-        <translation>验证</translation>
-    </message>
-</context>
-<context>
     <name>StudiesDialog</name>
     <message>
         <source>Compare methods</source>
@@ -4444,53 +3793,6 @@ mm</translation>
     <message>
         <source>to be used with care</source>
         <translation>请谨慎使用</translation>
-    </message>
-</context>
-<context>
-    <name>Verdicts</name>
-    <message>
-        <source>valid</source>
-        <translation>有效</translation>
-    </message>
-    <message>
-        <source>use with care</source>
-        <translation>谨慎使用</translation>
-    </message>
-    <message>
-        <source>not valid</source>
-        <translation>无效</translation>
-    </message>
-    <message>
-        <source>consistent</source>
-        <translation>一致</translation>
-    </message>
-    <message>
-        <source>within the limit</source>
-        <translation>在限值内</translation>
-    </message>
-    <message>
-        <source>undecided</source>
-        <translation>未判定</translation>
-    </message>
-    <message>
-        <source>inconsistent</source>
-        <translation>不一致</translation>
-    </message>
-    <message>
-        <source>no data</source>
-        <translation>无数据</translation>
-    </message>
-    <message>
-        <source>OK</source>
-        <translation>正常</translation>
-    </message>
-    <message>
-        <source>watch</source>
-        <translation>需关注</translation>
-    </message>
-    <message>
-        <source>recalibrate</source>
-        <translation>需重新标定</translation>
     </message>
 </context>
 <context>
@@ -4643,30 +3945,6 @@ mm</translation>
         <translation>验证完成：{verdict}。</translation>
     </message>
     <message>
-        <source>verified</source>
-        <translation>已验证</translation>
-    </message>
-    <message>
-        <source>saw no mark</source>
-        <translation>未看到标记</translation>
-    </message>
-    <message>
-        <source>contradicts the others</source>
-        <translation>与其余矛盾</translation>
-    </message>
-    <message>
-        <source>pass</source>
-        <translation>合格</translation>
-    </message>
-    <message>
-        <source>fail</source>
-        <translation>不合格</translation>
-    </message>
-    <message>
-        <source>cannot tell</source>
-        <translation>未判定</translation>
-    </message>
-    <message>
         <source>Grey: what the uncertainty of each error allows.</source>
         <translation>灰色：各误差的不确定度所允许的范围。</translation>
     </message>
@@ -4677,66 +3955,6 @@ mm</translation>
     <message>
         <source>all together (k = {k:.1f}: U = {u:.3f} mm)</source>
         <translation>合计（k = {k:.1f}：U = {u:.3f} mm）</translation>
-    </message>
-    <message>
-        <source>the bar&apos;s certificate</source>
-        <translation>基准尺证书</translation>
-    </message>
-    <message>
-        <source>the thermometer</source>
-        <translation>温度计</translation>
-    </message>
-    <message>
-        <source>the bar&apos;s expansion</source>
-        <translation>基准尺的热膨胀</translation>
-    </message>
-    <message>
-        <source>the cameras&apos; calibration</source>
-        <translation>相机标定</translation>
-    </message>
-    <message>
-        <source>the scale</source>
-        <translation>比例尺</translation>
-    </message>
-    <message>
-        <source>the marks&apos; centres</source>
-        <translation>标记中心</translation>
-    </message>
-    <message>
-        <source>repeatability</source>
-        <translation>重复性</translation>
-    </message>
-    <message>
-        <source>the certificate&apos;s digits</source>
-        <translation>证书的位数</translation>
-    </message>
-    <message>
-        <source>show the marks to more cameras, larger and sharper</source>
-        <translation>让更多相机更大更清晰地看到标记</translation>
-    </message>
-    <message>
-        <source>a bar with a better certificate</source>
-        <translation>使用证书更好的基准尺</translation>
-    </message>
-    <message>
-        <source>a better thermometer, on the bar itself</source>
-        <translation>使用更好的温度计，直接贴在尺上</translation>
-    </message>
-    <message>
-        <source>measure nearer to the bar&apos;s reference temperature</source>
-        <translation>在更接近基准尺参考温度的条件下测量</translation>
-    </message>
-    <message>
-        <source>more placements of the ball, spread over the volume</source>
-        <translation>增加球的摆放，遍布测量空间</translation>
-    </message>
-    <message>
-        <source>the scale from a certified bar, in more poses</source>
-        <translation>用有证基准尺在更多位姿下给出比例尺</translation>
-    </message>
-    <message>
-        <source>enter the certificate&apos;s lengths with all digits</source>
-        <translation>按全部位数录入证书长度</translation>
     </message>
 </context>
 <context>

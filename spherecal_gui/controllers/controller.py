@@ -24,8 +24,7 @@ from spherecal_gui.controllers.saving_controller import SavingController
 from spherecal_gui.controllers.set_controller import SetController
 from spherecal_gui.controllers.staging_controller import StagingController
 from spherecal_gui.controllers.tuning_controller import TuningController
-from spherecal_gui.languages import translate
-from spherecal_gui.presenters.stages import stage_name
+from spherecal_gui.languages import translate, word
 from spherecal_gui.presenters.step_states import left_text
 from spherecal_gui.project import Computation, Project
 from spherecal_gui.project_folder import (
@@ -92,7 +91,7 @@ class Controller(ProjectController):
         left = left_text(time.perf_counter() - task.began_s, share, task.usual_s)
         percent = f"{100 * share:.0f} %" if course is not None else ""
         at = course.stage if course is not None else task.stage
-        stage = stage_name(at) if at else ""
+        stage = word("stages", at, at) if at else ""
         return " · ".join(part for part in (percent, stage, left) if part)
 
     def go(self, step: str) -> None:

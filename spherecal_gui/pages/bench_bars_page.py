@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui.controllers.bench_desk import BenchDesk
+from spherecal_gui.languages import word
 from spherecal_gui.presenters.bench_presenter import BarDraft, LengthDraft, Problems, certificate_state
 from spherecal_gui.widgets.basic import (
     MARKS,
@@ -273,16 +274,7 @@ class BarsTab(QWidget):
     def _make_rows(self, count: int) -> None:
         clear(self.lengths)
         self._rows, self._row_problems = [], []
-        titles = {
-            "from_mark": self.tr("Mark"),
-            "from_sticker": self.tr("sticker"),
-            "to_mark": self.tr("to mark"),
-            "to_sticker": self.tr("sticker"),
-            "nominal": self.tr("nominal"),
-            "certified": self.tr("certified"),
-            "uncertainty": self.tr("U"),
-            "factor": self.tr("k"),
-        }
+        titles = {key: word("bar-columns", key) for key in _COLUMNS}
         examples = {"from_sticker": "201", "to_sticker": "202", "nominal": "500", "certified": "500.012",
                     "uncertainty": "0.004", "factor": "2"}  # fmt: skip
         wide = {"nominal": 3, "certified": 3, "uncertainty": 2}

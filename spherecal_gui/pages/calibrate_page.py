@@ -12,9 +12,9 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QPlainTextEdit, QProgressB
 from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import word
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, input_rows
-from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.presenters.step_states import CalibrateFacts, calibrate_says
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Said
@@ -237,7 +237,7 @@ class CalibratePage(Page):
         good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
         lines = []
         for stage in stages:
-            mark, tint, words = "✓", good, escape(stage_name(stage))
+            mark, tint, words = "✓", good, escape(word("stages", stage, stage))
             if stage == self.course.stage and self.is_running:
                 mark, tint, words = "▸", now, f"<b>{words}</b>"
             elif stage == stages[-1] and _LAST not in self.course.stages and not self.is_running:  # cut short

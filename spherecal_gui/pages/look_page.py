@@ -135,16 +135,13 @@ class LookPage(LivePage):
         """Follow the cameras."""
         self._states = self.follow()
         self.space.follow(self.sights(), *self.tiles_now())
-        self._show_warm_up()
-        self.show_standing()
-        self.fixed.setVisible("fixed-again" in self.said().also)
-
-    def _show_warm_up(self) -> None:
         live, connection = self.controller.cameras.live, self.controller.cameras.connection
         rates = live.warm_up.unsteady() if live is not None else {}
         names = connection.names if connection is not None else {}
         text = warm_up_text({names[serial]: rate for serial, rate in rates.items() if serial in names})
         say(self.warm_up, text, "caution")
+        self.show_standing()
+        self.fixed.setVisible("fixed-again" in self.said().also)
 
     def says(self) -> Said:
         """Whether the images are good."""

@@ -75,7 +75,11 @@ class MeasurePage(Page):
         self.space = RenderedScene()
         self._rig: object = None  # the result whose rig the scene shows
         left = add(QVBoxLayout(), (self.space, 3), (self._points(), 2))
-        row = add(QHBoxLayout(), (left, 4), (self._values(), 5))
+        self.large = label("", "huge")
+        headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
+        self.table = Table(headings, sortable=False, spare=(2,))
+        self.chart = DeviationChart()
+        row = add(QHBoxLayout(), (left, 4), (add(QVBoxLayout(), self.large, (self.table, 1), (self.chart, 1)), 5))
         add(QVBoxLayout(self), self.trust, self.pace, (row, 1), self.recording)
 
     def _points(self) -> Card:
@@ -86,13 +90,6 @@ class MeasurePage(Page):
         self.hint = label(ruler_hint(()), "soft")
         add(card.body, (self.points, 1), self.hint)
         return card
-
-    def _values(self) -> QVBoxLayout:
-        self.large = label("", "huge")
-        headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
-        self.table = Table(headings, sortable=False, spare=(2,))
-        self.chart = DeviationChart()
-        return add(QVBoxLayout(), self.large, (self.table, 1), (self.chart, 1))
 
     # --- the measurement ---------------------------------------------------------------------------------------------
 

@@ -14,11 +14,6 @@ from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.workflow import Reason, Status, Step, StepState
 
 
-def lost_reason(cameras: tuple[str, ...]) -> Reason:
-    """That these cameras send no images."""
-    return Reason("cameras lost", cameras, "connect")
-
-
 class Page(QWidget):
     """A page of the wizard. `action_changed`: the buttons may be others; `finished`: somebody leaves the project.
 
@@ -125,7 +120,7 @@ class Page(QWidget):
         if running.moved and kind != "connect":
             found.append(Part("bad", moved_text(running.moved, kind in ("look", "placement"))))
         if running.lost and kind in NEEDS_CAMERAS:
-            found.append(Part("bad", reason_text(lost_reason(running.lost))))
+            found.append(Part("bad", reason_text(Reason("cameras lost", running.lost, "connect"))))
         return tuple(found)
 
     @property

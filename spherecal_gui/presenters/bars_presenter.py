@@ -8,7 +8,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import translate, word
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_files.verification_file import BarReport
@@ -74,22 +74,17 @@ def length_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     rows = []
     for row in bars.lengths:
         own = decided.get(row.key)
-        limit, word = (own.limit_mm, decision_word(own.verdict)) if own is not None else (None, "-")
+        limit, said = (own.limit_mm, word("decisions", own.verdict, own.verdict)) if own is not None else (None, "-")
         name = f"{row.bar} {row.from_mark}-{row.to_mark}"
         figures = (row.sd_mm, row.max_abs_error_mm, row.expanded_uncertainty_mm, limit)
-        rows.append((name, str(row.n), cell(row.mean_error_mm, sign=True), *map(cell, figures), word))
+        rows.append((name, str(row.n), cell(row.mean_error_mm, sign=True), *map(cell, figures), said))
     return rows
 
 
 def camera_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     """The table of cameras: views of marks, those used, how they fit."""
-    words = {
-        "verified": translate("Verify", "verified"),
-        "not seen": translate("Verify", "saw no mark"),
-        "rejected": translate("Verify", "contradicts the others"),
-    }
     return [
-        (c.id, str(c.seen), str(c.used), "-" if c.rms_px is None else f"{c.rms_px:.3f}", words[c.state])
+        (c.id, str(c.seen), str(c.used), "-" if c.rms_px is None else f"{c.rms_px:.3f}", word("marks", c.state))
         for c in bars.cameras
     ]
 
@@ -98,15 +93,6 @@ def camera_levels(bars: "BarReport") -> list[Level]:
     """The colours of the cameras' states."""
     levels: dict[str, Level] = {"verified": "good", "not seen": "caution", "rejected": "bad"}
     return [levels[c.state] for c in bars.cameras]
-
-
-def decision_word(decision: str) -> str:
-    """A decision against a limit, for people."""
-    return {
-        "pass": translate("Verify", "pass"),
-        "fail": translate("Verify", "fail"),
-        "cannot tell": translate("Verify", "cannot tell"),
-    }.get(decision, decision)
 
 
 def rule_text(bars: "BarReport") -> str:
@@ -126,39 +112,11 @@ def budget_cells(bars: "BarReport") -> list[tuple[str, ...]]:
         message = translate("Verify", "all together (k = {k:.1f}: U = {u:.3f} mm)")
         name = f"{budget.bar} {budget.from_mark}-{budget.to_mark}"
         parts = sorted((one for one in budget.contributions if one.share > 0), key=lambda one: -one.share)
-        remedy = remedy_text(parts[0].name) if parts else ""
+        remedy = word("remedies", parts[0].name, "") if parts else ""
         whole = message.format(k=budget.coverage_factor, u=budget.expanded_mm)
         rows.append((name, whole, f"{budget.combined_mm:.4f}", "100 %", remedy))
         rows += [
-            ("", contribution_name(one.name), f"{one.standard_mm:.4f}", f"{100 * one.share:.0f} %", "") for one in parts
+            ("", word("contributions", one.name, one.name), f"{one.standard_mm:.4f}", f"{100 * one.share:.0f} %", "")
+            for one in parts
         ]
     return rows
-
-
-def contribution_name(name: str) -> str:
-    """A contribution of the budget, for people."""
-    return {
-        "certificate": translate("Verify", "the bar's certificate"),
-        "thermometer": translate("Verify", "the thermometer"),
-        "expansion": translate("Verify", "the bar's expansion"),
-        "calibration": translate("Verify", "the cameras' calibration"),
-        "scale": translate("Verify", "the scale"),
-        "centring": translate("Verify", "the marks' centres"),
-        "repeatability": translate("Verify", "repeatability"),
-        "resolution": translate("Verify", "the certificate's digits"),
-    }.get(name, name)
-
-
-def remedy_text(name: str) -> str:
-    """What makes a contribution smaller."""
-    marks = translate("Verify", "show the marks to more cameras, larger and sharper")
-    return {
-        "certificate": translate("Verify", "a bar with a better certificate"),
-        "thermometer": translate("Verify", "a better thermometer, on the bar itself"),
-        "expansion": translate("Verify", "measure nearer to the bar's reference temperature"),
-        "calibration": translate("Verify", "more placements of the ball, spread over the volume"),
-        "scale": translate("Verify", "the scale from a certified bar, in more poses"),
-        "centring": marks,
-        "repeatability": marks,
-        "resolution": translate("Verify", "enter the certificate's lengths with all digits"),
-    }.get(name, "")

@@ -131,17 +131,13 @@ def said(problem: object) -> str:
     return f"{text[:1].upper()}{text[1:]}{'。' if languages.now().startswith('zh') else '.'}"
 
 
-def _no_number(text: str) -> str:
-    return said(Phrase("problem-cell-number", {"text": printable(text.strip())}))
-
-
 def _number(
     text: str, key: str, problems: Problems, low: float | None = None, high: float | None = None
 ) -> float | None:
     """The number in a field; what is wrong with it goes to the problems."""
     value = number_of(text)
     if value is None:
-        problems[key] = _no_number(text)
+        problems[key] = said(Phrase("problem-cell-number", {"text": printable(text.strip())}))
     elif (low is not None and value < low) or (high is not None and value > high):
         words = translate("Bench", "Must be from {low} to {high}.")
         problems[key] = words.format(low=shown(low), high=shown(high))

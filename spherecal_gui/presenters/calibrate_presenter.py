@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from spherecal.base.context import Progress
 from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
-from spherecal_gui.presenters.stages import stage_name
 
 # Share of the whole time at which each part begins and ends, measured on the demo from images (17 s on two busy cores):
 # the targets are sought, the method runs, missed targets are sought again, the method runs again.
@@ -66,7 +65,7 @@ class CourseOfWork:
         self.stage = news.stage
         if news.stage not in self.stages:
             self.stages.append(news.stage)
-        self.said.append(f"{stage_name(news.stage)}  {news.words(languages.now())}".strip())
+        self.said.append(f"{languages.word('stages', news.stage, news.stage)}  {news.words(languages.now())}".strip())
         self.fraction = max(self.fraction, self._reached(news))
         if news.iteration is not None and news.cost is not None:
             if not self.runs or news.stage != self._last[0] or news.iteration <= self._last[1]:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from spherecal.base.errors import SpherecalError
 from spherecal_files.json_file import read_json
-from spherecal_gui import languages
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import word
 from spherecal_gui.standing import Level, worst
 
 if TYPE_CHECKING:
@@ -16,6 +15,10 @@ if TYPE_CHECKING:
     from spherecal_files.bar_registry import RegisteredBar
 
 # Imported inside functions: sessions and bars take 15 ms, for which the window does not wait.
+_LEVELS: dict[str, Level] = {
+    "no-certificate": "caution", "expired": "bad", "expires-soon": "caution", "not-yet": "caution",
+    "unlimited": "none", "ok": "good",
+}  # fmt: skip
 
 
 def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
@@ -23,20 +26,10 @@ def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Le
     from spherecal_verify.expiry import expiry
 
     said = expiry(certificate, today)
-    word = said[0] if said is not None else "ok"
     until = certificate.valid_until if certificate is not None else None
+    state = said[0] if said is not None else "ok" if until is not None else "unlimited"
     begun = certificate.date if certificate is not None else None
-    texts: dict[str, tuple[str, Level]] = {
-        "no-certificate": (translate("Certificates", "no certificate"), "caution"),
-        "expired": (translate("Certificates", "expired on {date}").format(date=until), "bad"),
-        "expires-soon": (translate("Certificates", "expires on {date}").format(date=until), "caution"),
-        "not-yet": (translate("Certificates", "dated {date}, in the future").format(date=begun), "caution"),
-    }
-    if word in texts:
-        return texts[word]
-    if until is None:
-        return translate("Certificates", "no end of validity stated"), "none"
-    return translate("Certificates", "valid until {date}").format(date=until), "good"
+    return word("certificates", state, date=begun if state == "not-yet" else until), _LEVELS[state]
 
 
 def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, Level]:
@@ -51,16 +44,8 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, L
             words, _ = state_words(bar.certificate, today)
             name = bar.serial if isinstance(bar, RegisteredBar) else bar.serial or bar.id
             names[said[0]].append(f"{name} ({words})")
-    texts = {
-        "expired": translate(
-            "Certificates", "Have it calibrated: {bars}. What is measured with it counts as in doubt."
-        ),
-        "not-yet": translate("Certificates", "Check the certificate's date: {bars}."),
-        "expires-soon": translate("Certificates", "Have it calibrated soon: {bars}."),
-    }
-    levels: dict[str, Level] = {"expired": "bad", "not-yet": "caution", "expires-soon": "caution"}
     notes: list[tuple[Level, str]] = [
-        (levels[word], texts[word].format(bars=languages.listed(own))) for word, own in names.items() if own
+        (_LEVELS[state], word("reminders", state, bars=own)) for state, own in names.items() if own
     ]
     return " ".join(text for _, text in notes), worst(level for level, _ in notes)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import translate, word
 from spherecal_gui.presenters.results_presenter import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
@@ -34,12 +34,7 @@ class CheckRow:
 
 def check_verdict(found: "Check | CheckSummary") -> VerdictText:
     """The verdict of a check (check.check)."""
-    words = {
-        "ok": translate("Check", "OK"),
-        "watch": translate("Check", "WATCH"),
-        "recalibrate": translate("Check", "RECALIBRATE"),
-    }
-    return VerdictText(words[found.verdict], _LEVELS[found.verdict], _sentence(found))
+    return VerdictText(word("checks", found.verdict), _LEVELS[found.verdict], _sentence(found))
 
 
 def repaired_verdict(after: "Check | CheckSummary", in_use: bool) -> VerdictText:
@@ -76,18 +71,13 @@ def _sentence(found: "Check | CheckSummary") -> str:
 
 def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
     """The cameras, worst first."""
-    words = {
-        "ok": translate("Check", "as calibrated"),
-        "watch": translate("Check", "watch it"),
-        "recalibrate": translate("Check", "has moved"),
-    }
     rows = []
     for one in found.cameras:
         test = one.test
         shift, turn = float(np.linalg.norm(test.shift_mm)), float(np.degrees(np.linalg.norm(test.turn_rad)))
         figures = float(test.move_px), float(test.point_mm), float(test.rms_px)
-        word, level = words[one.verdict], _LEVELS[one.verdict]
-        rows.append(CheckRow(test.id, word, level, *figures, one.before_px, shift, turn))
+        said, level = word("checked", one.verdict), _LEVELS[one.verdict]
+        rows.append(CheckRow(test.id, said, level, *figures, one.before_px, shift, turn))
     return rows
 
 

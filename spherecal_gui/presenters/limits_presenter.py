@@ -5,7 +5,7 @@ from pathlib import Path
 
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal_gui import limits_in_force as in_use
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import translate, word
 from spherecal_gui.texts import error_line
 from spherecal_rigs.limits_file import DOTS, HOURS, KELVIN, PAIRS, Limits, Value, limits_path, read_limits, write_limits
 from spherecal_verify.limit import parse_limit
@@ -23,39 +23,19 @@ class LimitField:
     digits: int = 0
 
 
+# In the order in which they are shown, with their spans and digits.
+_SPANS: dict[str, tuple[tuple[float, float] | None, int]] = {
+    "needed_dots": (DOTS, 0), "ageing_hours": (HOURS, 1), "stale_hours": (HOURS, 1), "ageing_kelvin": (KELVIN, 1),
+    "stale_kelvin": (KELVIN, 1), "verification_limit": (None, 0), "verification_limit_open": (None, 0),
+    "unverified_use": (None, 0),
+}  # fmt: skip
+
+
 def limit_fields() -> list[LimitField]:
     """All limits, in the order in which they are shown."""
-    hours, needed = translate("Limits", "h"), translate("Limits", "Dots that each camera needs at a placement")
-    warmer = translate("Limits", "Ageing from a temperature change of")
-    much_warmer = translate("Limits", "Out of date from a temperature change of")
-    limit = translate("Limits", "Limit of the length errors in new projects, A+L/K")
-    may_widen = translate("Limits", "The technician may give a project another limit")
-    widened = translate("Limits", "Without this, nobody passes a rig by widening the limit at Verify.")
-    may_use = translate("Limits", "A calibration that was not verified may be put to use")
-    aged = translate("Limits", "The chip turns amber. Comparable systems warn after 5 h as well.")
-    stale = translate("Limits", "The chip turns red. Comparable systems refuse to measure after 12 h.")
-    warm = translate(
-        "Limits", "Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin."
-    )
-    dots = translate(
-        "Limits", "Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations."
-    )
-    formula = translate(
-        "Limits", "A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty."
-    )
-    unverified = translate(
-        "Limits",
-        "Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.",
-    )
     return [
-        LimitField("needed_dots", needed, translate("Limits", "dots"), dots, DOTS),
-        LimitField("ageing_hours", translate("Limits", "Ageing after"), hours, aged, HOURS, 1),
-        LimitField("stale_hours", translate("Limits", "Out of date after"), hours, stale, HOURS, 1),
-        LimitField("ageing_kelvin", warmer, "K", warm, KELVIN, 1),
-        LimitField("stale_kelvin", much_warmer, "K", warm, KELVIN, 1),
-        LimitField("verification_limit", limit, "mm", formula),
-        LimitField("verification_limit_open", may_widen, "", widened),
-        LimitField("unverified_use", may_use, "", unverified),
+        LimitField(name, word("limits", name), word("limit-units", name), word("limit-reasons", name), *span)
+        for name, span in _SPANS.items()
     ]
 
 
@@ -135,16 +115,13 @@ class LimitsDesk:
             write_limits(limits, self.path)
             said, self.kept = changes_text(self.kept, limits), limits
             in_use.use(limits)
-            self._into_profile(limits)
+            from spherecal_rigs.store import set_limits  # imports scipy
+
+            if self.differs_in_profile(limits):
+                set_limits(self._profile, **asdict(limits.validity))
         except SpherecalError as error:
             return said, error_line(error)
         return said, ""
-
-    def _into_profile(self, limits: Limits) -> None:
-        from spherecal_rigs.store import set_limits  # imports scipy
-
-        if self.differs_in_profile(limits):
-            set_limits(self._profile, **asdict(limits.validity))
 
     def differs_in_profile(self, limits: Limits) -> bool:
         """Whether the rig's profile has other ages or temperatures; InputError where it cannot be read."""

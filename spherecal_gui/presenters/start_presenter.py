@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from spherecal.base.errors import SpherecalError
 from spherecal_files.filesystem import is_plain_file_below
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import translate, word
 from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
@@ -48,6 +48,8 @@ def picture_name(number: str) -> str:
 # What can go wrong on the simulated demo rig, for training: the fault as simulated/simulated_source.py reads it.
 SURPRISE = "surprise"
 FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
+
+_LEVELS: dict[str, Level] = {"valid": "good", "use-with-care": "caution", "not-valid": "bad"}
 
 
 @dataclass(frozen=True)
@@ -256,18 +258,6 @@ def _verified_at(profile: Path, number: str, entry: "Entry") -> str:
     return text.format(number=number, verdict=verdict_word(_entry_verdict(entry) or ""))
 
 
-def fault_text(fault: str) -> str:
-    """A fault to train with, in words that do not give the camera away."""
-    return {
-        "": translate("Faults", "nothing goes wrong"),
-        "bump": translate("Faults", "a camera is moved"),
-        "lose": translate("Faults", "a camera drops out"),
-        "blur": translate("Faults", "a camera is out of focus"),
-        "dim": translate("Faults", "a camera is dark"),
-        "delay": translate("Faults", "a camera is late"),
-    }[fault.partition(":")[0]]
-
-
 def profile_rows(folder: Path) -> list[ProfileRow]:
     """The calibrations of the rig's profile, newest first; empty where there is none that can be read."""
     kept, rows = _opened(folder), []
@@ -279,7 +269,8 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
             ProfileRow(
                 number,
                 f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
-                *_calibration_word(entry.calibration_verdict),
+                word("calibrations", entry.calibration_verdict),
+                _LEVELS[entry.calibration_verdict],
                 verdict,
                 level,
                 entry.rms_px,
@@ -289,15 +280,6 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
             )
         )
     return rows
-
-
-def _calibration_word(verdict: str) -> tuple[str, Level]:
-    """The verdict on a calibration in the profile, and its colour."""
-    words: dict[str, tuple[str, Level]] = {
-        "valid": (translate("Profile", "valid"), "good"),
-        "use-with-care": (translate("Profile", "use with care"), "caution"),
-    }
-    return words.get(verdict, (translate("Profile", "not valid"), "bad"))
 
 
 def _verified(verdict: str | None) -> tuple[str, Level]:

@@ -17,7 +17,7 @@ def place_tags(
     taken: Sequence[QRectF] = (),
 ) -> dict[str, QRectF]:
     """The boxes of the names that have room, by name; one that would cover another name or a mark is left out."""
-    marks = [_around(place, mark_px) for place in places]
+    marks = [QRectF(place.x() - mark_px / 2, place.y() - mark_px / 2, mark_px, mark_px) for place in places]
     used, found = list(taken), {}
     order = sorted(range(len(names)), key=lambda i: names[i] not in first)
     for i in order:
@@ -30,10 +30,6 @@ def place_tags(
             used.append(free)
             found[names[i]] = free
     return found
-
-
-def _around(place: QPointF, size: float) -> QRectF:
-    return QRectF(place.x() - size / 2, place.y() - size / 2, size, size)
 
 
 def _beside(mark: QRectF, size: QSizeF) -> list[QRectF]:

@@ -9,7 +9,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData, ramp
 from spherecal_gui import languages, theme
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import translate, word
 from spherecal_gui.presenters.scene_hover import SceneItem
 from spherecal_gui.widgets.name_tags import place_tags
 
@@ -23,18 +23,6 @@ _FACES = (
     ("front", (0, -1, 0), (1, 0, 0), (0, 0, 1)), ("back", (0, 1, 0), (-1, 0, 0), (0, 0, 1)),
     ("side", (1, 0, 0), (0, 1, 0), (0, 0, 1)), ("left", (-1, 0, 0), (0, -1, 0), (0, 0, 1)),
 )  # fmt: skip
-
-
-def side_word(side: str) -> str:
-    """The name of a side of the cube."""
-    return {
-        "top": translate("Scene", "TOP"),
-        "bottom": translate("Scene", "BELOW"),
-        "front": translate("Scene", "FRONT"),
-        "back": translate("Scene", "BACK"),
-        "side": translate("Scene", "RIGHT"),
-        "left": translate("Scene", "LEFT"),
-    }[side]
 
 
 class Overlay:
@@ -156,7 +144,9 @@ class Overlay:
     def _cube(self, painter: QPainter, eye: Eye) -> None:
         c = theme.now()
         faces = sorted(self._faces(eye), key=lambda face: face[2])
-        points = 14.0 if all(len(side_word(face[0])) == 1 for face in faces) else 7.0  # Chinese has one sign for each
+        points = (
+            14.0 if all(len(word("sides", face[0])) == 1 for face in faces) else 7.0
+        )  # Chinese has one sign for each
         painter.setFont(theme.font(points * self._cube_px / _CUBE_PX, bold=True))
         for side, corners, depth, (right, up, middle) in faces:
             if depth <= 0.02:
@@ -170,7 +160,7 @@ class Overlay:
                 QTransform(right.x(), right.y(), -up.x(), -up.y(), middle.x(), middle.y()), combine=True
             )
             painter.setPen(QColor(c.text if depth > 0.5 else c.soft))
-            painter.drawText(QRectF(-30, -10, 60, 20), Qt.AlignmentFlag.AlignCenter, side_word(side))
+            painter.drawText(QRectF(-30, -10, 60, 20), Qt.AlignmentFlag.AlignCenter, word("sides", side))
             painter.restore()
 
     def _faces(self, eye: Eye) -> list[tuple[str, QPolygonF, float, tuple[QPointF, QPointF, QPointF]]]:

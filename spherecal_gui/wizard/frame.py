@@ -101,7 +101,12 @@ class WindowFrame(QMainWindow):
         self.header.studies.connect(self.start.show_studies)
         self.stack.addWidget(self.start)
         self.footer = Footer()
-        column = add(bare(QVBoxLayout(), 0), self._head(), (_PageArea(self.stack), 1), self.footer)
+        self.title, self.task = label("", "title", wrap=False), label("", "task")
+        self._heading = QWidget()
+        add(bare(QHBoxLayout(self._heading)), self.title, 16, (self.task, 1))
+        head = add(spaced(QVBoxLayout(), theme.SMALL), self._heading)
+        head.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, 0)
+        column = add(bare(QVBoxLayout(), 0), head, (_PageArea(self.stack), 1), self.footer)
         outer.addLayout(add(spaced(QHBoxLayout(), 0), self.rail, (column, 1)), 1)
         self.setCentralWidget(middle)
         self.banner = Banner(middle)
@@ -114,14 +119,6 @@ class WindowFrame(QMainWindow):
         self.header.about.connect(lambda: about_dialog(self))
         self.source, self.validity, self.doing = self.header.source, self.header.validity, self.header.doing
         return self.header
-
-    def _head(self) -> QVBoxLayout:
-        self.title, self.task = label("", "title", wrap=False), label("", "task")
-        self._heading = QWidget()
-        add(bare(QHBoxLayout(self._heading)), self.title, 16, (self.task, 1))
-        head = add(spaced(QVBoxLayout(), theme.SMALL), self._heading)
-        head.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, 0)
-        return head
 
     def show_compiling(self, percent: int) -> None:
         """How far the kernels are compiled in the background; nothing at 100."""

@@ -7,8 +7,8 @@ from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu
 
 from spherecal_gui import theme
-from spherecal_gui.languages import LANGUAGES
-from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, fault_text
+from spherecal_gui.languages import LANGUAGES, word
+from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE
 from spherecal_gui.widgets.basic import Chip, Elided, add, button, spaced
 from spherecal_gui.widgets.icons import menu_icon
 
@@ -107,7 +107,7 @@ class Header(QFrame):
         """The walk on a simulated rig, with what goes wrong in it."""
         menu = QMenu(self.tr("Train on a simulated rig"), self)
         for fault in FAULTS:
-            menu.addAction(fault_text(fault)).setData(fault)
+            menu.addAction(word("faults", fault.partition(":")[0])).setData(fault)
         menu.addAction(self.tr("a surprise")).setData(SURPRISE)
         menu.triggered.connect(lambda action: self.training.emit(str(action.data())))
         self._icons[menu.menuAction()] = "school"

@@ -19,7 +19,7 @@ from spherecal_gui.project_folder import is_project, load_project, profile_shown
 from spherecal_gui.standing import Standing, camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import BackgroundTask
-from spherecal_gui.texts import error_text, reason_text, step_task, step_title
+from spherecal_gui.texts import error_text, reason_text, step_title
 from spherecal_gui.wizard.bench_editor import show_bench
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
@@ -211,7 +211,12 @@ class WizardWindow(WindowFrame):
         self.header.compiling.setVisible(state is None and bool(self.header.compiling.text))
         for part in (self.rail, self.footer, self._heading, self.header.home):
             part.setVisible(state is not None)
-        self._show_status()
+        self._show_source()
+        self._lost = self.controller.cameras.lost()
+        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
+        self.validity.show_state(word, level, details)
+        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
+        self.start.validity.show_state(word, level, details)
         if state is None:
             self._drop_pages()
             self.guard.enter(None)
@@ -247,7 +252,7 @@ class WizardWindow(WindowFrame):
         self.guard.enter(step.id)
         self.start.close_profile()
         self.title.setText(step_title(step))
-        self.task.setText(step_task(step))
+        self.task.setText(languages.word("tasks", step.kind))
         self.page = page = self._page_of(step.kind)
         self.stack.setCurrentWidget(page)
         page.enter(step)
@@ -296,14 +301,6 @@ class WizardWindow(WindowFrame):
         if ready and not self._ready:
             self.sounds.play("ready")
         self._ready = ready
-
-    def _show_status(self) -> None:
-        self._show_source()
-        self._lost = self.controller.cameras.lost()
-        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
-        self.validity.show_state(word, level, details)
-        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
-        self.start.validity.show_state(word, level, details)
 
     def _show_source(self) -> None:
         """Where the images come from, and from how many cameras."""

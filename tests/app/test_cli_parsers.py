@@ -13,14 +13,13 @@ import spherecal
 from spherecal.base import early
 from spherecal.data.findings import counted
 from spherecal.initialise.camera_path import BASE
+from spherecal.initialise.view_graph import TH_ER_PX
 from spherecal_app.cli import doctor_command as doctor
 from spherecal_app.cli import progress
-from spherecal_app.cli.commands import COMMANDS, command_of
 from spherecal_app.cli.console import out as console
 from spherecal_app.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
 from spherecal_app.cli.main import main
-from spherecal_app.cli.options import make_parser
-from spherecal_app.cli.parsers.shared import PATH_BASE
+from spherecal_app.cli.options import TABLE, command_of, make_parser
 from spherecal_app.cli.parsing import is_leaf, parsers_below
 
 PARSERS = dict(parsers_below(make_parser()))
@@ -87,8 +86,9 @@ def test_one_name_has_one_meaning(words: tuple[str, ...]) -> None:
 
 
 def test_every_command_can_be_run() -> None:
-    assert {" ".join(words) for words in LEAVES} == {*COMMANDS, "help"}
-    for words in COMMANDS:
+    run = {words for words, about in TABLE["commands"].items() if "run" in about}
+    assert {" ".join(words) for words in LEAVES} == {*run, "help"}
+    for words in run:
         command, _, action = words.partition(" ")
         run_by = command_of(argparse.Namespace(command=command, action=action or None))
         assert callable(run_by) and run_by.__doc__ and f"`spherecal {words}" in run_by.__doc__, words
@@ -105,7 +105,7 @@ def test_help_loads_no_engine() -> None:
     for words in (["--help"], ["calibrate", "--help"], ["cameras", "capture", "--help"]):
         done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
         loaded = done.stderr.split()
-        assert "spherecal_app.cli.parsers.calibrate_options" in loaded
+        assert "spherecal_app.cli.options" in loaded
         rooms = {name.split(".")[1] for name in loaded if name.startswith("spherecal.")}
         assert rooms == {"base"}, rooms
         assert {name.split(".")[0] for name in loaded if name.startswith("spherecal")} == {"spherecal", "spherecal_app"}
@@ -113,7 +113,8 @@ def test_help_loads_no_engine() -> None:
 
 
 def test_the_default_of_path_base_is_the_methods() -> None:
-    assert PATH_BASE == BASE
+    defaults = PARSERS[("calibrate",)].parse_args(["session", "-o", "result"])
+    assert (defaults.path_base, defaults.path_error) == (BASE, TH_ER_PX)
 
 
 # --- ways in ---------------------------------------------------------------------------------------------------------

@@ -14,9 +14,9 @@ import spherecal
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, SpherecalError
 from spherecal_app import kernel_state as kernels
-from spherecal_app.cli.commands import COMMANDS
 from spherecal_app.cli.compile_kernels import compile_all, compile_first
 from spherecal_app.cli.main import main
+from spherecal_app.cli.options import TABLE
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
@@ -151,7 +151,7 @@ def test_every_command_that_computes_compiles_first_but_not_for_wrong_input(
     def compile_now(context: Context) -> None:
         raise Compiled
 
-    module = COMMANDS[words[0]].partition(":")[0]
+    module = TABLE["commands"][words[0]]["run"].partition(":")[0]
     monkeypatch.setattr(f"spherecal_app.cli.{module}.compile_first", compile_now)
     places = {"SESSION": str(session), "FOLDER": str(session.parent), "RIG": str(tmp_path / "rig.json")}
     line = [re.sub("SESSION|FOLDER|RIG", lambda found: places[found[0]], word) for word in words]

@@ -247,6 +247,9 @@ def words_on_screen(language: str) -> dict[str, set[str]]:
     for code, words in table("en").items():
         if "title" in words and code != "phrases":
             shown.setdefault(plain(words["title"]), set()).add(plain(titles[code]["title"]))
+    for group, words in table("en")["words"].items():
+        for code, said in words.items():
+            shown.setdefault(plain(said), set()).add(plain(titles["words"][group][code]))
     return shown
 
 

@@ -16,8 +16,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.main import main
 from spherecal_boards.board_images import find_board, spread
 from spherecal_boards.board_pattern import BoardPattern, figure
-from spherecal_boards.chessboard import find_chessboard
-from spherecal_boards.corner_fit import fit_corners
+from spherecal_boards.chessboard import find_chessboard, fit_corners
 from spherecal_boards.looking import boards_of, look_for_chessboard, look_for_markers
 from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_files.json_file import JsonValue

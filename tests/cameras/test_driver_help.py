@@ -18,7 +18,7 @@ LOCAL = (LocalAddress("eth0", "10.1.0.5"), LocalAddress("eth1", "192.168.7.1"))
 
 
 def at(address: str, mask: str = "255.255.255.0", interface: str = "eth1", serial: str = "S9") -> NetworkCamera:
-    return NetworkCamera(interface, address, mask, f"02:00:{serial}", "Maker", "M-5", serial, "")
+    return NetworkCamera(f"02:00:{serial}", address, mask, "Maker", "M-5", serial, "", interface)
 
 
 def wired(mac: str, serial: str, address: str = "192.168.7.20") -> WireCamera:

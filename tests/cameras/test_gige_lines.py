@@ -25,7 +25,7 @@ LOAD = CameraLoad(5_000_000, 1.0, 8992)
 
 
 def camera(serial: str, address: str, mask: str = "255.255.255.0") -> NetworkCamera:
-    return NetworkCamera("eth1", address, mask, f"02:00:00:00:00:{serial}", "Maker", "Model", serial, "")
+    return NetworkCamera(f"02:00:00:00:00:{serial}", address, mask, "Maker", "Model", serial, "", "eth1")
 
 
 CAMERAS = [camera("01", "10.0.0.11"), camera("02", "10.0.0.12")]

@@ -234,7 +234,7 @@ def test_our_own_search_finds_cameras_of_every_subnet(rig: GigeRig) -> None:
     finally:
         rig.fault("home", "GE03")
     assert set(found) == set(rig.serials)
-    assert (found["GE03"].address, found["GE03"].mask) == ("192.168.78.13", "255.255.255.0")
+    assert (found["GE03"].ip_address, found["GE03"].mask) == ("192.168.78.13", "255.255.255.0")
     assert found["GE01"].mac == "02:53:43:00:00:01"
 
 

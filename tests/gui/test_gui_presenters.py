@@ -25,6 +25,7 @@ from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
 from spherecal_files.written_phrase import Sentence
 from spherecal_gui import coverage as cov
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import word
 from spherecal_gui.presenters.bars_presenter import (
     budget_cells,
     errors_of,
@@ -37,7 +38,6 @@ from spherecal_gui.presenters.connect_presenter import camera_lines, connect_sum
 from spherecal_gui.presenters.look_presenter import summary, tile_state
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists
 from spherecal_gui.presenters.results_presenter import CameraRow, bar_verdict
-from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.presenters.step_states import BarFacts, PlacementFacts, bar_says, left_text, placement_says, seeing
 from spherecal_gui.tasks.ghost import ToGo
 from spherecal_verify.budget import Budget, Contribution
@@ -303,7 +303,7 @@ def test_the_course_follows_the_engines_own_words():
     assert len(course.runs) >= 2
     assert all(np.isfinite(run).all() for run in map(np.array, course.runs))
     assert course.runs[-1][-1] <= course.runs[-1][0] * 1.001
-    unknown = [stage for stage in course.stages if stage_name(stage) == stage]
+    unknown = [stage for stage in course.stages if word("stages", stage, "") == ""]
     assert not unknown, "every stage has words for people"
 
 
@@ -311,7 +311,7 @@ def test_every_stage_that_the_window_reports_has_words():
     sources = (path.read_text(encoding="utf-8") for path in (ROOT / "spherecal_gui").rglob("*.py"))
     reported = {stage for text in sources for stage in re.findall(r'\.report\(\s*"([^"]+)"', text)}
     assert len(reported) > 10
-    assert not [stage for stage in reported if stage_name(stage) == stage]
+    assert not [stage for stage in reported if word("stages", stage, "") == ""]
 
 
 def test_the_images_of_a_board_are_counted_and_move_the_bar():
@@ -323,7 +323,7 @@ def test_the_images_of_a_board_are_counted_and_move_the_bar():
     assert len(set(reached)) == 95 and 0.8 < course.fraction < 0.9
     assert (
         course.said[20]
-        == f"{stage_name(board_images.STAGE)}  image 21 of 95"
+        == f"{word('stages', board_images.STAGE)}  image 21 of 95"
         != f"{board_images.STAGE}  image 21 of 95"
     )
     assert left_text(10.0, reached[40], None).endswith("s left")

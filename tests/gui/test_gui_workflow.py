@@ -20,9 +20,10 @@ from spherecal.base.errors import InputError, OutputError
 from spherecal_gui import project as changes
 from spherecal_gui import workflow
 from spherecal_gui.fingerprint import fingerprint
+from spherecal_gui.languages import word
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import WIZARD, load_project, new_folder, recent_projects, save_project, taken_in
-from spherecal_gui.texts import reason_text, step_task, step_title
+from spherecal_gui.texts import reason_text, step_title
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.workflow import Reason, Running, Status, resolve, steps_of
 
@@ -72,7 +73,7 @@ def test_the_steps_are_those_of_the_walk():
         "verify", "save", "measure",
     ]  # fmt: skip
     assert "scale" not in [step.kind for step in steps_of(replace(ready_project(), scale_poses=()))]
-    assert all(step_title(step) and step_task(step) for step in steps)
+    assert all(step_title(step) and word("tasks", step.kind) for step in steps)
 
 
 def test_the_bench_must_be_confirmed():

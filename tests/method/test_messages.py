@@ -21,6 +21,7 @@ from spherecal.data.findings import AdvisedRepair, Finding, as_written, leave_ou
 from spherecal_files.findings_file import findings_document, read_findings, with_values
 from spherecal_files.json_file import read_json
 from spherecal_verify.verify_bars import verify
+from tests.conftest import ROOT
 from tests.findings_in_code import errors_in_words, findings_in_code, phrases_in_code
 from tests.networks import calibrated, one_thread
 
@@ -29,7 +30,7 @@ __all__ = ["one_thread"]
 OTHERS = [language for language in LANGUAGES if language != "en"]
 # What every finding's words may name without its being among the values.
 GIVEN = {"where", "repairs"}
-_TABLES = ("lists", "phrases")
+_TABLES = ("lists", "phrases", "words")
 # Errors here are still English: files of other programs, arrays and studies, which a programmer meets, and simulators.
 _ENGLISH = (
     "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/parsing.py",
@@ -85,6 +86,8 @@ def test_nothing_in_the_catalogue_is_of_no_use() -> None:
         used = {kind for one in here for kind in one.kinds}
         assert "*" in used or set(kinds_of(code)) <= used, (code, set(kinds_of(code)) - used)
     keys = {key for one in phrases_in_code() for key in one.codes}
+    window = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "spherecal_gui").rglob("*.py"))
+    assert [group for group in table("en")["words"] if f'"{group}"' not in window] == []
     assert set(table("en")["phrases"]) - keys - {f"{key}-{part}" for key in keys for part in ("hint", "short")} == set()
 
 

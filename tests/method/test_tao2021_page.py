@@ -71,9 +71,9 @@ def test_other_numbers() -> None:
     width, height = CA050.image_size
     assert f"{G319B.focal_length_mm:g} mm lenses, and {width} x {height} pixels of {CA050.pixel_pitch_um:g} um" in text
     assert CalibrationSettings().th_pt == TH_PT
-    help_text = (ROOT / "core/spherecal_app/cli/parsers/shared.py").read_text(encoding="utf-8")
-    assert f"default {TH_PT})" in help_text
-    assert f"\nTH_ER_PX = {TH_ER_PX} " in help_text
+    known = make_parser()._subparsers._group_actions[0].choices["calibrate"]._option_string_actions  # type: ignore
+    assert known["--th-pt"].default == TH_PT and f"default {TH_PT})" in known["--th-pt"].help
+    assert known["--th-er"].default == TH_ER_PX and f"default {TH_ER_PX:g})" in known["--th-er"].help
 
 
 def test_what_opt_and_spo_are_worth_is_what_the_study_found() -> None:

@@ -28,7 +28,7 @@ from spherecal_app.cli.console import (
     show_findings,
 )
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.parsers.shared import search_of
+from spherecal_app.cli.options import search_of
 from spherecal_app.cli.progress import shown_progress
 from spherecal_files.atomic import RESULT
 from spherecal_files.ball_file import read_ball

@@ -16,9 +16,8 @@ from spherecal.base.errors import Cancelled, MissingPackage, OutputError, Sphere
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.base.working_folder import distrust, own_program
-from spherecal_app.cli.commands import SHOWING, command_of, words_of
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
-from spherecal_app.cli.options import make_parser
+from spherecal_app.cli.options import TABLE, command_of, make_parser, words_of
 from spherecal_app.cli.parsing import is_standard_output, parsers_below
 from spherecal_files import interrupts
 
@@ -31,7 +30,9 @@ _LEAST_BYTES = 1 << 30
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; errors are one clear message on standard error."""
-    _escape_what_the_terminal_lacks()
+    for stream in (sys.stdout, sys.stderr):  # one of an old encoding shows foreign letters of a path escaped
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
     with ExitStack() as log:
         try:
             return _run(arguments, log)
@@ -103,13 +104,6 @@ def _in_words(error: OSError | MemoryError) -> SpherecalError:
     return OutputError(Phrase("error-system", {"where": where or Phrase("input-or-output"), "why": why}))
 
 
-def _escape_what_the_terminal_lacks() -> None:
-    """A terminal or pipe of an old encoding shows foreign letters of a path escaped, instead of ending the program."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors="backslashreplace")
-
-
 def _check_address_space() -> None:
     """Refuse to begin where the system gives this process too few addresses (`ulimit -v`)."""
     if os.name == "nt":
@@ -150,7 +144,8 @@ def _told(code: int, options: argparse.Namespace) -> int:
     if lost is None:
         return code
     _complain(OutputError(Phrase("error-output-lost", {"why": reason(lost)}), Phrase("error-output-lost-hint")))
-    return BAD_INPUT if getattr(options, "json", False) or words_of(options) in SHOWING else code
+    printed = getattr(options, "json", False) or TABLE["commands"][words_of(options)].get("shows", False)
+    return BAD_INPUT if printed else code  # what gives nothing but what it prints has failed
 
 
 def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:

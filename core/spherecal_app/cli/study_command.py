@@ -15,8 +15,7 @@ from spherecal.initialise.view_graph import TH_ER_PX
 from spherecal_app.cli.compile_kernels import compile_first
 from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.parsers.program_options import NAMES
-from spherecal_app.cli.parsers.shared import search_of
+from spherecal_app.cli.options import STUDY_NAMES, search_of
 from spherecal_app.cli.progress import shown_progress
 from spherecal_sim.rigs import rig_design
 from spherecal_study.batch_of_sessions import run_batch
@@ -53,7 +52,7 @@ def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
     if options.rig is not None:
         rig_design(options.rig)  # refused now rather than in a worker
     sigma = None if options.images else options.sigma or _SIGMA_PX
-    names = options.names or [name for name in NAMES if not options.images or name not in _LONG]
+    names = options.names or [name for name in STUDY_NAMES if not options.images or name not in _LONG]
     for name in names:
         runs = options.runs or (1 if options.images else STUDIES[name].RUNS)
         asked = Options(runs, sigma, options.seed, options.rig, options.known, _paths(options))

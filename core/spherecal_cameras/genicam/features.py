@@ -2,40 +2,15 @@
 
 import re
 import time
+import tomllib
 from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
-# Ours -> theirs, the standard's present name first. Older Allied Vision and Basler cameras say ...Abs or ...Raw.
-NAMES: dict[str, tuple[str, ...]] = {
-    "exposure": ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw"),
-    "gain": ("Gain", "GainAbs", "GainRaw"),
-    "pixel format": ("PixelFormat",),
-    "trigger mode": ("TriggerMode",),
-    "trigger source": ("TriggerSource",),
-    "software trigger": ("TriggerSoftware",),
-    "frame rate": ("AcquisitionFrameRate", "AcquisitionFrameRateAbs"),
-    "frame rate limit": ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled", "AcquisitionFrameRateMode"),
-    "packet size": ("GevSCPSPacketSize", "DeviceStreamChannelPacketSize"),
-    "packet delay": ("GevSCPD",),
-    "frame delay": ("GevSCFTD",),
-    # bytes a second; Allied Vision's GigE cameras have the second, and no packet delay of the standard's name
-    "throughput limit": ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"),
-    "throughput switch": ("DeviceLinkThroughputLimitMode", "BandwidthControlMode"),
-    "temperature": ("DeviceTemperature", "TemperatureAbs"),
-    "pixel pitch": ("SensorPixelWidth",),  # um, of the standard (SFNC)
-    "width": ("Width",),
-    "height": ("Height",),
-    "left": ("OffsetX",),
-    "top": ("OffsetY",),
-    "time stamp latch": ("TimestampLatch", "GevTimestampControlLatch"),
-    "latched time": ("TimestampLatchValue", "GevTimestampValue"),
-    "time stamp rate": ("GevTimestampTickFrequency",),
-    "common clock": ("PtpEnable", "PtpMode", "GevIEEE1588"),
-    "clock latch": ("PtpDataSetLatch", "GevIEEE1588DataSetLatch"),
-    "clock state": ("PtpStatus", "GevIEEE1588Status"),
-    "clock offset": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster", "GevIEEE1588OffsetFromMasterLatched"),
-}
+from spherecal.base.resources import resource_path
+
+TABLE: dict[str, Any] = tomllib.loads(resource_path("genicam.toml").read_text(encoding="utf-8"))
+NAMES: dict[str, tuple[str, ...]] = {ours: tuple(theirs) for ours, theirs in TABLE["features"].items()}
 
 # Words for yes and no where one camera has a switch, another an enumeration, and makers differ in its entries.
 _YES = ("On", "True", "Yes", "Enable", "Enabled", "1")

@@ -58,7 +58,9 @@ class Ring:
         self._memory = SharedMemory(name, create=create, size=size if create else 0)
         try:
             if create:
-                _reserve(self._memory, size)
+                handle = getattr(self._memory, "_fd", -1)
+                if handle >= 0 and hasattr(os, "posix_fallocate"):  # else a full /dev/shm ends us at a later write
+                    os.posix_fallocate(handle, 0, size)
         except OSError as error:
             self._memory.close()
             self._memory.unlink()
@@ -121,13 +123,6 @@ def _buffer(memory: SharedMemory) -> memoryview:
     buffer = memory.buf
     assert buffer is not None  # only after close
     return buffer
-
-
-def _reserve(memory: SharedMemory, size: int) -> None:
-    """Have the system really set the memory aside: else a full /dev/shm ends the process at a later write."""
-    handle = getattr(memory, "_fd", -1)
-    if handle >= 0 and hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(handle, 0, size)
 
 
 _CONTROL_BYTES = 64

@@ -3,41 +3,12 @@
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from spherecal_cameras.genicam.features import NAMES, FeatureError, NodeFeatures
+from spherecal_cameras.genicam.features import NAMES, TABLE, FeatureError, NodeFeatures
 from spherecal_cameras.protocol import CameraSettings, FeatureReport, Region, SetupReport
 
-# What would change grey values or geometry behind our back, in the order in which it can be switched off. Values are
-# tried one after the other; a camera without the feature is as good as one that has it off.
-_NEUTRAL: tuple[tuple[str, tuple[Any, ...]], ...] = (
-    ("SequencerMode", ("Off",)),
-    ("AcquisitionMode", ("Continuous",)),
-    ("ExposureMode", ("Timed",)),
-    ("ExposureAuto", ("Off",)),
-    ("GainAuto", ("Off",)),
-    ("BalanceWhiteAuto", ("Off",)),
-    ("BlackLevelAuto", ("Off",)),
-    ("GammaEnable", (False,)),
-    ("Gamma", (1.0,)),
-    ("LUTEnable", (False,)),
-    ("TestPattern", ("Off",)),
-    ("TestImageSelector", ("Off",)),
-    ("TestPatternGeneratorSelector", ("Off",)),
-    ("CenterX", (False,)),  # Basler's: while it is on, the offset cannot be written
-    ("CenterY", (False,)),
-    ("BinningHorizontal", (1,)),
-    ("BinningVertical", (1,)),
-    ("DecimationHorizontal", (1,)),
-    ("DecimationVertical", (1,)),
-    ("ReverseX", (False,)),
-    ("ReverseY", (False,)),
-    ("ChunkModeActive", (False,)),
-    ("TriggerDelay", (0.0,)),
-    ("TriggerDelayAbs", (0.0,)),
-    ("TriggerActivation", ("RisingEdge",)),
-)
 _IN_US = {"us": 1.0, "\N{MICRO SIGN}s": 1.0, "\N{GREEK SMALL LETTER MU}s": 1.0, "ms": 1e3, "s": 1e6, "ns": 1e-3}
 _ALL_GAINS = ("All", "AnalogAll")
 # Their absence is worth a line in the report; that of the others is not.
@@ -66,7 +37,7 @@ def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> Set
     """Write all features of a camera that is open and not acquiring; a report of each, also of what it refuses."""
     began = time.perf_counter()
     reports: list[FeatureReport] = []
-    for name, values in _NEUTRAL:
+    for name, values in TABLE["neutral"].items():
         reports += _neutral(features, name, values)
     reports += _region(features, settings.region)
     reports.append(_pixel_format(features, settings.pixel_format))
@@ -106,7 +77,7 @@ def image_size(features: NodeFeatures) -> tuple[int, int] | None:
     return None if width is None or height is None else (int(width), int(height))
 
 
-def _neutral(features: NodeFeatures, name: str, values: tuple[Any, ...]) -> list[FeatureReport]:
+def _neutral(features: NodeFeatures, name: str, values: Sequence[Any]) -> list[FeatureReport]:
     node = features.node(name)
     if node is None or features.access(node) in ("NA", "RO"):
         return []  # not to be changed in the camera's present state

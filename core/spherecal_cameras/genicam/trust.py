@@ -188,7 +188,7 @@ class TrustStore:
     """The files that were allowed: real path -> hash."""
 
     def __init__(self, path: Path | None = None) -> None:
-        self.path = path or default_trust_path()
+        self.path = path or settings_path("SPHERECAL_DRIVERS", DRIVERS.file)
         self._allowed = _read(self.path)
 
     def allowed(self) -> Mapping[str, str]:
@@ -346,11 +346,6 @@ def _is_own_group(number: int) -> bool:
     except KeyError:
         return False
     return {user.pw_uid for user in users} | members <= {0, os.getuid()}
-
-
-def default_trust_path() -> Path:
-    """Where the list is kept: SPHERECAL_DRIVERS, else the user's configuration folder."""
-    return settings_path("SPHERECAL_DRIVERS", DRIVERS.file)
 
 
 def _read(path: Path) -> dict[str, str]:

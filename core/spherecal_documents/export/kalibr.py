@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from string import Template
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.base.resources import resource_path
 from spherecal.data.observations import name_problem
 from spherecal.geometry.camera import camera_matrix
 from spherecal_documents.export.file_cameras import (
@@ -185,17 +187,8 @@ def _launch(rig: FileRig, placed: list[tuple[str, Pose]]) -> str:
         f'    ("{name}_optical_frame", [{numbers(pose.translation)}], [{numbers(_quaternion(pose.rotation))}]),\n'
         for name, pose in placed
     )
-    return (
-        f"# {rig.source}\n# ros2 launch {_LAUNCH}\n"
-        "from launch import LaunchDescription\nfrom launch_ros.actions import Node\n\n"
-        f'# frame, x y z in metres, quaternion x y z w: the pose of the frame in "{_WORLD}"\nFRAMES = [\n{lines}]\n\n\n'
-        "def generate_launch_description():\n    return LaunchDescription([\n        Node(\n"
-        '            package="tf2_ros", executable="static_transform_publisher", name=f"{frame}_publisher",\n'
-        "            arguments=[\n"
-        '                "--x", str(t[0]), "--y", str(t[1]), "--z", str(t[2]), "--qx", str(q[0]), "--qy", str(q[1]),\n'
-        f'                "--qz", str(q[2]), "--qw", str(q[3]), "--frame-id", "{_WORLD}", "--child-frame-id", frame,\n'
-        "            ],\n        )\n        for frame, t, q in FRAMES\n    ])\n"
-    )
+    text = Template(resource_path("ros_launch.txt").read_text(encoding="utf-8"))
+    return text.substitute(source=rig.source, name=_LAUNCH, world=_WORLD, frames=lines)
 
 
 def _read(folder: Path) -> list[FileCamera]:

@@ -5,7 +5,7 @@ Source: the published schema of DCC 3.2.1 (ptb.de/dcc).
 """
 
 import hashlib
-from collections.abc import Callable
+import re
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import Literal, get_args
@@ -18,10 +18,10 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
+from spherecal_documents.report.model import Verdict
 from spherecal_documents.report.verdicts import calibration_verdict, verification_verdict
 from spherecal_files.codec import FileFormat, Kind, choice, field, optional, record, text
 from spherecal_files.codec import date as day
-from spherecal_files.json_file import JsonValue
 from spherecal_files.verification_file import ArtefactRow
 from spherecal_rigs.result_folder import Result, refuse_failed
 from spherecal_verify.limit import RULE
@@ -59,18 +59,13 @@ class Issuer:
     end: date | None = None
 
 
-def _check_country(country: str, value: JsonValue) -> None:
-    if len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
-        raise value.error(Phrase("problem-country"))
-
-
-def _check_not_empty(said: str, value: JsonValue) -> None:
-    if not said:
-        raise value.error(Phrase("problem-name-empty"))
+_COUNTRY = text("Two capital letters.").that(
+    lambda said: re.fullmatch("[A-Z]{2}", said), Phrase("problem-country"), pattern="^[A-Z]{2}$"
+)
 
 
 def _said(about: str) -> Kind[str]:
-    return text(about).mapped(lambda said: " ".join(said.split())).checked(_check_not_empty)
+    return text(about).mapped(lambda said: " ".join(said.split())).that(bool, Phrase("problem-name-empty"))
 
 
 def _stated_contact(about: str) -> Kind[Contact]:
@@ -79,7 +74,7 @@ def _stated_contact(about: str) -> Kind[Contact]:
         Contact,
         field("name", _said("Its name.")),
         field("city", _said("Where it is.")),
-        field("country", text("Two capital letters.").checked(_check_country, pattern="^[A-Z]{2}$")),
+        field("country", _COUNTRY),
         optional("email", _said("Its e-mail address.")),
     )
 
@@ -113,28 +108,23 @@ def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
     refuse_failed(result.folder)
     for prefix, name in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         Xml.register_namespace(prefix, name)
-    where = f"{DCC} https://ptb.de/dcc/v{SCHEMA}/dcc.xsd"
-    root = Xml.Element(
-        _q("digitalCalibrationCertificate"), {"schemaVersion": SCHEMA, f"{{{XSI}}}schemaLocation": where}
-    )
-    _administrative(root, result, issuer)
-    results = _add(root, "measurementResults")
-    _calibration(results, result)
-    if result.bars is not None and result.bars.lengths:
-        _verification(results, result)
+    verified = result.bars is not None and result.bars.lengths
+    found = _e("measurementResults", _calibration(result), _verification(result) if verified else None)
+    root = _e("digitalCalibrationCertificate", _administrative(result, issuer), found, schemaVersion=SCHEMA)
+    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} https://ptb.de/dcc/v{SCHEMA}/dcc.xsd")
     Xml.indent(root, " ")
     return Xml.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
-def _q(name: str) -> str:
-    return f"{{{DCC}}}{name}"
-
-
-def _add(parent: Xml.Element, name: str, text: str | None = None, **attributes: str) -> Xml.Element:
-    child = Xml.SubElement(parent, _q(name), attributes)
-    if text is not None:
-        child.text = clean(text)
-    return child
+def _e(name: str, *parts: Xml.Element | str | None, space: str = DCC, **attributes: str) -> Xml.Element:
+    """An element with a text or with elements, of which None is left out."""
+    made = Xml.Element(f"{{{space}}}{name}", attributes)
+    for part in parts:
+        if isinstance(part, str):
+            made.text = clean(part)
+        elif part is not None:
+            made.append(part)
+    return made
 
 
 def clean(text: str) -> str:
@@ -143,42 +133,37 @@ def clean(text: str) -> str:
     return " ".join(kept.split()) or "-"
 
 
-def _name(parent: Xml.Element, text: str, name: str = "name") -> None:
-    _add(_add(parent, name), "content", text, lang="en")
+def _name(text: str, name: str = "name") -> Xml.Element:
+    return _e(name, _e("content", text, lang="en"))
 
 
-def _administrative(root: Xml.Element, result: Result, issuer: Issuer) -> None:
-    data = _add(root, "administrativeData")
-    _software(_add(data, "dccSoftware"), "SphereCal", __version__)
-    core = _add(data, "coreData")
+def _administrative(result: Result, issuer: Issuer) -> Xml.Element:
     begin, end = _dates(result, issuer)
-    for key, said in (
-        ("countryCodeISO3166_1", issuer.laboratory.country),
-        ("usedLangCodeISO639_1", "en"),
-        ("mandatoryLangCodeISO639_1", "en"),
-        ("uniqueIdentifier", issuer.number or fingerprint(result)),
-        ("beginPerformanceDate", begin.isoformat()),
-        ("endPerformanceDate", end.isoformat()),
-        ("performanceLocation", issuer.place),
-    ):
-        _add(core, key, said)
-    items = _add(data, "items")
-    item = _add(items, "item")
-    _name(item, f"Multi-camera measuring rig with {len(result.rig.cameras)} cameras")
-    _contact(_add(item, "manufacturer"), Contact(issuer.manufacturer, "", ""))
-    _identified(item, [("customer", issuer.rig_serial, "serial number of the rig")])
+    core = {
+        "countryCodeISO3166_1": issuer.laboratory.country, "usedLangCodeISO639_1": "en",
+        "mandatoryLangCodeISO639_1": "en", "uniqueIdentifier": issuer.number or fingerprint(result),
+        "beginPerformanceDate": begin.isoformat(), "endPerformanceDate": end.isoformat(),
+        "performanceLocation": issuer.place,
+    }  # fmt: skip
+    rig = f"Multi-camera measuring rig with {len(result.rig.cameras)} cameras"
+    items = [_item(rig, issuer.manufacturer, ("customer", issuer.rig_serial, "serial number of the rig"))]
     for camera in result.rig.cameras:
-        one = _add(items, "item")
-        _name(one, f"Camera {camera.id}")
-        _contact(_add(one, "manufacturer"), Contact("not stated", "", ""))
         name = ("customer", camera.id, "name in the rig")
-        _identified(one, [("manufacturer", camera.serial, "serial number") if camera.serial else name])
-    laboratory = _add(data, "calibrationLaboratory")
-    _contact(_add(laboratory, "contact"), issuer.laboratory)
-    person = _add(_add(data, "respPersons"), "respPerson")
-    _contact(_add(person, "person"), Contact(issuer.person, "", ""))
-    _add(person, "mainSigner", "true")
-    _contact(_add(data, "customer"), issuer.customer)
+        known = ("manufacturer", camera.serial, "serial number") if camera.serial else name
+        items.append(_item(f"Camera {camera.id}", "not stated", known))
+    return _e(
+        "administrativeData",
+        _e("dccSoftware", _software("SphereCal", __version__)),
+        _e("coreData", *(_e(key, said) for key, said in core.items())),
+        _e("items", *items),
+        _e("calibrationLaboratory", _contact("contact", issuer.laboratory)),
+        _e("respPersons", _e("respPerson", _e("person", _name(issuer.person)), _e("mainSigner", "true"))),
+        _contact("customer", issuer.customer),
+    )
+
+
+def _item(name: str, manufacturer: str, known: tuple[str, str, str]) -> Xml.Element:
+    return _e("item", _name(name), _e("manufacturer", _name(manufacturer)), _identified(known))
 
 
 def _dates(result: Result, issuer: Issuer) -> tuple[date, date]:
@@ -199,116 +184,85 @@ def fingerprint(result: Result) -> str:
     return f"spherecal-{table.hexdigest()[:32]}"
 
 
-def _software(parent: Xml.Element, name: str, release: str) -> None:
-    software = _add(parent, "software")
-    _name(software, name)
+def _software(name: str, release: str) -> Xml.Element:
     # PTB's schematron asks for a letter before the figures.
-    _add(software, "release", f"v{release}" if release[:1].isdigit() else release or "unknown")
+    said = f"v{release}" if release[:1].isdigit() else release or "unknown"
+    return _e("software", _name(name), _e("release", said))
 
 
-def _contact(parent: Xml.Element, contact: Contact) -> None:
-    _name(parent, contact.name)
-    if contact.email:
-        _add(parent, "eMail", contact.email)
-    if contact.city:
-        location = _add(parent, "location")
-        _add(location, "city", contact.city)
-        _add(location, "countryCode", contact.country)
+def _contact(name: str, contact: Contact) -> Xml.Element:
+    email = _e("eMail", contact.email) if contact.email else None
+    place = _e("location", _e("city", contact.city), _e("countryCode", contact.country)) if contact.city else None
+    return _e(name, _name(contact.name), email, place)
 
 
-def _identified(parent: Xml.Element, entries: list[tuple[str, str, str]]) -> None:
-    listed = _add(parent, "identifications")
-    for issuer, value, name in entries:
-        one = _add(listed, "identification")
-        _add(one, "issuer", issuer)
-        _add(one, "value", value)
-        _name(one, name)
-
-
-def _rich(parent: Xml.Element, name: str, *sentences: str) -> None:
-    """Sentences as one content: several are translations of each other, of which a reader shows one."""
-    _name(parent, " ".join(sentences), name)
+def _identified(*entries: tuple[str, str, str]) -> Xml.Element:
+    """Identifications: who gave each, its value, and what it is."""
+    each = (
+        _e("identification", _e("issuer", issuer), _e("value", value), _name(name)) for issuer, value, name in entries
+    )
+    return _e("identifications", *each)
 
 
 def _measurement(
-    results: Xml.Element, title: str, description: str, method: str, norm: str, result: Result
+    title: str, verdict: Verdict, method: str, norm: str, result: Result, *parts: Xml.Element | None
 ) -> Xml.Element:
-    found = _add(results, "measurementResult")
-    _name(found, title)
-    _rich(found, "description", description)
-    used = _add(_add(found, "usedMethods"), "usedMethod")
-    _name(used, method)
-    if norm:
-        _add(used, "norm", norm)
-    _software(_add(found, "usedSoftware"), result.software.name, result.software.version)
-    return found
+    used = _e("usedMethod", _name(method), _e("norm", norm) if norm else None)
+    software = _software(result.software.name, result.software.version)
+    words = _name(f"{verdict.word}: {verdict.sentence}", "description")
+    head = (_name(title), words, _e("usedMethods", used), _e("usedSoftware", software))
+    return _e("measurementResult", *head, *parts)
 
 
-def _calibration(results: Xml.Element, result: Result) -> None:
-    verdict = calibration_verdict(result)
-    method = dict(result.software.details).get("method", "auto")
-    found = _measurement(
-        results, "Calibration of the cameras", f"{verdict.word}: {verdict.sentence}",
-        f"Bundle adjustment of a ball's coded targets, method {method}", "", result,
-    )  # fmt: skip
-    _conditions(found, "Temperature of the rig", [])
-    listed = _add(found, "results")
-    for camera in result.rig.cameras:
-        _camera(listed, camera, result.rig.reference_camera)
+def _calibration(result: Result) -> Xml.Element:
+    used = dict(result.software.details).get("method", "auto")
+    method = f"Bundle adjustment of a ball's coded targets, method {used}"
+    cameras = (_camera(camera, result.rig.reference_camera) for camera in result.rig.cameras)
+    parts = _conditions("Temperature of the rig", []), _e("results", *cameras)
+    return _measurement("Calibration of the cameras", calibration_verdict(result), method, "", result, *parts)
 
 
-def _camera(listed: Xml.Element, camera: RigCamera, reference: str | None) -> None:
-    one = _add(listed, "result")
-    _name(one, f"Camera {camera.id}")
-    _rich(
-        one,
-        "description",
+def _camera(camera: RigCamera, reference: str | None) -> Xml.Element:
+    about = (
         f"OpenCV's {'fisheye ' if is_fisheye(camera.intrinsics) else ''}camera model, "
         "pixel (0, 0) is the centre of the top left one. "
-        f"World: the frame of camera {reference}. x_camera = R x_world + t. {camera.observations} observations.",
+        f"World: the frame of camera {reference}. x_camera = R x_world + t. {camera.observations} observations."
     )
-    data = _add(one, "data")
-    sigma = camera.sigma
-    for i, name in enumerate(lens_names(camera.intrinsics)):
-        sd = None if sigma is None else float(sigma.intrinsics[i])
-        _quantity(data, name, float(camera.intrinsics[i]), r"\one", sd)
-    for axis, value, i in zip("XYZ", camera.centre_mm.tolist(), range(3), strict=True):
-        _quantity(
-            data,
-            f"projection centre {axis}",
-            value,
-            r"\milli\metre",
-            None if sigma is None else float(sigma.centre_mm[i]),
-        )
-    rows = [(f"R{r + 1}{c + 1}", float(camera.rotation[r, c])) for r in range(3) for c in range(3)]
-    for name, value in rows:
-        _quantity(data, name, value, r"\one", None)
-    if sigma is not None:
-        for axis, value in zip("xyz", sigma.rotation_deg.tolist(), strict=True):
-            _quantity(data, f"standard uncertainty of the rotation about {axis}", value, r"\degree", None)
-    if camera.rms_px is not None:
-        _quantity(data, "root mean square of the residuals, in pixels", camera.rms_px, r"\one", None)
+    c, sigma, one, mm = camera, camera.sigma, r"\one", r"\milli\metre"
+    lens_sd = [None] * len(c.intrinsics) if sigma is None else sigma.intrinsics.tolist()
+    centre_sd = [None] * 3 if sigma is None else sigma.centre_mm.tolist()
+    turns = () if sigma is None else zip("xyz", sigma.rotation_deg.tolist(), strict=True)
+    centre = zip("XYZ", c.centre_mm.tolist(), centre_sd, strict=True)
+    rows = [
+        *((n, v, one, sd) for n, v, sd in zip(lens_names(c.intrinsics), c.intrinsics.tolist(), lens_sd, strict=False)),
+        *((f"projection centre {n}", v, mm, sd) for n, v, sd in centre),
+        *((f"R{row + 1}{column + 1}", float(v), one, None) for (row, column), v in np.ndenumerate(c.rotation)),
+        *((f"standard uncertainty of the rotation about {n}", v, r"\degree", None) for n, v in turns),
+        ("root mean square of the residuals, in pixels", c.rms_px, one, None),
+    ]
+    data = _e("data", *(_quantity(*row) for row in rows))
+    return _e("result", _name(f"Camera {c.id}"), _name(about, "description"), data)
 
 
-def _quantity(data: Xml.Element, name: str, value: float, unit: str, sd: float | None, k: float = 2.0) -> None:
-    """A quantity with its expanded uncertainty, where that is known and not zero."""
-    if not np.isfinite(value):
-        return
-    quantity = _add(data, "quantity")
-    _name(quantity, f"{name}, in pixels" if unit == r"\one" and name in INTRINSIC_NAMES[:4] else name)
-    real = Xml.SubElement(quantity, f"{{{SI}}}real")
-    _si(real, "value", decimal(value))
-    _si(real, "unit", unit)
+def _quantity(name: str, value: float | None, unit: str, sd: float | None = None, k: float = 2.0) -> Xml.Element | None:
+    """A quantity with its expanded uncertainty, where that is known and not zero; None for no finite value."""
+    if value is None or not np.isfinite(value):
+        return None
+    parts = {"value": decimal(value), "unit": unit}
+    real = _si("real", *(_si(key, text) for key, text in parts.items()))
     if sd is not None and np.isfinite(sd) and sd > 0:
-        expanded = Xml.SubElement(real, f"{{{SI}}}expandedUnc")
-        _si(expanded, "uncertainty", decimal(k * sd))
-        _si(expanded, "coverageFactor", decimal(k))
-        _si(expanded, "coverageProbability", decimal(_COVERAGE))
-        _si(expanded, "distribution", "normal" if k < _NORMAL_BELOW else "Student's t")
+        parts = {
+            "uncertainty": decimal(k * sd), "coverageFactor": decimal(k), "coverageProbability": decimal(_COVERAGE),
+            "distribution": "normal" if k < _NORMAL_BELOW else "Student's t",
+        }  # fmt: skip
+        real.append(_si("expandedUnc", *(_si(key, text) for key, text in parts.items())))
+    return _e(
+        "quantity", _name(f"{name}, in pixels" if unit == r"\one" and name in INTRINSIC_NAMES[:4] else name), real
+    )
 
 
-def _si(parent: Xml.Element, name: str, text: str) -> None:
-    Xml.SubElement(parent, f"{{{SI}}}{name}").text = text
+def _si(name: str, *parts: Xml.Element | str) -> Xml.Element:
+    return _e(name, *parts, space=SI)
 
 
 def decimal(value: float) -> str:
@@ -317,72 +271,61 @@ def decimal(value: float) -> str:
     return "0.0" if not text.strip("-0.") else text
 
 
-def _verification(results: Xml.Element, result: Result) -> None:
+def _verification(result: Result) -> Xml.Element:
     bars = result.bars
     assert bars is not None
-    verdict = verification_verdict(result)
     procedure = bars.procedure
-    found = _measurement(
-        results,
+    known = [p.temperature_c for p in (procedure.poses if procedure else ()) if p.temperature_c is not None]
+    departures = [one.text for one in (procedure.departures if procedure is not None else ())]
+    about = "Mean of the measured minus the certified length, brought to the bar's temperature."
+    data = _e("data")
+    for x in bars.lengths:
+        name = f"mean error of bar {x.bar}, {x.from_mark} to {x.to_mark}, {x.n} poses"
+        k = x.coverage_factor or 0.0
+        sd = x.expanded_uncertainty_mm / k if x.expanded_uncertainty_mm is not None and k >= 1 else None
+        if (quantity := _quantity(name, x.mean_error_mm, r"\milli\metre", sd, k)) is not None:
+            data.append(quantity)
+    if not len(data):
+        data.append(_name("No length was measured.", "text"))
+    words = _name(" ".join((about, *departures)), "description")
+    conformity = None
+    if procedure is not None and procedure.acceptance is not None and procedure.acceptance.verdict in _CONFORMITY:
+        conformity = _e(
+            "metaData",
+            _name("Conformity with the user's limit"),
+            _name(f"{procedure.acceptance.limit.words()}: {procedure.acceptance.verdict}", "description"),
+            _e("norm", "ISO 14253-1:2017"),
+            _name(RULE, "declaration"),
+            _e("conformity", _CONFORMITY[procedure.acceptance.verdict]),
+        )
+    return _measurement(
         "Verification with reference bars",
-        f"{verdict.word}: {verdict.sentence}",
+        verification_verdict(result),
         procedure.title if procedure is not None else "Measurement of reference bars",
         "VDI/VDE 2634-1 (reduced)" if procedure is not None else "",
         result,
+        _equipment(procedure.bars if procedure is not None else ()),
+        _conditions("Temperature of the reference bars", known),
+        _e("results", _e("result", _name("Length errors"), words, data)),
+        None if conformity is None else _e("measurementMetaData", conformity),
     )
-    if procedure is not None:
-        _equipment(found, procedure.bars)
-    poses = procedure.poses if procedure is not None else ()
-    known = [pose.temperature_c for pose in poses if pose.temperature_c is not None]
-    _conditions(found, "Temperature of the reference bars", known)
-    one = _add(_add(found, "results"), "result")
-    _name(one, "Length errors")
-    _rich(
-        one,
-        "description",
-        "Mean of the measured minus the certified length, brought to the bar's temperature.",
-        *(one.text for one in (procedure.departures if procedure is not None else ())),
-    )
-    data = _add(one, "data")
-    for x in bars.lengths:
-        if x.mean_error_mm is not None:
-            name = f"mean error of bar {x.bar}, {x.from_mark} to {x.to_mark}, {x.n} poses"
-            k = x.coverage_factor or 0.0
-            sd = x.expanded_uncertainty_mm / k if x.expanded_uncertainty_mm is not None and k >= 1 else None
-            _quantity(data, name, x.mean_error_mm, r"\milli\metre", sd, k)
-    if not len(data):
-        _rich(data, "text", "No length was measured.")
-    if procedure is not None and procedure.acceptance is not None and procedure.acceptance.verdict in _CONFORMITY:
-        about = _add(_add(found, "measurementMetaData"), "metaData")
-        _name(about, "Conformity with the user's limit")
-        _rich(about, "description", f"{procedure.acceptance.limit.words()}: {procedure.acceptance.verdict}")
-        _add(about, "norm", "ISO 14253-1:2017")
-        _rich(about, "declaration", RULE)
-        _add(about, "conformity", _CONFORMITY[procedure.acceptance.verdict])
 
 
-def _equipment(found: Xml.Element, bars: tuple[ArtefactRow, ...]) -> None:
+def _equipment(bars: tuple[ArtefactRow, ...]) -> Xml.Element | None:
     if not bars:
-        return
-    listed = _add(found, "measuringEquipments")
+        return None
+    listed = _e("measuringEquipments")
     for bar in bars:
-        one = _add(listed, "measuringEquipment")
-        _name(one, f"Reference bar {bar.id}")
         entries = [("owner", bar.serial or bar.id, "serial number")]
         if bar.certificate:
-            entries.append(
-                ("calibrationLaboratory", bar.certificate, f"certificate {bar.laboratory} {bar.issued}".strip())
-            )
-        _identified(one, entries)
+            paper = f"certificate {bar.laboratory} {bar.issued}".strip()
+            entries.append(("calibrationLaboratory", bar.certificate, paper))
+        listed.append(_e("measuringEquipment", _name(f"Reference bar {bar.id}"), _identified(*entries)))
+    return listed
 
 
-def _conditions(found: Xml.Element, title: str, temperatures: list[float]) -> None:
-    condition = _add(_add(found, "influenceConditions"), "influenceCondition")
-    _name(condition, title)
-    data = _add(condition, "data")
-    if not temperatures:
-        _rich(data, "text", "Not recorded.")
-        return
-    ends: tuple[tuple[str, Callable[[list[float]], float]], ...] = (("lowest", min), ("highest", max))
-    for name, pick in ends:
-        _quantity(data, f"{name} temperature", pick(temperatures), r"\degreecelsius", None)
+def _conditions(title: str, temperatures: list[float]) -> Xml.Element:
+    unit, ends = r"\degreecelsius", {"lowest": min, "highest": max}
+    found = [_quantity(f"{name} temperature", pick(temperatures), unit) for name, pick in ends.items() if temperatures]
+    data = _e("data", *(found or [_name("Not recorded.", "text")]))
+    return _e("influenceConditions", _e("influenceCondition", _name(title), data))

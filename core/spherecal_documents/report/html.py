@@ -1,6 +1,6 @@
 """The report as one HTML file: vector graphics inside it, nothing loaded from anywhere."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from html import escape
 from typing import Any
 
@@ -29,10 +29,6 @@ def _section(section: model.Section) -> str:
     return "\n".join((title, *(_BLOCKS[type(block)](block) for block in section.blocks)))
 
 
-def _paragraph(block: model.Paragraph) -> str:
-    return f'<p class="{block.style}">{escape(block.text)}</p>'
-
-
 def _verdict(block: model.Verdict) -> str:
     word = f'<b style="background:{block.colour}"><small>{escape(block.title)}</small>{escape(block.word)}</b>'
     return f'<div class="verdict">{word}<p>{escape(block.sentence)}</p></div>'
@@ -43,7 +39,7 @@ def _key_figures(block: model.KeyFigures) -> str:
         f"<div>{escape(f.name)}<br><b>{escape(f.value)}</b> {escape(f.unit)}<br><small>{escape(f.note)}</small></div>"
         for f in block.figures
     )
-    return f'<div class="figures">{"".join(figures)}</div>'
+    return _within('div class="figures"', figures)
 
 
 def _finding(block: model.FindingText) -> str:
@@ -52,10 +48,6 @@ def _finding(block: model.FindingText) -> str:
         f'<div class="finding" style="color:{block.colour}"><b>{escape(block.word)}</b> '
         f'<span>{escape(block.message)} <span class="note">{escape(block.hint)}</span></span>{concerns}</div>'
     )
-
-
-def _key_values(block: model.KeyValues) -> str:
-    return f"<dl>{''.join(f'<dt>{escape(name)}</dt><dd>{escape(said)}</dd>' for name, said in block.rows)}</dl>"
 
 
 def _table(table: model.Table) -> str:
@@ -73,16 +65,17 @@ def _table(table: model.Table) -> str:
     return f'{title}<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'
 
 
-def _panels(block: model.Panels) -> str:
-    return f'<div class="panels">{"".join(figure.svg() for figure in block.figures)}</div>'
-
-
-def _signature(block: model.Signature) -> str:
-    return f'<div class="sign">{"".join(f"<div><small>{escape(name)}</small></div>" for name in block.names)}</div>'
+def _within(tag: str, parts: Iterable[str]) -> str:
+    return f"<{tag}>{''.join(parts)}</{tag.split(maxsplit=1)[0]}>"
 
 
 _BLOCKS: dict[type, Callable[[Any], str]] = {
-    model.Paragraph: _paragraph, model.Verdict: _verdict, model.KeyFigures: _key_figures, model.FindingText: _finding,
-    model.KeyValues: _key_values, model.Table: _table, model.Figure: model.Figure.svg, model.Panels: _panels,
-    model.Signature: _signature,
+    model.Paragraph: lambda one: f'<p class="{one.style}">{escape(one.text)}</p>',
+    model.KeyValues: lambda one: _within("dl", (f"<dt>{escape(a)}</dt><dd>{escape(b)}</dd>" for a, b in one.rows)),
+    model.Panels: lambda one: _within('div class="panels"', (figure.svg() for figure in one.figures)),
+    model.Signature: lambda one: _within(
+        'div class="sign"', (f"<div><small>{escape(name)}</small></div>" for name in one.names)
+    ),
+    model.Verdict: _verdict, model.KeyFigures: _key_figures, model.FindingText: _finding, model.Table: _table,
+    model.Figure: model.Figure.svg,
 }  # fmt: skip

@@ -64,9 +64,12 @@ def residual_blocks(result: Result) -> tuple[Block, ...]:
         Figure(camera.id, height, partial(_draw_panel, name=camera.id, result=result, scale=scale), width)
         for camera in cameras
     ]
+    left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
+    crosses = label("report-crosses", count=count(left_out)) if left_out else ""
+    times = count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
     return (
         Figure(label("report-distribution-of-du-and-dv"), 52.0, partial(_draw_histogram, result=result)),
-        Paragraph(_arrow_caption(scale, result), "note"),
+        Paragraph(label("report-arrows", times=times, crosses=crosses), "note"),
         Figure(label("report-size-of-the-residual-px"), 9.0, partial(_draw_key, scale=scale)),
         Panels(tuple(panels), columns),
     )
@@ -82,14 +85,6 @@ def _arrow_scale(result: Result) -> ArrowScale:
     power = 10.0 ** np.floor(np.log10(factor))
     rounded = float(max(step * power for step in (1, 2, 5) if step * power <= factor))
     return ArrowScale(rounded, max(float(np.quantile(sizes, 0.99)), 1e-9))
-
-
-def _arrow_caption(scale: ArrowScale, result: Result) -> str:
-    """What the arrows show."""
-    left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
-    crosses = label("report-crosses", count=count(left_out)) if left_out else ""
-    times = count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
-    return label("report-arrows", times=times, crosses=crosses)
 
 
 def _draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:

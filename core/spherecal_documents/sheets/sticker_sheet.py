@@ -8,6 +8,7 @@ from typing import Literal
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
+from spherecal.base.resources import resource_path
 from spherecal.targets.family import DOTS
 from spherecal.targets.target_set import TargetSet
 from spherecal_boards.board_pattern import marker_parts
@@ -190,29 +191,6 @@ BALL_TARGETS = 200
 _LEFT_MM = 20.0
 _LINE_MM = 4.9
 
-_TEXT = (
-    ("Print", (
-        "Print at 100 % (actual size); do not fit to the page. Choose the best quality and a matt, self-adhesive",
-        "film: gloss mirrors the lamps into the lens and shifts the dots. A matt laminate must not be stretched.",
-    )),
-    ("Measure", (
-        "Measure both 100 mm rulers on every sheet, from long mark to long mark, with a caliper or a glass scale,",
-        "to 0.05 mm or better. Give both lengths to the program when the target set is exported: an error of the",
-        "printed scale is an error of every length measured later (0.1 mm in 100 mm is 0.1 %).",
-        "If sheets differ by more than 0.05 mm, the paper moved: print again.",
-    )),
-    ("Cut", (
-        "Cut along the marks. The id below a sticker is for you only: the program reads it from the dots.",
-        "Use every id once. Discard stickers with scratched, closed or joined dots.",
-    )),
-    ("Place", (
-        "Lay the stickers flat, without folds or bubbles and without pulling; their turn and order do not matter.",
-        "They must not overlap and need not be where the table says: 10 mm off is as good.",
-        "About 200 on a ball of 500 mm let every camera see 50 or more. For fewer, leave out every second one.",
-        "Reference bars take stickers too: note the ids, and do not use them on the ball.",
-    )),
-)  # fmt: skip
-
 
 @dataclass(frozen=True)
 class LatitudeRing:
@@ -248,7 +226,8 @@ def draw_instructions(drawing: SheetDrawing, target_set: TargetSet, ids: list[in
         size_pt=10,
     )
     y = 41.0
-    for heading, lines in _TEXT:
+    text = resource_path("sticker_sheet.txt").read_text(encoding="utf-8").strip()
+    for heading, *lines in (section.split("\n") for section in text.split("\n\n")):
         drawing.text(_LEFT_MM, y, heading, size_pt=11, bold=True)
         for line in lines:
             y += _LINE_MM

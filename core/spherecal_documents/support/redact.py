@@ -46,34 +46,12 @@ _FOLDER = rf"{_WORD}(?: {_WORD}){{1,3}}(?=[\\/\"'])|{_WORD}{_CAPITAL}{{0,2}}"
 _PERSON = rf"{_WORD}(?: {_WORD}){{0,2}}(?=[ \t]*(?:$|[,;|)\]}}\"'\r<\uff0c\uff1b]))|{_WORD}{_CAPITAL}{{0,3}}"
 _COLON = r"[\"']?[ \t]*[:=\uff1a][ \t]*[\"']?"
 _IS = rf"(?:{_COLON}|[ \t]+(?:is[ \t]+)?(?=[\w.-]*\d))"
-# What stands where: a kind for each group of the pattern, None for what is no name.
-_RULES = tuple(
-    (re.compile(pattern, re.MULTILINE), kinds)
-    for pattern, *kinds in (
-        (rf"((?<![\w-])(?:{'|'.join(_KNOWN['said']['tokens'])}))", "token"),
-        (r"((?i:\b(?:bearer|basic)[ \t]+))([\w.~+/=-]{8,})", None, "token"),
-        (rf"({_said('token')}{_COLON}(?i:(?:basic|bearer)[ \t]+)?)([^\s\"'&,;]+)", None, "token"),
-        (
-            r"(\b[A-Za-z][A-Za-z0-9+.-]*://)(?:([^\s/@:]+)(?:(:)([^\s/@]+))?(@))?([\w.-]+)",
-            *(None, "person", None, "token", None, "host"),
-        ),
-        (rf"([\\/]+(?i:{'|'.join(_KNOWN['said']['folders'])})[\\/]+)({_FOLDER})", None, "person"),
-        (r"((?<![\w/~])~)([A-Za-z][\w.-]*)(?=/)", None, "person"),
-        (r"((?:^|(?<=[\s\"'=(\[,;]))(?:\\\\(?:\\\\)?|//))([\w.-]+)(?=[\\/])", None, "host"),
-        (r"(?<![\w.+-])([\w.+-]+)(@)([\w-]+(?:\.[\w-]+)*)", "person", None, "host"),
-        (
-            rf"({_said('serial')}[\"']?[ \t]*[:=#\uff1a]?[ \t]*(?:is[ \t]+)?[\"']?)((?=[\w-]*\d)\w[\w-]*)",
-            None,
-            "serial",
-        ),
-        (rf"({_said('host')}{_IS}(?:\\\\)?)([\w.-]+)", None, "host"),
-        (rf"({_said('person')}{_IS})({_PERSON})", None, "person"),
-        (r"^([A-Z][a-z]{2} [ \d]\d \d\d:\d\d:\d\d )([\w.-]+)(?= )", None, "host"),  # as the system's log has it
-        (r"(?i:\b([\w.-]+\.(?:local|lan|corp|internal|intranet|intra|home\.arpa|localdomain))\b)", "host"),
-        (r"((?<![0-9A-Fa-f:-])[0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5}(?![0-9A-Fa-f:-]))", "address"),
-        (rf"((?i:\bmac(?:[ -]?add?resse?)?){_COLON})((?:[0-9A-Fa-f]{{4}}\.?){{3}})\b", None, "address"),
-    )
-)
+_PIECES = {
+    **{kind: _said(kind) for kind in ("token", "serial", "host", "person")},
+    **{name: "|".join(_KNOWN["said"][name]) for name in ("tokens", "folders")},
+    **{"folder": _FOLDER, "name": _PERSON, "colon": _COLON, "is": _IS},
+}
+_RULES = tuple((re.compile(pattern % _PIECES, re.MULTILINE), kinds) for pattern, *kinds in _KNOWN["rules"])
 
 
 class Redactor:
@@ -128,7 +106,7 @@ class Redactor:
     def _ruled(self, text: str) -> str:
         """A text without the names that are known by where they stand."""
 
-        def put(m: re.Match[str], kinds: Sequence[str | None]) -> str:
+        def put(m: re.Match[str], kinds: Sequence[str]) -> str:
             groups = zip(m.groups(""), kinds, strict=False)
             return "".join(self._know(kind, one) if kind and one else one for one, kind in groups)
 

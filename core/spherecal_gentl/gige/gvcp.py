@@ -23,14 +23,14 @@ _numbers = itertools.count(1)
 class NetworkCamera:
     """What a camera says of itself; `interface` is the network interface on which it answered."""
 
-    interface: str
-    address: str
-    mask: str
     mac: str
-    vendor: str
+    ip_address: str
+    mask: str  # of `ip_address`
+    maker: str
     model: str
     serial: str
     user_name: str
+    interface: str
 
 
 class Gvcp:
@@ -86,8 +86,8 @@ def search(interface: str, seconds: float = 0.7, address: str = "") -> list[Netw
             except TimeoutError:
                 continue
             if (camera := _understood(interface, data)) is not None:
-                found[camera.mac, camera.address] = camera
-    return sorted(found.values(), key=lambda camera: (camera.serial, camera.address))
+                found[camera.mac, camera.ip_address] = camera
+    return sorted(found.values(), key=lambda camera: (camera.serial, camera.ip_address))
 
 
 def force_address(interface: str, mac: str, ip: str, mask: str, gateway: str, address: str = "") -> None:
@@ -116,11 +116,9 @@ def _understood(interface: str, data: bytes) -> NetworkCamera | None:
     if len(data) < _HEADER.size + _SEARCH_DATA or _HEADER.unpack_from(data)[:2] != (0, _FOUND):
         return None
     body = data[_HEADER.size :]
-    vendor, model, serial, user = (_text(body, *at) for at in ((0x48, 32), (0x68, 32), (0xD8, 16), (0xE8, 16)))
-    return NetworkCamera(
-        interface, socket.inet_ntoa(body[0x24:0x28]), socket.inet_ntoa(body[0x34:0x38]), body[10:16].hex(":"), vendor,
-        model, serial, user,
-    )  # fmt: skip
+    maker, model, serial, user = (_text(body, *at) for at in ((0x48, 32), (0x68, 32), (0xD8, 16), (0xE8, 16)))
+    address, mask = (socket.inet_ntoa(body[at : at + 4]) for at in (0x24, 0x34))
+    return NetworkCamera(body[10:16].hex(":"), address, mask, maker, model, serial, user, interface)
 
 
 def _text(body: bytes, start: int, size: int) -> str:

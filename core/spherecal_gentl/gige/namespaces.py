@@ -26,11 +26,6 @@ class CommandError(Exception):
     """A command that set up the network failed; the text is its own."""
 
 
-def missing_packages() -> list[str]:
-    """The Debian packages whose tools are not on this machine."""
-    return sorted({package for tool, package in _TOOLS.items() if find_program(tool, _PATH) is None})
-
-
 def isolated(command: Sequence[str]) -> list[str]:
     """`command` with a network and process numbers of its own, without root too; all its processes end with it."""
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
@@ -41,7 +36,7 @@ def why_not() -> str | None:
     """Why there can be no namespaces here, None where they work; takes some milliseconds."""
     if not hasattr(_libc, "setns"):
         return "network namespaces are a part of Linux only"
-    if missing := missing_packages():
+    if missing := sorted({package for tool, package in _TOOLS.items() if find_program(tool, _PATH) is None}):
         return f"needs {', '.join(missing)}: apt install {' '.join(missing)}"
     probe = (
         "ip link add spherecal0 type veth peer name spherecal1 && ip link add spherecal2 type bridge && "

@@ -152,7 +152,10 @@ def _source_hash(product: _Product, compiler: str) -> str:
 def _compile(product: _Product, compiler: str, output: Path, flags: Sequence[str]) -> None:
     with tempfile.TemporaryDirectory(prefix="spherecal-build-") as scratch:
         include = Path(scratch)
-        create(include / "device_xml.h", _as_header((_HERE / "device.xml").read_text(encoding="utf-8")).encode())
+        xml = (_HERE / "device.xml").read_text(encoding="utf-8")
+        pieces = [xml[i : i + _LONGEST_LITERAL] for i in range(0, len(xml), _LONGEST_LITERAL)]
+        literals = "\n".join(f'R"xml({piece})xml"' for piece in pieces)
+        create(include / "device_xml.h", (f"#pragma once\nstatic const char device_xml[] =\n{literals};\n").encode())
         command = compile_command(compiler, product.sources[0], include, output, product.library, flags)
         try:
             done = subprocess.run(command, cwd=scratch, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
@@ -164,12 +167,6 @@ def _compile(product: _Product, compiler: str, output: Path, flags: Sequence[str
             f"{product.name} cannot be built with {compiler}: {' / '.join(lines[:3]) or 'no message'}.",
             "The compiler must know C++17.",
         )
-
-
-def _as_header(xml: str) -> str:
-    pieces = [xml[i : i + _LONGEST_LITERAL] for i in range(0, len(xml), _LONGEST_LITERAL)]
-    literals = "\n".join(f'R"xml({piece})xml"' for piece in pieces)
-    return f"#pragma once\nstatic const char device_xml[] =\n{literals};\n"
 
 
 def _put(file: Path, make: Callable[[Path], object]) -> None:

@@ -1,5 +1,5 @@
 // The memory shared by the cameras (any process that has loaded the .cti) and whoever steers them (control.py).
-// layout.py describes the same bytes; raise layout_version in both whenever one of them changes.
+// region.py reads this file; raise layout_version whenever the bytes change.
 #pragma once
 
 #include <atomic>
@@ -72,10 +72,10 @@ struct Device {
     char spare_2[2560];
 };
 constexpr uint32_t any_address = 0xFFFFFFFF;
-static_assert(offsetof(Device, sensor_width) == 128 && offsetof(Device, image_begun) == 176, "see layout.py");
-static_assert(offsetof(Device, unplugged_until_ns) == 192 && offsetof(Device, port_delay_us) == 232, "see layout.py");
-static_assert(offsetof(Device, opened) == 288 && offsetof(Device, acquiring) == 416, "see layout.py");
-static_assert(offsetof(Device, registers) == 1024 && sizeof(Device) == page, "see layout.py");
+static_assert(offsetof(Device, sensor_width) == 128 && offsetof(Device, image_begun) == 176, "as released");
+static_assert(offsetof(Device, unplugged_until_ns) == 192 && offsetof(Device, port_delay_us) == 232, "as released");
+static_assert(offsetof(Device, opened) == 288 && offsetof(Device, acquiring) == 416, "as released");
+static_assert(offsetof(Device, registers) == 1024 && sizeof(Device) == page, "as released");
 
 struct Header {
     uint32_t magic, layout_version, device_count, owner_pid;
@@ -83,7 +83,7 @@ struct Header {
     U64 line_pulses, line_pulse_ns;  // the wire to every camera's Line1, and when the last pulse rose
     char spare[4048];
 };
-static_assert(sizeof(Header) == page, "see layout.py");
+static_assert(sizeof(Header) == page, "as released");
 
 constexpr uint64_t images_at = page * (1 + most_devices);
 

@@ -1,11 +1,13 @@
-"""The shared memory region of simulated cameras: its layout (in C++ too), opened and made."""
+"""The shared memory region of simulated cameras: its layout (that of region.h), opened and made."""
 
 import mmap
 import os
+import re
 import sys
 from collections import namedtuple
 from contextlib import suppress
 from multiprocessing import shared_memory
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,38 +15,30 @@ from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
 
-MAGIC = 0x54474353
-LAYOUT_VERSION = 1  # raise it here and in region.h whenever one of them changes
-MOST_DEVICES = 16
-PAGE = 4096
+_SOURCE = re.sub("//.*", "", Path(__file__).with_name("region.h").read_text(encoding="utf-8"))
+_CONSTANTS = {name: int(value, 0) for name, value in re.findall(r"constexpr \w+ (\w+) = (\w+);", _SOURCE)}
+MAGIC, LAYOUT_VERSION, MOST_DEVICES = (_CONSTANTS[name] for name in ("magic", "layout_version", "most_devices"))
+PAGE, ANY_ADDRESS = _CONSTANTS["page"], _CONSTANTS["any_address"]
 IMAGES_AT = PAGE * (1 + MOST_DEVICES)
-ANY_ADDRESS = 0xFFFFFFFF
 FOR_EVER = 2**64 - 1
 
 
-def _record(size: int, **fields: tuple[Any, int]) -> np.dtype[Any]:
-    return np.dtype(
-        {
-            "names": list(fields),
-            "formats": [form for form, _ in fields.values()],
-            "offsets": [offset for _, offset in fields.values()],
-            "itemsize": size,
-        }
-    )
+def _structures() -> dict[str, np.dtype[Any]]:
+    """The structures of region.h by name, laid out as C++ does it."""
+    plain = {"uint32_t": "u4", "uint64_t": "u8", "int64_t": "i8", "double": "f8", "I32": "i4", "U32": "u4"}
+    known: dict[str, Any] = plain | {"I64": "i8", "U64": "u8"}
+    for name, body in re.findall(r"struct (\w+) \{(.*?)\n\};", _SOURCE, re.DOTALL):
+        fields = [
+            (one, f"S{length}" if kind == "char" else known[kind])
+            for kind, names in re.findall(r"(\w+) ([^;]+);", body)
+            for one, length in re.findall(r"(\w+)(?:\[(\d+)\])?", names)
+        ]
+        known[name] = np.dtype(fields, align=True)
+    return known
 
 
-HEADER = _record(
-    PAGE, magic=("u4", 0), layout_version=("u4", 4), device_count=("u4", 8), owner_pid=("u4", 12),
-    slot_bytes=("u8", 16), total_bytes=("u8", 24), line_pulses=("u8", 32), line_pulse_ns=("u8", 40),
-)  # fmt: skip
-
-REGISTERS = _record(
-    256, width=("u4", 0), height=("u4", 4), offset_x=("u4", 8), offset_y=("u4", 12), pixel_format=("u4", 16),
-    acquisition_mode=("u4", 20), acquisition_frame_count=("u4", 24), frame_rate_enable=("u4", 28),
-    frame_rate_hz=("f8", 32), exposure_us=("f8", 40), gain_db=("f8", 48), trigger_delay_us=("f8", 56),
-    trigger_selector=("u4", 64), trigger_mode=("u4", 68), trigger_source=("u4", 72), packet_size=("u4", 96),
-    packet_delay_ns=("u4", 100), indicator=("u4", 108), user_id=("S64", 128),
-)  # fmt: skip
+_KNOWN = _structures()
+HEADER, REGISTERS, DEVICE = (_KNOWN[name] for name in ("Header", "Registers", "Device"))
 
 # What a camera counts since its region was made; `last_image` is the number of the picture last sent.
 Counters = namedtuple(
@@ -52,49 +46,6 @@ Counters = namedtuple(
     "opened closed reads writes triggers triggers_dropped triggers_missed frames_exposed frames_delivered "
     "frames_incomplete frames_lost frames_late frames_underrun acquisition_starts acquisition_stops last_image",
 )
-
-DEVICE = _record(
-    PAGE,
-    serial=("S32", 0),
-    user_id=("S64", 32),
-    model=("S32", 96),
-    sensor_width=("u4", 128),
-    sensor_height=("u4", 132),
-    source_bits=("u4", 136),
-    padding_bytes=("u4", 140),
-    temperature_c=("f8", 144),
-    exposure_reference_us=("f8", 152),
-    link_bytes_per_s=("f8", 160),
-    clock_offset_ns=("i8", 168),
-    image_begun=("u8", 176),
-    image_published=("u8", 184),
-    unplugged_until_ns=("u8", 192),
-    plug_generation=("u4", 200),
-    open_error=("i4", 204),
-    read_error=("i4", 208),
-    read_error_count=("i4", 212),
-    read_error_address=("u4", 216),
-    write_error=("i4", 220),
-    write_error_count=("i4", 224),
-    write_error_address=("u4", 228),
-    port_delay_us=("u4", 232),
-    event_error=("i4", 236),
-    event_error_count=("i4", 240),
-    incomplete_count=("i4", 244),
-    dropped_trigger_count=("i4", 248),
-    lost_frame_count=("i4", 252),
-    late_count=("i4", 256),
-    late_ms=("u4", 260),
-    crash_count=("i4", 264),
-    **{name: ("u8", 288 + 8 * i) for i, name in enumerate(Counters._fields)},
-    acquiring=("u4", 416),
-    open_by_pid=("u4", 420),
-    powered=("u4", 424),
-    user_set_default=("u4", 428),
-    user_set_saved=("u4", 432),
-    registers=(REGISTERS, 1024),
-)
-
 
 REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
 

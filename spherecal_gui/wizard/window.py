@@ -118,6 +118,7 @@ class WizardWindow(WindowFrame):
             if self.controller.runner.running:
                 self._say("info", self.tr("Work is running; wait for it or cancel it."), "")
                 return
+            self._drop_pages()  # while there is a project in which they can leave what was typed
             self.controller.close_project()
         self.refresh()
 

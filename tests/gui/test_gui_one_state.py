@@ -42,7 +42,7 @@ def test_every_state_has_one_instruction_and_a_button_that_says_why_not(says):
         assert button.text and not (button.enabled and button.done), facts
         assert button.enabled or button.done or button.why, (facts, button)
         assert button.does or not button.enabled, facts
-    assert len(found) > 5
+    assert len(found) > 5, "all_facts (tests/gui_states.py) lacks inputs, or the step says too little of its state"
 
 
 def test_names_in_a_row_are_parted_as_the_language_does_it(qapp):

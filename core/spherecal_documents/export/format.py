@@ -12,7 +12,7 @@ from spherecal_documents.export.file_cameras import FileCamera, FileRig, Unit
 class Format:
     """An export format: how it is called, what it carries, how it is written and read back.
 
-    Its cameras are read back with lens and pose. What has no lenses is a `SceneFormat` (scene.py).
+    Its cameras are read back with lens and pose. What has no lenses is a `SceneFormat` (scene_formats.py).
 
     `coefficients`: how many of OpenCV's distortion numbers it keeps at most; `fisheye, fields`: whether it holds
     lenses of the fisheye model, and fields of lenses. `units`: those it may be written in, the usual one first.

@@ -13,7 +13,9 @@ from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
+from spherecal.diagnose.anomalies import _is_seen
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.group_motion import GroupMotion
 from spherecal.diagnose.run_checks import (
     COVERAGE_CELLS,
     FEW_PLACEMENTS,
@@ -339,6 +341,14 @@ def test_spheres_take_no_part_in_the_verdict(evidence: Evidence) -> None:
         run_checks(replace(evidence, solution=replace(evidence.solution, spheres=far))),
     )
     assert before == after
+
+
+def test_a_motion_of_one_camera_shows_in_its_points(evidence: Evidence) -> None:
+    """Poses that images hardly determine had "moved" by 169 px, where points are off by 0.1."""
+    alone = GroupMotion("ball", (0,), (0, 1), 900.0, 12, 1.0, 169.0, 0.1, 0.1)
+    assert not _is_seen(evidence, alone)
+    assert _is_seen(evidence, replace(alone, image_change_px=0.1))
+    assert _is_seen(evidence, replace(alone, kind="placement", cameras=()))
 
 
 def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() -> None:

@@ -128,7 +128,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
 
 def _is_seen(e: Evidence, motion: GroupMotion) -> bool:
     """Whether one camera's image points are off at all as they are after such a motion."""
-    if len(motion.cameras) > 1:
+    if len(motion.cameras) != 1:
         return True
     o = e.observations
     off = np.linalg.norm(e.residual_px, axis=1)

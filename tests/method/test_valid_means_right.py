@@ -462,7 +462,7 @@ def test_points_are_wider_by_what_their_own_cameras_are() -> None:
     """Of two points one is seen by a camera whose images scatter three times as much as noise; all had been widened."""
     used, point = np.array([True, True, True, True, False]), np.array([0, 0, 1, 1, 0])
     adjusted = SimpleNamespace(used=used, variance=0.25)
-    cofactors = SimpleNamespace(points=np.tile(3 * np.eye(3), (2, 1, 1)), point_noise=np.tile(np.eye(3), (2, 1, 1)))
+    cofactors = SimpleNamespace(points=np.tile(3 * np.eye(3), (2, 1, 1)), own_noise=np.tile(np.eye(3), (2, 1, 1)))
     solution = SimpleNamespace(covariance=cofactors, factor=2.0)
     fit: Any = SimpleNamespace(solved=SimpleNamespace(adjusted=adjusted), solution=solution)
     seen: Any = SimpleNamespace(camera=np.array([0, 1, 0, 2, 2]))

@@ -232,7 +232,7 @@ def _points_sigma(
     used, count = adjusted.used, len(features)
     point, squared = features.of_observation[used], of_camera[observations.camera[used]] ** 2
     wider = np.bincount(point, squared, count) / np.maximum(np.bincount(point, minlength=count), 1)
-    whole, noise = (np.einsum("pii->pi", one) for one in (covariance.points, covariance.point_noise))
+    whole, noise = (np.einsum("pii->pi", one) for one in (covariance.points, covariance.own_noise))
     cofactors = whole + (wider.clip(min=1.0) - 1)[:, None] * (whole - noise).clip(min=0.0)
     return np.sqrt(np.maximum(adjusted.variance * cofactors, 0.0)) * fit.solution.factor
 

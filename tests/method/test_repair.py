@@ -112,9 +112,9 @@ def test_a_split_that_is_not_credible_is_not_made_by_itself() -> None:
     def split(times: float = 1.0, shift_mm: float = 0.0, turn_rad: float = 0.0) -> bool:
         turn = exp_rotation(np.array([0.0, 0.0, turn_rad]))
 
-        def solved(some: Session, *rest: Any) -> Calibration:
+        def solved(some: Session, *rest: Any) -> method._Judged:
             key = tuple(c.id for c in some.cameras), len(observed(some))
-            done = made.setdefault(key, made.get(key) or solve(some, *rest))
+            done = made.setdefault(key, made.get(key) or solve(some, *rest).done)
             fit = times * np.median([c.rms_px or 0.0 for c in done.rig.cameras])
             at = [0.0, 0.0, shift_mm]
             cameras = tuple(
@@ -123,7 +123,7 @@ def test_a_split_that_is_not_credible_is_not_made_by_itself() -> None:
                 else c
                 for c in done.rig.cameras
             )
-            return replace(done, rig=replace(done.rig, cameras=cameras))
+            return method._Judged(replace(done, rig=replace(done.rig, cameras=cameras)))
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(method, "_solve", solved)

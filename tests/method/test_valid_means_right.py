@@ -72,9 +72,10 @@ def as_recorded_and_repaired(session: Session) -> tuple[Calibration, Calibration
     runs: list[Calibration] = []
     solve = method._solve
 
-    def noted(*arguments: Any) -> Calibration:
-        runs.append(solve(*arguments))
-        return runs[-1]
+    def noted(*arguments: Any) -> method._Judged:
+        judged = solve(*arguments)
+        runs.append(judged.done)
+        return judged
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(method, "_solve", noted)

@@ -48,7 +48,8 @@ def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImag
 def _knocked(e: Evidence, known: set[int]) -> list[TwoPoseFit]:
     """Two poses of cameras that are far noisier than the others, and clearly less so with two."""
     noise = e.noise_px
-    median = float(np.median(noise[e.placed & np.isfinite(noise)]))
+    usual = noise[e.placed & np.isfinite(noise)]
+    median = float(np.median(usual)) if len(usual) else np.inf
     noisy = set(np.flatnonzero(e.placed & (noise > MANY_TIMES * median)).tolist()) - known
     found = (resect_two_poses(e, c) for c in sorted(noisy))
     return [fit for fit in found if fit is not None and fit.fit_px[0] > CLEARLY_BETTER * fit.fit_px[1]]

@@ -29,7 +29,6 @@ from spherecal_gentl.producer import build_producer as build
 from tests.gige_rig import SMALL, aravis_producer, wired
 from tests.producer_client import Client, end, gentl, new_client, noise, picture, shoot
 
-
 # Cameras answer within the driver's time, or the next time: at load 10 on two cores one or all were late.
 LOOKS = 5
 

@@ -467,7 +467,8 @@ def test_points_are_wider_by_what_their_own_cameras_are() -> None:
     solution = SimpleNamespace(covariance=cofactors, factor=2.0)
     fit: Any = SimpleNamespace(solved=SimpleNamespace(adjusted=adjusted), solution=solution)
     seen: Any = SimpleNamespace(camera=np.array([0, 1, 0, 2, 2]))
-    features = Features(*np.zeros((3, 2), dtype=int), point)
+    none = np.zeros(2, dtype=int)
+    features = Features(none, none, none, point)
     sigma = _points_sigma(fit, seen, features, np.array([True, True, True]), np.array([1.0, 1.0, 3.0]))
     assert sigma.ravel() == pytest.approx([np.sqrt(3)] * 3 + [np.sqrt(1 + 5 * 2)] * 3)
 

@@ -42,17 +42,26 @@ class Field:
 class Bending:
     """Smooth changes of the ball's shape at each of its placements, by polynomials (p,s) of its points' places.
 
-    `size`: of the ball, the rms distance of its points from their middle.
+    `size`: of the ball, the rms distance of its points from their middle; `unit`: of each polynomial, (s,): times it,
+    values are products of coordinates over the size.
     """
 
     values: FloatArray
     size: float
+    unit: FloatArray
     n_placements: int
 
     @property
     def count(self) -> int:
         """Columns of one placement: each polynomial along x, then along y and z."""
         return 3 * self.values.shape[1]
+
+    @property
+    def linear(self) -> tuple[IntArray, FloatArray]:
+        """The polynomials (3,) of degree 1, along x, y and z, and what each is multiplied by to be that coordinate."""
+        index = _POWERS.T[:, _POWERS.sum(axis=1) == 1].argmax(axis=1)
+        own = np.flatnonzero(_POWERS.sum(axis=1) == 1)[index]
+        return own, self.size * self.unit[own]
 
 
 def bending_of(problem: Problem, points: FloatArray) -> Bending | None:
@@ -68,7 +77,8 @@ def bending_of(problem: Problem, points: FloatArray) -> Bending | None:
     size = float(np.sqrt((off[is_shared] ** 2).sum(axis=1).mean()))
     values = ((off / size)[:, None] ** _POWERS).prod(axis=2)
     rms = np.sqrt((values[is_shared] ** 2).mean(axis=0)).clip(min=1e-9)
-    return Bending(values / rms / _POWERS.sum(axis=1), size, problem.n_placements)
+    unit = rms * _POWERS.sum(axis=1)
+    return Bending(values / unit, size, unit, problem.n_placements)
 
 
 @dataclass(frozen=True)

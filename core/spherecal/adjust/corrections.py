@@ -28,6 +28,7 @@ from spherecal.adjust.datum import Places
 from spherecal.adjust.effect_elimination import effects_of
 from spherecal.adjust.lens_field import beyond_lens, field_basis
 from spherecal.adjust.network import Network
+from spherecal.adjust.space_strain import strain_columns, strain_variance
 from spherecal.adjust.variance_components import (
     Effects,
     Estimate,
@@ -230,9 +231,16 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         if found is not None:
             taken[: len(found.variances)] = found.variances
         considered = _considered(design, system.quadratic, taken, adjusted)
-        used = np.flatnonzero((taken + considered)[design.part] > 0)
+        own = _with_considered(system.quadratic, taken, considered)
+        if design.bending is not None:
+            columns = strain_columns(design, adjusted.state.placement_rotation)
+            variance = max(adjusted.variance, LEAST_VARIANCE)
+            strain = strain_variance(system.quadratic, taken + considered, columns, variance)
+            by = own @ (system.quadratic.matrix @ columns) - columns
+            own += by @ strain @ by.T
+        used = np.flatnonzero(own.any(axis=0))
         if len(used):
-            own = _with_considered(system.quadratic.of_columns(used), taken, considered)
+            own = own[np.ix_(used, used)]
             return with_effects(given, system.by_columns[:, used], system.shifts[:, used], own)
     return given
 

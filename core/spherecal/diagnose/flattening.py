@@ -9,6 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.special import chdtri
 
+from spherecal.adjust.space_strain import STRAINS
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray, blocks
 from spherecal.data.findings import Finding
@@ -27,11 +28,6 @@ EXPLAINS, GROW_LENGTHS, GROW_POSES = 2e-4, 5.0, 15.0
 # deviations of 0.03 to 10 %, in 3 of 60 realistic recordings; 0.3 mm on 500 mm has 0.005 to 0.013 %.
 MOST_SD = 2e-4
 _STEP = 1e-5
-# Strains that keep the volume, (5,3,3).
-_STRAINS = np.zeros((5, 3, 3))
-_STRAINS[0], _STRAINS[1] = np.diag([1.0, -1.0, 0.0]), np.diag([-0.5, -0.5, 1.0])
-for _k, (_i, _j) in enumerate(((0, 1), (0, 2), (1, 2)), start=2):
-    _STRAINS[_k, _i, _j] = _STRAINS[_k, _j, _i] = 1.0
 
 
 def flattened_ball(e: Evidence, growth: float) -> list[Finding]:
@@ -50,7 +46,7 @@ def flattened_ball(e: Evidence, growth: float) -> list[Finding]:
     # found to 40 to 130 ppm by that
     value = -np.linalg.pinv(a, rcond=1e-9, hermitian=True) @ g
     statistic = float(-g @ value) / (probe.variance * growth**2)
-    strain = float(np.abs(np.linalg.eigvalsh(np.einsum("k,kij->ij", value, _STRAINS))).max())
+    strain = float(np.abs(np.linalg.eigvalsh(np.einsum("k,kij->ij", value, STRAINS))).max())
     if statistic < chdtri(len(value), FALSE_ALARM) or strain < LEAST or strain > MOST_SD * np.sqrt(statistic):
         return []
     diameter = 2 * float(np.median([s.radius for s in e.solution.spheres.values()] or [0.0]))
@@ -74,7 +70,7 @@ def _derivatives(e: Evidence, count: int) -> tuple[np.ndarray, FloatArray]:
     number = np.maximum(np.bincount(placement[rows], minlength=count), 1)
     middle = np.stack([np.bincount(placement[rows], x[:, i], count) / number for i in range(3)], axis=1)
     out = x - middle[placement[rows]]
-    moved = np.empty((len(rows), 2, len(_STRAINS)))
+    moved = np.empty((len(rows), 2, len(STRAINS)))
     for some in blocks(len(rows)):
         moved[some] = _by_strains(state, c[some], x[some], out[some]) * a.problem.weight[rows[some], :, None]
     return rows, moved
@@ -85,6 +81,6 @@ def _by_strains(state: State, camera: IntArray, x: FloatArray, out: FloatArray) 
     rotation, translation, lens = state.rotation[camera], state.translation[camera], state.intrinsics[camera]
     plain, *strained = (
         project(np.einsum("nij,nj->ni", rotation, x + _STEP * out @ strain) + translation, lens)
-        for strain in (np.zeros((3, 3)), *_STRAINS)
+        for strain in (np.zeros((3, 3)), *STRAINS)
     )
     return np.stack([there - plain for there in strained], axis=2) / _STEP

@@ -7,6 +7,7 @@ import pytest
 
 from spherecal.adjust import corrections
 from spherecal.adjust.effect_elimination import EffectSystem, effects_of
+from spherecal.adjust.space_strain import STRAINS, strain_columns
 from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
 from spherecal_sim.simulate_session import simulate_session
@@ -72,3 +73,14 @@ def test_effects_are_eliminated_as_by_dense_equations(calls, form: str, bent: bo
     assert np.abs((found.matrix - expected) / root[:, None] / root).max() < 1e-6
     start = np.zeros(given[2].count) if given[4] is None else given[4]
     assert (found.gradient + found.matrix @ start - left.T @ residual) / root == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_strain_in_space_is_made_of_linear_changes_of_the_shape_at_every_placement(calls) -> None:
+    _, adjusted, design, *_ = next(a for a, _ in calls if a[2].bending is not None)
+    rotation, points = adjusted.state.placement_rotation, adjusted.state.points
+    columns = strain_columns(design, rotation)[design.n_of_cameras :].reshape(len(rotation), 3, -1, len(STRAINS))
+    moved = np.einsum("ps,tisk->tpik", design.bending.values, columns)
+    in_space = np.einsum("tji,kjl,tlm,pm->tpik", rotation, STRAINS, rotation, points)
+    seen = np.flatnonzero(design.bending.values.any(axis=1))  # not the marks of a bar
+    difference = (moved - in_space)[:, seen]
+    assert np.abs(difference - difference.mean(axis=1, keepdims=True)).max() < 1e-9 * np.abs(in_space).max()

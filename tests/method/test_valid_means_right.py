@@ -648,6 +648,19 @@ def test_a_ball_that_its_weight_flattens_is_strained_in_space(rig: str, flattene
     assert not done.wrong and done.covered >= 0.95
 
 
+@pytest.mark.parametrize(("rig", "seed"), [("rigB", 2020), ("hall12", 2027)])
+def test_a_strain_that_the_data_hardly_tell_is_in_the_uncertainty(rig: str, seed: int) -> None:
+    """Flattened by 0.1 mm: VALID with cameras 14 and 4 times U off, before."""
+    from benchmarks.studies.judged import calibrated_and_judged
+    from benchmarks.studies.mischief_optics import flattened
+    from benchmarks.studies.mischief_world import make_world
+
+    case = flattened(make_world(rig, seed), 0.1, np.random.default_rng(5))
+    done = calibrated_and_judged(case.session, case.reference)
+    assert done.verdict == "valid" and not done.wrong
+    assert max(camera.over_u for camera in done.cameras) < 2.5
+
+
 # --- verification and check ------------------------------------------------------------------------------------
 
 

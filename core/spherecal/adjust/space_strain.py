@@ -11,8 +11,8 @@ from spherecal.adjust.camera_effects import Design
 from spherecal.adjust.variance_components import Effects, others_eliminated
 from spherecal.base.arrays import FloatArray
 
-# A ball that is flattened by 0.05 mm. Of 96 flattened by 0.1 and 0.3 mm (rig B, hall12, random) cameras of two were off
-# by more than 3 U, of 28 without this; with 2e-4 or 4e-4 of one and five, as a strain known to 6e-5 then counts less.
+# A ball that is flattened by 0.05 mm. Of 96 flattened by 0.1 and 0.3 mm (rig B, hall12, random) 2 had cameras that were
+# off by more than 3 U; 67 had, by up to 38 U, without this.
 PRIOR = 1e-4
 # A strain known less well than this is not believed: lenses beyond their model show 0.2 to 50 %.
 MOST_SD = 1e-3

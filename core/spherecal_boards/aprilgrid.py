@@ -118,7 +118,13 @@ def _refined(
     assert pattern.marker_mm is not None
     bits = marker_dictionary(pattern.dictionary).markerSize + 2 * border
     clear = min(border / bits, pattern.pitch_mm / pattern.marker_mm - 1)  # of a tag's side: black, and white beside it
-    side = _sides(index, uv, pattern)
+    # the shortest side of the tag of each corner
+    row, column = np.divmod(index, 2 * pattern.columns)
+    tag = (row // 2) * pattern.columns + column // 2
+    side = np.empty(len(uv))
+    for one in np.unique(tag):
+        corners = uv[tag == one]  # sorted by index: two of one row, two of the next
+        side[tag == one] = min(np.linalg.norm(corners[1] - corners[0]), np.linalg.norm(corners[2] - corners[0]))
     out = np.full(uv.shape, np.nan)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
     halves = np.clip(np.floor(0.6 * clear * side), 2, 12).astype(int)
@@ -154,14 +160,3 @@ def _smooth(points: FloatArray, uv: FloatArray) -> BoolArray:
         off = np.linalg.norm(bent - terms @ fitted, axis=1)
         keep = off <= _STRAY_SD * np.median(off[keep]) + _STRAY_PX
     return keep
-
-
-def _sides(index: IntArray, uv: FloatArray, pattern: BoardPattern) -> FloatArray:
-    """The shortest side in px of the tag of each corner, (n,)."""
-    row, column = np.divmod(index, 2 * pattern.columns)
-    tag = (row // 2) * pattern.columns + column // 2
-    out = np.empty(len(uv))
-    for one in np.unique(tag):
-        own = uv[tag == one]  # sorted by index: two of one row, two of the next
-        out[tag == one] = min(np.linalg.norm(own[1] - own[0]), np.linalg.norm(own[2] - own[0]))
-    return out

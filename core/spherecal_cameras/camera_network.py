@@ -426,7 +426,11 @@ def can_apply(cure: str) -> bool:
 def apply_cure(cure: str) -> None:
     """Run a cure's command line with an administrator's rights, for which the system asks; blocking."""
     if sys.platform == "win32":
-        said = _elevated(cure)
+        # Windows: run it as its user account control allows. Never run by us.
+        program, _, arguments = cure.partition(" ")
+        shell = ctypes.windll.shell32  # type: ignore[attr-defined]
+        result = shell.ShellExecuteW(None, "runas", program, arguments, None, 0)
+        said = "" if result > 32 else f"Windows: {result}"
     else:
         words = shlex.split(cure.removeprefix("sudo "))
         path = find_program(words[0], path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin") or words[0]
@@ -438,11 +442,3 @@ def apply_cure(cure: str) -> None:
             said = str(error)
     if said:
         raise CameraError(Phrase("error-cure-failed", {"command": cure, "said": said.splitlines()[-1]}))
-
-
-def _elevated(cure: str) -> str:
-    """Windows: run it as its user account control allows. Never run by us."""
-    program, _, arguments = cure.partition(" ")
-    shell = ctypes.windll.shell32  # type: ignore[attr-defined]
-    result = shell.ShellExecuteW(None, "runas", program, arguments, None, 0)
-    return "" if result > 32 else f"Windows: {result}"

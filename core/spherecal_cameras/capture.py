@@ -44,7 +44,14 @@ class SessionFolder:
     def __init__(
         self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource
     ) -> None:
-        _check_ids(folder, plan, cameras)
+        ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
+        for one in ids:
+            if problem := filesystem.id_problem(one):
+                raise InputError(
+                    Phrase("error-bad-id", {"folder": folder, "id": filesystem.shown_name(one), "problem": problem})
+                )
+        if len(set(ids[: len(cameras)])) < len(cameras):
+            raise InputError(Phrase("error-cameras-one-name", {"folder": folder}))
         self.folder, self.plan, self.cameras = folder, plan, cameras
         self._by_serial = {camera.serial: camera for camera in cameras}
         self._source = {"kind": source.kind, "label": source.label, "simulated": source.label.startswith("SIMULATED")}
@@ -56,7 +63,19 @@ class SessionFolder:
         try:
             held = sorted(entry.name for entry in self.folder.iterdir()) if self.folder.is_dir() else []
             if held and take_up and CAPTURE_FILE in held:
-                self._take_up()
+                f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(
+                    ("sets", "cameras")
+                )
+                before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
+                if before != set(self._by_serial):
+                    values = {"folder": str(self.folder), "names": sorted(before)}
+                    raise InputError(Phrase("error-other-cameras", values), Phrase("error-same-cameras"))
+                for value in f["sets"].items():
+                    known = value.fields(("id", "images"))
+                    name = known["id"].id()
+                    self._images[name] = {camera: _image(image) for camera, image in known["images"].entries().items()}
+                    if isinstance(value.value, dict):
+                        self._sets.append(value.value)
             elif held:
                 raise OutputError(Phrase("error-not-empty", {"folder": self.folder}))
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -66,19 +85,6 @@ class SessionFolder:
         if self.plan.target_set is not None:
             filesystem.write_below(self.folder, "targets.json", TARGETS.bytes(self.plan.target_set))
         self._write_metadata()
-
-    def _take_up(self) -> None:
-        f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
-        before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
-        if before != set(self._by_serial):
-            values = {"folder": str(self.folder), "names": sorted(before)}
-            raise InputError(Phrase("error-other-cameras", values), Phrase("error-same-cameras"))
-        for value in f["sets"].items():
-            known = value.fields(("id", "images"))
-            name = known["id"].id()
-            self._images[name] = {camera: _image(image) for camera, image in known["images"].entries().items()}
-            if isinstance(value.value, dict):
-                self._sets.append(value.value)
 
     @property
     def to_take(self) -> tuple[PlannedSet, ...]:
@@ -182,17 +188,6 @@ def session_ids(names: Mapping[str, str]) -> dict[str, str]:
     """The ids of cameras by serial: their names with other characters replaced, serial numbers where they are alike."""
     ids = {serial: filesystem.as_id(name, filesystem.as_id(serial, "camera")) for serial, name in names.items()}
     return {s: one if list(ids.values()).count(one) == 1 else filesystem.as_id(s, one) for s, one in ids.items()}
-
-
-def _check_ids(folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...]) -> None:
-    ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
-    for one in ids:
-        if problem := filesystem.id_problem(one):
-            raise InputError(
-                Phrase("error-bad-id", {"folder": folder, "id": filesystem.shown_name(one), "problem": problem})
-            )
-    if len(set(ids[: len(cameras)])) < len(cameras):
-        raise InputError(Phrase("error-cameras-one-name", {"folder": folder}))
 
 
 def _image(image: JsonValue) -> str:

@@ -32,16 +32,13 @@ def _read_bar(bar: JsonValue, registered: dict[str, bytes]) -> Bar:
     if isinstance(bar.value, dict) and bar.value.get("serial") is not None:
         f = bar.fields(("id", "role"), ("serial", *_FIGURES))
         if not all(key in f for key in _OWN):
-            return _from_registry(f, SERIAL.read(f["serial"]), registered)
+            # a bar gives all of its figures itself or none, so that none can contradict another
+            serial = SERIAL.read(f["serial"])
+            for key in _FIGURES:
+                if key in f:
+                    raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": _FIGURES[:-1]}))
+            own = find_bar(serial)
+            registered[serial] = json_bytes(REGISTERED_BAR.entry(own))
+            figures = {key: getattr(own, key) for key in (*_FIGURES, "assumed")}
+            return Bar(f["id"].id(), f["role"].choice("scale", "check"), serial=serial, **figures)
     return _WHOLE.read(bar)
-
-
-def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, bytes]) -> Bar:
-    """The registry's bar; a bar gives all of its figures itself or none, so that none can contradict another."""
-    for key in _FIGURES:
-        if key in f:
-            raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": _FIGURES[:-1]}))
-    own = find_bar(serial)
-    registered[serial] = json_bytes(REGISTERED_BAR.entry(own))
-    figures = {key: getattr(own, key) for key in (*_FIGURES, "assumed")}
-    return Bar(f["id"].id(), f["role"].choice("scale", "check"), serial=serial, **figures)

@@ -122,7 +122,9 @@ def read_rig(path: Path) -> Rig:
     covariance = None if kept is None else _read_covariance(path.parent, **kept, n_cameras=len(cameras))
     quality = stated.get("quality") or unknown_quality(cameras)
     quality = replace(quality, findings=with_values(quality.findings, path.parent))
-    without_sigma = _without_sigma(document.fields(["cameras"])["cameras"].items())
+    # files of other programs have no `sigma`; ours write null where it is unknown
+    values = [camera.value for camera in document.fields(["cameras"])["cameras"].items()]
+    without_sigma = [str(value["id"]) for value in values if isinstance(value, dict) and "sigma" not in value]
     quality = _with_missing(quality, [key for key in _EXPECTED if key not in stated], without_sigma)
     return Rig(
         stated.get("reference_camera"),
@@ -136,12 +138,6 @@ def read_rig(path: Path) -> Rig:
         form=stated.get("form"),
         recorded_at=stated.get("recorded_at"),
     )
-
-
-def _without_sigma(cameras: Sequence[JsonValue]) -> list[str]:
-    """The cameras without a field `sigma`, as files of other programs have them; ours write null where unknown."""
-    values = [camera.value for camera in cameras]
-    return [str(value["id"]) for value in values if isinstance(value, dict) and "sigma" not in value]
 
 
 def _with_missing(quality: Quality, missing: Sequence[str], without_sigma: Sequence[str]) -> Quality:

@@ -99,10 +99,6 @@ class RigHealth:
         found = examine_cameras(joined, self._rig, expected_noise, _FALSE_ALARM)
         self._learn(number, kind, found)
 
-    def _moved_now(self, camera: str) -> CameraTest | None:
-        """The last test that named a camera, where that kind of test has not cleared it since."""
-        return self._moved["fast"].get(camera) or self._moved["slow"].get(camera)
-
     def _learn(self, number: int, kind: str, found: Consistency) -> None:
         for test in found.cameras:
             self._tests[kind][test.id] = test
@@ -130,7 +126,8 @@ class RigHealth:
                     rms,
                     camera.rms_px,
                     int(self._out[i]),
-                    self._moved_now(camera.id),
+                    # the last test that named it, where that kind of test has not cleared it since
+                    self._moved["fast"].get(camera.id) or self._moved["slow"].get(camera.id),
                     self._named_at.get(camera.id),
                 )
             )

@@ -193,7 +193,16 @@ def check(
     context = context or Context()
     session = observed(session, context)
     context.report("check", 0.0, Phrase("comparing"))
-    own, camera = _of_rig(session, rig)
+    o = session.observations
+    assert o is not None
+    in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
+    for spec in session.cameras:
+        placed = rig.camera(spec.id)
+        if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
+            values = {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial}
+            raise InputError(Phrase("error-other-serial", values))
+    own = o.select(in_rig[o.camera] >= 0)
+    camera = in_rig[own.camera]
     features = find_features(own)
     views, expected = views_of(own, features, camera, rig)
     consistency = examine_cameras(views, rig, expected)
@@ -223,20 +232,6 @@ def _check_balls(
     at = [own.placements.index(p.id) for p in session.placements]
     balls = [check_ball(known, p, own, features, errors) for p in at]
     return [ball for ball in balls if ball is not None]
-
-
-def _of_rig(session: Session, rig: Rig) -> tuple[Observations, IntArray]:
-    """The observations by the rig's cameras, and each one's camera in the rig."""
-    o = session.observations
-    assert o is not None
-    in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
-    for spec in session.cameras:
-        placed = rig.camera(spec.id)
-        if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
-            values = {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial}
-            raise InputError(Phrase("error-other-serial", values))
-    own = o.select(in_rig[o.camera] >= 0)
-    return own, in_rig[own.camera]
 
 
 def _measure_bars(

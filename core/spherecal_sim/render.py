@@ -38,7 +38,10 @@ def render_image(
 ) -> Rendered:
     """The image that a simulated camera takes of a scene, and the truth about the scene's dots."""
     context = context or Context()
-    scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))
+    # contiguous arrays: the kernels are compiled for one kind of scene only
+    arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
+    scene = scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
+    station = replace(station, rotation=np.ascontiguousarray(station.rotation))
     outlines = outline_dots(dots, station)
     truth = see_dots(dots, outlines, scene, station)
     kernel = pixel_kernel(settings.psf_at(station.id))
@@ -51,12 +54,6 @@ def render_image(
         bound = dot_bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
         truth = replace(truth, bound_px=bound)
     return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
-
-
-def _packed(scene: TracedScene) -> TracedScene:
-    """The scene with contiguous arrays: the kernels are compiled for one kind of scene only."""
-    arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
-    return scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
 
 
 def _expose_scene(

@@ -115,19 +115,14 @@ def find_sessions(folder: Path, output: Path) -> list[Path]:
     return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
 
 
-def _check_output(output: Path) -> None:
-    """Raise OutputError for a folder that has something else than an earlier batch in it."""
+def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
+    """Calibrate all sessions below a folder into `output/results`, but for those done and unchanged; page and CSV."""
+    sessions = find_sessions(folder, output)
     if output.is_dir() and (others := sorted(one.name for one in output.iterdir() if one.name not in _OURS)):
         raise OutputError(
             f"{output}: holds something else than an earlier batch ({shown_name(others[0])}) and is left as it is.",
             "Name a new or empty output folder.",
         )
-
-
-def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
-    """Calibrate all sessions below a folder into `output/results`, but for those done and unchanged; page and CSV."""
-    sessions = find_sessions(folder, output)
-    _check_output(output)
     names = [path.relative_to(folder).as_posix() for path in sessions]
     names = [folder.resolve().name if name == "." else name for name in names]
     listed = [

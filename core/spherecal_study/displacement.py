@@ -9,7 +9,6 @@ import numpy as np
 
 from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
@@ -98,7 +97,15 @@ def _displaced(
 
 def _optimum(start: StartValues, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
     """Where the adjustment of the same observations ends from the true cameras."""
-    state = _true_state(start.network, truth)
+    # the true cameras, with points triangulated from them: nothing can go wrong
+    state = State(
+        np.array([c.rotation for c in truth.cameras]),
+        np.array([c.translation_mm for c in truth.cameras]),
+        np.array([c.intrinsics for c in truth.cameras]),
+        np.zeros((start.network.n_features, 3)),
+    )
+    triangulated = start.network.triangulated(state, np.ones(len(start.network.uv), dtype=bool))
+    state = replace(state, points=np.nan_to_num(triangulated.points))
     points = np.where(np.isfinite(start.poses.state.points), state.points, np.nan)
     known = tao2021.with_points(replace(start, poses=replace(start.poses, state=state)), points)
     return _figures(tao2021.bundle_adjustment(known, replace(settings, damping="diagonal"), Context()))
@@ -153,15 +160,3 @@ def _within_one(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
     while (wide := np.abs(out) >= 1).any():
         out[wide] = rng.normal(size=int(wide.sum()))
     return out
-
-
-def _true_state(network: Network, truth: Truth) -> State:
-    """The true cameras, with points triangulated from them: a start from which nothing can go wrong."""
-    state = State(
-        np.array([c.rotation for c in truth.cameras]),
-        np.array([c.translation_mm for c in truth.cameras]),
-        np.array([c.intrinsics for c in truth.cameras]),
-        np.zeros((network.n_features, 3)),
-    )
-    triangulated = network.triangulated(state, np.ones(len(network.uv), dtype=bool))
-    return replace(state, points=np.nan_to_num(triangulated.points))

@@ -139,7 +139,13 @@ def run_study(
     name: str, options: Options, folder: Path, workers: Workers, context: Context, kept_only: bool = False
 ) -> Path:
     """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path."""
-    _check(name, options)
+    if name == "bar" and options.images:
+        raise InputError(
+            "The study of the waved bar needs thousands of frames, which are not rendered.",
+            "Leave out --images; `compare --images` has a rendered bar of forty frames.",
+        )
+    if name == "rigB" and options.preset:
+        raise InputError("The study rigB compares rigs A and B.", "Leave out --rig.")
     study = STUDIES[name]
     listed = study.trials(options)
     if kept_only:
@@ -159,16 +165,6 @@ def _kept(name: str, listed: list[Trial], folder: Path) -> tuple[list[Trial], Re
     if not both:
         raise InputError(f"{folder}: holds no results of the study {name}.", "Run it without --kept.")
     return [trial for trial, _ in both], [result for _, result in both]
-
-
-def _check(name: str, options: Options) -> None:
-    if name == "bar" and options.images:
-        raise InputError(
-            "The study of the waved bar needs thousands of frames, which are not rendered.",
-            "Leave out --images; `compare --images` has a rendered bar of forty frames.",
-        )
-    if name == "rigB" and options.preset:
-        raise InputError("The study rigB compares rigs A and B.", "Leave out --rig.")
 
 
 def write_page(

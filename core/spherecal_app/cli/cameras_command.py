@@ -14,7 +14,7 @@ from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import SETTINGS, CameraProfile, write_profile
 from spherecal_cameras.new_recording import camera_name
-from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, SetupReport, features_of
+from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, features_of
 from spherecal_files.json_file import plain_fields
 
 
@@ -147,7 +147,12 @@ def set_up(options: argparse.Namespace) -> int:
     record = {"profile": options.profile, "cameras": serials, "set_up": reports, "not_reached": unreachable}
     answer(options, record)
     for report in reports:
-        _show_setup(report, profile.entry(report.serial).name or report.serial)
+        size = f"{report.image_size[0]} x {report.image_size[1]} px" if report.image_size else "size unknown"
+        out.print(f"{escape(profile.entry(report.serial).name or report.serial)}: set up, {size}.")
+        for feature in report.problems:
+            say(f"  {feature.feature}: wanted {feature.wanted}, has {feature.got or '-'}: {feature.problem}")
+        if report.missing:
+            out.print(f"  not on this camera: {', '.join(report.missing)}")
     for serial, status in unreachable.items():
         out.print(f"{serial}: kept, but not applied. {status.cause} {status.remedy}", markup=False)
     return DONE if all(not report.problems for report in reports) and not unreachable else NOT_VALID
@@ -179,12 +184,3 @@ def _keep(
         profile = profile.with_entry(entry)
     write_profile(options.profile, profile)
     return profile
-
-
-def _show_setup(report: SetupReport, name: str) -> None:
-    size = f"{report.image_size[0]} x {report.image_size[1]} px" if report.image_size else "size unknown"
-    out.print(f"{escape(name)}: set up, {size}.")
-    for feature in report.problems:
-        say(f"  {feature.feature}: wanted {feature.wanted}, has {feature.got or '-'}: {feature.problem}")
-    if report.missing:
-        out.print(f"  not on this camera: {', '.join(report.missing)}")

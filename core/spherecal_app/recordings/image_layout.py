@@ -76,7 +76,10 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
         }  # fmt: skip
         raise InputError(Phrase("error-images-and-videos", values))
     words, chosen, rest = _known_program(found)
-    overlays = _overlays(chosen)
+    # files whose name is that of another one beside it and a word, such as 0001_annot.png beside 0001.png
+    stems = {path.rpartition(".")[0] for path in chosen}
+    made = {path: re.sub(r"[ _.-]+[^\W\d_]{2,}$", "", path.rpartition(".")[0]) for path in chosen}
+    overlays = {path for path, stem in made.items() if stem != path.rpartition(".")[0] and stem in stems}
     chosen, rest = [path for path in chosen if path not in overlays], [*rest, *sorted(overlays, key=natural)]
     regex = _anipose_regex(folder)
     if regex is not None:
@@ -111,13 +114,6 @@ def _listed(folder: Path) -> list[str]:
         if len(found) > _MOST_FILES:
             raise InputError(Phrase("error-many-images", {"folder": folder, "most": _MOST_FILES}))
     return sorted(found, key=natural)
-
-
-def _overlays(found: Sequence[str]) -> set[str]:
-    """Files whose name is that of another one beside it and a word, such as 0001_annot.png beside 0001.png."""
-    stems = {path.rpartition(".")[0] for path in found}
-    made = {path: re.sub(r"[ _.-]+[^\W\d_]{2,}$", "", path.rpartition(".")[0]) for path in found}
-    return {path for path, stem in made.items() if stem != path.rpartition(".")[0] and stem in stems}
 
 
 # --- what other programs write ---------------------------------------------------------------------------------------

@@ -197,7 +197,10 @@ class _Service:
     def _open(self, slot: Slot) -> list[SetupReport]:
         """Try to open a camera; says what came out, and the report if it worked."""
         self._send(messages.Working(f"opening camera {slot.serial}", _OPEN_S))
-        producer = self._producer(slot)
+        if slot.producer not in self._producers or self._producers[slot.producer].problem:
+            self._touch.set(slot.number, LOADING)
+            self._producers[slot.producer] = Producer(slot.producer, slot.load, slot.sha256)
+        producer = self._producers[slot.producer]
         if producer.problem:
             return self._cannot(slot, words.state_in_words("no producer", file=producer.file, why=producer.problem))
         self._touch.set(slot.number, OPENING)
@@ -250,12 +253,6 @@ class _Service:
         slot.wait_longer()
         self._say(slot, *state)
         return []
-
-    def _producer(self, slot: Slot) -> Producer:
-        if slot.producer not in self._producers or self._producers[slot.producer].problem:
-            self._touch.set(slot.number, LOADING)
-            self._producers[slot.producer] = Producer(slot.producer, slot.load, slot.sha256)
-        return self._producers[slot.producer]
 
     def _lost(self, slot: Slot, error: Exception) -> None:
         if slot.device is not None:
@@ -414,7 +411,16 @@ class _Service:
                 break
         if now >= self._next_heartbeat_s:
             self._next_heartbeat_s = now + _HEARTBEAT_S
-            self._heartbeat()
+            faulthandler.dump_traceback_later(_HUNG_S, exit=True)
+            open_slots = [slot for slot in self._slots.values() if slot.device is not None]
+            counters = {
+                s.serial: replace(s.device.counters(self._wanted_hz(s)), late=s.late)
+                for s in open_slots
+                if s.device is not None
+            }
+            self._send(
+                messages.Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None})
+            )
 
     def _check(self, slot: Slot, device: Device, now: float) -> None:
         self._touch.set(slot.number, CHECKING)
@@ -447,18 +453,6 @@ class _Service:
             slot.late += 1
             if (said := self._late.note(slot.serial, seconds, time.perf_counter())) is not None:
                 self._send(said)
-
-    def _heartbeat(self) -> None:
-        faulthandler.dump_traceback_later(_HUNG_S, exit=True)
-        open_slots = [slot for slot in self._slots.values() if slot.device is not None]
-        counters = {
-            s.serial: replace(s.device.counters(self._wanted_hz(s)), late=s.late)
-            for s in open_slots
-            if s.device is not None
-        }
-        self._send(
-            messages.Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None})
-        )
 
     def _wanted_hz(self, slot: Slot) -> float | None:
         if slot.settings.trigger == "free":

@@ -86,7 +86,17 @@ class CameraService:
             self._crashes.clear()
             self.status_log.keep_only(self._wanted)
             self.frames.keep_only(self._wanted)
-            self._start()
+            if self._closing:
+                raise protocol.CameraError(Phrase("error-cameras-closed"))
+            if self._thread is None:
+                remove_orphans()
+                self._touch = TouchMark(shared_memory_name(), create=True)
+                # this thread starts every process: Linux ends a child with the thread that made it (PR_SET_PDEATHSIG)
+                self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
+                self._thread.start()
+                atexit.register(self.close)  # runs before multiprocessing's own, which would end the process under us
+                while self._connection is None and not self._closing:
+                    self._changed.wait(0.1)
         return self._ask(lambda request: messages.Open(request, self._admitted())).reports
 
     def apply(self, settings: Mapping[str, protocol.CameraSettings]) -> tuple[protocol.SetupReport, ...]:
@@ -191,19 +201,6 @@ class CameraService:
             raise protocol.CameraError(Phrase("error-camera-process-version"))
         raise protocol.CameraError(Phrase("error-camera-process"))
 
-    def _start(self) -> None:
-        if self._closing:
-            raise protocol.CameraError(Phrase("error-cameras-closed"))
-        if self._thread is None:
-            remove_orphans()
-            self._touch = TouchMark(shared_memory_name(), create=True)
-            # this thread starts every process: Linux ends a child with the thread that made it (PR_SET_PDEATHSIG)
-            self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
-            self._thread.start()
-            atexit.register(self.close)  # runs before multiprocessing's own, which would end the process under us
-            while self._connection is None and not self._closing:
-                self._changed.wait(0.1)
-
     # --- the service's thread ----------------------------------------------------------------------------------------
 
     def _run(self) -> None:
@@ -230,16 +227,13 @@ class CameraService:
             again = self._generation > 0
             self._generation += 1
             if again:
-                self._restore()
+                # bring the new process to where the old one was
+                self._tell(messages.Open(0, self._admitted()))
+                for ring in self.frames.in_use():
+                    self._tell(ring)
+                self._tell(messages.Acquire(self._acquiring))
+                self._tell(messages.Live(self._live_hz))
             self._changed.notify_all()
-
-    def _restore(self) -> None:
-        """Bring a new process to where the old one was."""
-        self._tell(messages.Open(0, self._admitted()))
-        for ring in self.frames.in_use():
-            self._tell(ring)
-        self._tell(messages.Acquire(self._acquiring))
-        self._tell(messages.Live(self._live_hz))
 
     def _follow(self) -> str:
         """Obey the process's reports until it ends; how it ended."""

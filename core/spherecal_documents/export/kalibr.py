@@ -145,7 +145,12 @@ def _write_ros(rig: FileRig) -> Mapping[str, str]:
         f"# {rig.source}\n# The pose of each optical frame in the rig's frame (camera to world), metres.\ntransforms:\n"
         + "".join(_transform(name, pose) for name, pose in placed)
     )
-    files[_LAUNCH] = _launch(rig, placed)
+    lines = "".join(
+        f'    ("{name}_optical_frame", [{numbers(pose.translation)}], [{numbers(_quaternion(pose.rotation))}]),\n'
+        for name, pose in placed
+    )
+    text = Template(resource_path("ros_launch.txt").read_text(encoding="utf-8"))
+    files[_LAUNCH] = text.substitute(source=rig.source, name=_LAUNCH, world=_WORLD, frames=lines)
     return files
 
 
@@ -180,15 +185,6 @@ def _transform(name: str, pose: Pose) -> str:
         f"  - header: {{frame_id: {_WORLD}}}\n    child_frame_id: {name}_optical_frame\n"
         f"    transform:\n      translation: {{{translation}}}\n      rotation: {{{rotation}}}\n"
     )
-
-
-def _launch(rig: FileRig, placed: list[tuple[str, Pose]]) -> str:
-    lines = "".join(
-        f'    ("{name}_optical_frame", [{numbers(pose.translation)}], [{numbers(_quaternion(pose.rotation))}]),\n'
-        for name, pose in placed
-    )
-    text = Template(resource_path("ros_launch.txt").read_text(encoding="utf-8"))
-    return text.substitute(source=rig.source, name=_LAUNCH, world=_WORLD, frames=lines)
 
 
 def _read(folder: Path) -> list[FileCamera]:

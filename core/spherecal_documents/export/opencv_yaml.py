@@ -44,7 +44,18 @@ def read_yaml(path: Path) -> JsonValue:
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
     try:
-        _look_through(text)
+        # not what cameras need: anchors (a small file can expand to a huge one), size, depth
+        depth = 0
+        for number, event in enumerate(yaml.parse(text, _QUICK)):
+            if isinstance(event, yaml.AliasEvent):
+                raise yaml.YAMLError("it uses anchors and aliases, which camera files do not need")
+            if isinstance(event, yaml.ScalarEvent) and len(event.value) > _LONGEST:
+                raise yaml.YAMLError(f"it has a value of {len(event.value)} characters")
+            if number > _MOST_EVENTS:
+                raise yaml.YAMLError(f"it has more than {_MOST_EVENTS} values")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > _DEEPEST:
+                raise yaml.YAMLError("its lists and objects are nested too deeply")
         value = _named(yaml.load(text, _Loader))
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
@@ -60,21 +71,6 @@ def read_other_json(path: Path) -> JsonValue:
         return JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}).") from None
-
-
-def _look_through(text: str) -> None:
-    """YAMLError where a file is not what cameras need: anchors (a small file can expand to a huge one), size, depth."""
-    depth = 0
-    for number, event in enumerate(yaml.parse(text, _QUICK)):
-        if isinstance(event, yaml.AliasEvent):
-            raise yaml.YAMLError("it uses anchors and aliases, which camera files do not need")
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _LONGEST:
-            raise yaml.YAMLError(f"it has a value of {len(event.value)} characters")
-        if number > _MOST_EVENTS:
-            raise yaml.YAMLError(f"it has more than {_MOST_EVENTS} values")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise yaml.YAMLError("its lists and objects are nested too deeply")
 
 
 def _named(value: object) -> object:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,12 +65,9 @@ def last_images(session: Session) -> Mapping[str, NDArray[np.uint8]]:
     found = {}
     for camera, path in last.items():
         with suppress(SpherecalError):
-            found[camera] = _small(read_image(path))
+            # every k-th pixel, as bytes
+            image = read_image(path)
+            step = max(1, -(-max(image.shape) // _IMAGE_PX))
+            picked = np.asarray(image)[::step, ::step].astype(float)
+            found[camera] = np.ascontiguousarray((picked * (255.0 / max(float(picked.max()), 1.0))).astype(np.uint8))
     return found
-
-
-def _small(image: Any) -> NDArray[np.uint8]:
-    """Every k-th pixel, as bytes."""
-    step = max(1, -(-max(image.shape) // _IMAGE_PX))
-    picked = np.asarray(image)[::step, ::step].astype(float)
-    return np.ascontiguousarray((picked * (255.0 / max(float(picked.max()), 1.0))).astype(np.uint8))

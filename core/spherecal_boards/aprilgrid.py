@@ -28,18 +28,6 @@ _RIGHT = 2.0  # a wrong turn fits this many times worse at least; it is off by w
 
 def find_aprilgrid(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray] | None:
     """Indices (k,) and places (k, 2) px of the corners in a grey image of 8 bits; None where two tags are not found."""
-    ids, corners, border = _tags(image, pattern)
-    if len(ids) < _LEAST_TAGS:
-        return None
-    labelled = _labelled(ids, corners, pattern)
-    if labelled is None:
-        return None
-    index, uv = labelled
-    return _refined(image, index, uv, pattern, border)
-
-
-def _tags(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray, int]:
-    """Ids (n,) and corners (n,4,2) px of the board's tags, each once, and the width of their border in bits."""
     count = pattern.rows * pattern.columns
     best: tuple[dict[int, FloatArray], int] = {}, KALIBR_BORDER_BITS
     for border in (2, 1) if pattern.border_bits is None else (pattern.border_bits,):
@@ -52,8 +40,15 @@ def _tags(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, Fl
             best = found, border
         if len(best[0]) == count:
             break
-    ids = sorted(best[0])
-    return np.array(ids, dtype=np.int64), np.array([best[0][i] for i in ids]).reshape(-1, 4, 2), best[1]
+    ids = np.array(sorted(best[0]), dtype=np.int64)
+    corners = np.array([best[0][i] for i in ids]).reshape(-1, 4, 2)
+    if len(ids) < _LEAST_TAGS:
+        return None
+    labelled = _labelled(ids, corners, pattern)
+    if labelled is None:
+        return None
+    index, uv = labelled
+    return _refined(image, index, uv, pattern, best[1])
 
 
 def _seen(image: NDArray[np.uint8], pattern: BoardPattern, border: int, thinned: int) -> dict[int, FloatArray]:

@@ -205,35 +205,32 @@ class CameraService:
 
     def _run(self) -> None:
         while True:
-            self._spawn()
+            context = multiprocessing.get_context("spawn")
+            ours, theirs = context.Pipe()
+            assert self._touch is not None
+            self._touch.set(-1, 0)
+            process = context.Process(
+                target=child.run, args=(theirs, self._touch.name, self._log_file), name="spherecal-cameras", daemon=True
+            )
+            process.start()
+            theirs.close()
+            with self._lock:
+                self._process, self._connection = process, ours
+                again = self._generation > 0
+                self._generation += 1
+                if again:
+                    # bring the new process to where the old one was
+                    self._tell(messages.Open(0, self._admitted()))
+                    for ring in self.frames.in_use():
+                        self._tell(ring)
+                    self._tell(messages.Acquire(self._acquiring))
+                    self._tell(messages.Live(self._live_hz))
+                self._changed.notify_all()
             reason = self._follow()
             with self._lock:
                 if self._closing:
                     return
                 self._note_loss(reason)
-
-    def _spawn(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        assert self._touch is not None
-        self._touch.set(-1, 0)
-        process = context.Process(
-            target=child.run, args=(theirs, self._touch.name, self._log_file), name="spherecal-cameras", daemon=True
-        )
-        process.start()
-        theirs.close()
-        with self._lock:
-            self._process, self._connection = process, ours
-            again = self._generation > 0
-            self._generation += 1
-            if again:
-                # bring the new process to where the old one was
-                self._tell(messages.Open(0, self._admitted()))
-                for ring in self.frames.in_use():
-                    self._tell(ring)
-                self._tell(messages.Acquire(self._acquiring))
-                self._tell(messages.Live(self._live_hz))
-            self._changed.notify_all()
 
     def _follow(self) -> str:
         """Obey the process's reports until it ends; how it ended."""

@@ -241,35 +241,30 @@ def read_opencv(path: Path) -> list[file_cameras.FileCamera]:
     documents = [_document(file) for file in files]
     if any(_of_pair(document, 2) for document in documents):
         beside = [file for file in path.parent.glob("extrinsics.*") if file != path] if path.is_file() else []
-        return _pair(path, [*documents, *map(_document, sorted(beside))])
+        joined: dict[str, object] = {}
+        for document in [*documents, *map(_document, sorted(beside))]:
+            joined |= document.as_object()
+        value = JsonValue(joined, path)
+        cameras = []
+        for side in (1, 2):
+            matrix = _of_pair(value, side)
+            if matrix is None:
+                raise InputError(f"{path}: has the second camera of a pair but not the first.")
+            distortion_key = _first_key(value, tuple(key.format(side) for key in _PAIR_DISTORTION))
+            own = {key: joined[key] for key in (*_SIZE_KEYS, _FISHEYE) if key in joined} | {"K": joined[matrix]}
+            own |= {"D": joined[distortion_key]} if distortion_key else {}
+            if side == 2:
+                own |= {key: joined[key] for key in ("R", "T") if key in joined}
+            else:
+                own |= {"R": [0.0, 0.0, 0.0], "T": [0.0, 0.0, 0.0]}
+            cameras.append(_one_camera(JsonValue(own, path), f"cam{side}"))
+        return cameras
     return [_one_camera(document, document.file.stem) for document in documents]
 
 
 def _of_pair(value: JsonValue, side: int) -> str | None:
     """The key of the matrix of one camera of a pair."""
     return _first_key(value, tuple(key.format(side) for key in _PAIR_MATRIX))
-
-
-def _pair(path: Path, documents: list[JsonValue]) -> list[file_cameras.FileCamera]:
-    """The two cameras of OpenCV's sample stereo_calib: M1 D1 M2 D2, and x2 = R x1 + T, in one file or two."""
-    joined: dict[str, object] = {}
-    for document in documents:
-        joined |= document.as_object()
-    value = JsonValue(joined, path)
-    cameras = []
-    for side in (1, 2):
-        matrix = _of_pair(value, side)
-        if matrix is None:
-            raise InputError(f"{path}: has the second camera of a pair but not the first.")
-        distortion_key = _first_key(value, tuple(key.format(side) for key in _PAIR_DISTORTION))
-        own = {key: joined[key] for key in (*_SIZE_KEYS, _FISHEYE) if key in joined} | {"K": joined[matrix]}
-        own |= {"D": joined[distortion_key]} if distortion_key else {}
-        if side == 2:
-            own |= {key: joined[key] for key in ("R", "T") if key in joined}
-        else:
-            own |= {"R": [0.0, 0.0, 0.0], "T": [0.0, 0.0, 0.0]}
-        cameras.append(_one_camera(JsonValue(own, path), f"cam{side}"))
-    return cameras
 
 
 OPENCV = Format("opencv", "OpenCV YAML", 12, ("mm", "m"), _write, read_opencv, folder=True, fisheye=True)

@@ -88,7 +88,27 @@ def _figure(scene: DrawnRig, views: Sequence[Projection], result: Result) -> Fig
 
     def draw(sheet: style.Sheet, box: style.PageBox) -> None:
         for place, view in zip(box.grid(1, len(views), _GAP_MM), views, strict=True):
-            _draw_view(sheet, place, scene, view, result)
+            sheet.text(place.x, place.y + 3.0, phrase(view.name, language_now()), style.SMALL_PT, bold=True)
+            measured = bool(view.labels[0])
+            inner = place.inset(*_frame(view))
+            axes = sheet.axes(inner)
+            bounds, mm_per_unit = _fit(axes, inner, scene, view)
+            if measured:
+                _measured_axes(axes, inner, view, result.unit)
+            else:
+                axes.set_axis_off()
+                _floor(axes, scene, view)
+                note = label("report-grid", step=_step(scene), unit=result.unit)
+                sheet.text(place.x, place.y + place.height - 1.0, note, style.TINY_PT, colour=style.SOFT)
+            targets = _draw_placements(axes, scene, view)
+            _draw_cameras(axes, scene, view)
+            frusta = [
+                view.flat(part)
+                for c in scene.cameras
+                for part in (c.centre[None], c.corners, (c.corners + c.centre) / 2)
+            ]
+            obstacles = np.vstack([*targets, *frusta])
+            _name_all(style.Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
 
     name = ", ".join(phrase(view.name, language_now()) for view in views)
     return Figure(name, min(max(_height(width, scene, view) for view in views), _HIGHEST_MM), draw)
@@ -114,29 +134,6 @@ def _explanation(scene: DrawnRig, result: Result) -> str:
     a, b, h = map(axis, scene.axes)
     camera = result.rig.reference_camera or style.NONE
     return label("report-views-caption", h=h, camera=camera, height=scene.height_is, a=a, b=b)
-
-
-def _draw_view(sheet: style.Sheet, box: style.PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
-    """One view with its title, axes or a grid below the rig, names of cameras and placements."""
-    sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), style.SMALL_PT, bold=True)
-    measured = bool(view.labels[0])
-    inner = box.inset(*_frame(view))
-    axes = sheet.axes(inner)
-    bounds, mm_per_unit = _fit(axes, inner, scene, view)
-    if measured:
-        _measured_axes(axes, inner, view, result.unit)
-    else:
-        axes.set_axis_off()
-        _floor(axes, scene, view)
-        note = label("report-grid", step=_step(scene), unit=result.unit)
-        sheet.text(box.x, box.y + box.height - 1.0, note, style.TINY_PT, colour=style.SOFT)
-    targets = _draw_placements(axes, scene, view)
-    _draw_cameras(axes, scene, view)
-    frusta = [
-        view.flat(part) for c in scene.cameras for part in (c.centre[None], c.corners, (c.corners + c.centre) / 2)
-    ]
-    obstacles = np.vstack([*targets, *frusta])
-    _name_all(style.Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
 
 
 def _fit(axes: Axes, box: style.PageBox, scene: DrawnRig, view: Projection) -> tuple[FloatArray, float]:

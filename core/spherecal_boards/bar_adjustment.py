@@ -143,10 +143,7 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
-    """Cameras chained over pairs (parent, camera) in order, each adjusted alone; marks triangulated; no covariance.
-
-    A camera keeps the intrinsics of the pair that placed it.
-    """
+    """Cameras chained over pairs in order, each with the intrinsics of the pair that placed it; no covariance."""
     start, rotation, translation = state, state.rotation.copy(), state.translation.copy()
     intrinsics = state.intrinsics.copy()
     for parent, camera in parents:

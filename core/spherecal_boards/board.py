@@ -1,7 +1,4 @@
-"""The classical method: a plane board (or any rigid figure of known points) shown to the cameras in many placements.
-
-Each camera is calibrated alone and chained in overlapping groups of four; then everything is adjusted together.
-"""
+"""The classical method: a board (or rigid figure) in many placements; cameras alone, chained, adjusted together."""
 
 from dataclasses import replace
 from functools import cache

@@ -86,10 +86,7 @@ def view_error(
 
 
 def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> State:
-    """A state after robust adjustments: poses, then the main intrinsics, then all.
-
-    Cauchy's loss, every observation with the same weight (docs/formulation.md, section Adjustment).
-    """
+    """A state after robust adjustments (Cauchy's loss): poses, then the main intrinsics, then all."""
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         model, _ = _model(network, candidates, free, NO_PRIORS, False)

@@ -1,7 +1,4 @@
-"""Cameras chained over a board: pairs, overlapping groups of four adjusted alone, groups joined in common cameras.
-
-[Tao21] calibrates four neighbouring cameras at a time by the 2-D method and chains them over cameras in common.
-"""
+"""Cameras chained over a board, as in [Tao21]: groups of four adjusted alone, joined in common cameras."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -60,10 +57,7 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
 def compare_views(
     views: BoardViews, found: tuple[ViewPoses, ViewPoses], intrinsics: FloatArray, a: int, b: int, shifted: bool
 ) -> Compared:
-    """How well two cameras agree about where the board was, each with its own poses `found`, shifted or not.
-
-    By the corners of the board in the second camera's image, each camera alone having told where the board is.
-    """
+    """How well two cameras agree about where the board was, by its corners in the second camera's image."""
     count = views.n_placements
     poses = [_first_poses(own, camera, count) for own, camera in zip(found, (a, b), strict=True)]
     extent = views.points_mm[[*views.points_mm.argmin(axis=0), *views.points_mm.argmax(axis=0)]]

@@ -73,11 +73,7 @@ def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
 def start_intrinsics(
     views: BoardViews, usable: list[tuple[int, int]], cameras: Sequence[CameraSpec], free: BoolArray, context: Context
 ) -> FloatArray:
-    """Intrinsics (c,16) of each camera alone: estimated where views and `free` allow, else its prior.
-
-    OpenCV's calibration, from Zhang's start (Z. Zhang, A flexible new technique for camera calibration, 2000) and from
-    the prior; the better one is taken.
-    """
+    """Intrinsics (c,16) of each camera alone: OpenCV's (Zhang 2000) where views and `free` allow, else its prior."""
     out = np.array([camera.prior for camera in cameras])
     plane = _plane_frame(views.points_mm)
     for camera, spec in enumerate(cameras):

@@ -223,10 +223,7 @@ def _corners(
 
 
 def _upright(image: Grey, grid: FloatArray, pattern: BoardPattern) -> FloatArray:
-    """The corners in the board's order: first by orientation, then by the colour of the first square.
-
-    Where both ends look alike (rows + columns even) the columns run to the image's right.
-    """
+    """The corners in the board's order, by orientation and the first square's colour; else columns run rightwards."""
     across, along = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
     if (across[0] * along[1] - across[1] * along[0] < 0) != pattern.rows_upward:
         grid = grid[:, ::-1]

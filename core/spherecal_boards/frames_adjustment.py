@@ -54,10 +54,7 @@ A = TypeVar("A", bound=Adjusted)
 def with_priors(
     refine: Callable[[A | None, Priors], A], group: IntArray, known: FloatArray, free: BoolArray, has_prior: BoolArray
 ) -> A:
-    """The network refined from its start, and from its last result until intrinsics left open have a prior, `known`.
-
-    The priors are weighed with the noise that only an adjustment tells.
-    """
+    """The network refined until intrinsics left open have a prior, `known`, weighed with the noise found."""
     adjusted, noise_known = refine(None, priors_of(group, known, has_prior, 1.0)), False
     for _ in range(1 + len(group)):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)

@@ -89,10 +89,7 @@ def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
 
 
 def partial_board(given: Mapping[str, Any] | str | Path) -> dict[str, Any] | None:
-    """The fields of a board of squares whose rows and columns are to be found by looking; None of one described whole.
-
-    Needed are `kind` and `pitch_mm`, of an AprilGrid also `marker_mm`.
-    """
+    """The fields of a board whose rows and columns are to be found by looking; None of one described whole."""
     entry, where, place = _given(given)
     if not isinstance(entry, dict) or entry.get("kind") not in SQUARED or {"rows", "columns"} & set(entry):
         return None

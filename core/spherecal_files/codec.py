@@ -221,11 +221,7 @@ def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind
 
 
 def one_of(about: str, *kinds: Kind[Any]) -> Kind[Any]:
-    """What fits any of some kinds.
-
-    The first kind of the value's JSON type reads it, the last one where there is none. It is written as it is, or as
-    `mapped` says.
-    """
+    """What fits any of some kinds: the first one of the value's JSON type reads it, else the last."""
 
     def read(value: JsonValue) -> Any:
         fits = (kind for kind in kinds if isinstance(value.value, _TYPES.get(kind.schema.get("type", ""), ())))

@@ -131,10 +131,7 @@ class JsonValue:
         return self.value
 
     def fields(self, required: Collection[str] = (), optional: Collection[str] = ()) -> dict[str, "JsonValue"]:
-        """The fields of an object: all required ones and those optional ones that are there.
-
-        Other fields are ignored, unless one looks like a misspelling of an optional field that is not there.
-        """
+        """The required fields and those optional ones that are there; others are ignored unless they look misspelt."""
         given = {key: value for key, value in self.as_object().items() if value is not None}
         for key in required:
             if key not in given:

@@ -46,10 +46,7 @@ class BarMarks:
 
     @staticmethod
     def of(bar: str, lengths: Sequence[BarLength]) -> "BarMarks":
-        """The marks as the certified lengths place them, each length running towards its second mark.
-
-        Marks that no chain of lengths joins to the longest one are left out.
-        """
+        """The marks as the certified lengths that join them to the longest place them, running to their second mark."""
         longest = max(lengths, key=lambda x: x.length_mm)
         place = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
         for _ in lengths:

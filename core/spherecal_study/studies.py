@@ -33,10 +33,7 @@ _AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell",
 
 
 def write_paper(folder: Path) -> None:
-    """Write `paper.md`: every line of the tables paper / ours of the studies run so far, and which are missing.
-
-    Only studies on simulated observations of the paper's own rigs count; nothing is written where there is none.
-    """
+    """Write `paper.md`: the tables paper / ours of the studies run so far on the paper's own simulated rigs."""
     kept = {page.name: page for page in pages(folder) if _as_in_the_paper(page)}
     if kept:
         write_file_whole(folder / FILE, paper_table_text(kept).encode())

@@ -58,10 +58,7 @@ class Budget(OfLength):
     freedom: float = math.inf
 
     def guard_mm(self, n: int = 1) -> float:
-        """By how much n errors must all be within (n = 1), or one of n beyond its limit, to be so with 95 %.
-
-        That all are within needs no allowance for their number; that one of n is beyond does (Bonferroni).
-        """
+        """By how much n errors must all be within (n = 1), or one of n beyond its limit (Bonferroni), with 95 %."""
         level = 1 - (1 - CONFORMANCE) / n
         return self.combined_mm * float(stdtrit(self.freedom, level) if math.isfinite(self.freedom) else ndtri(level))
 

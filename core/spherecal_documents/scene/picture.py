@@ -26,10 +26,7 @@ _IMAGE_PX = 480
 def scene_picture(
     result: Result, session: Session | None, process: PictureProcess | None = None
 ) -> ScenePicture | None:
-    """The scene of a result on white, with the last images of its session; None without cameras or renderer.
-
-    `process`: one that was started before, to render it.
-    """
+    """The scene of a result on white, with its session's last images; None without cameras or renderer."""
     data = scene_data(result) if can_render() else None
     if data is None:
         return None

@@ -9,6 +9,7 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.data.session import UNMEASURED_PRINT, Session
+from spherecal.diagnose import run_checks
 from spherecal.diagnose.anomalies import Anomalies, beyond_the_lens
 from spherecal.diagnose.camera_findings import (
     fixed_focal_lengths,
@@ -24,14 +25,6 @@ from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.lens import misfits
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.moves import credible, find_moves, least_visible, pose_values, prepare, rows_of, scatters
-from spherecal.diagnose.run_checks import (
-    STATED_LENGTH_MM,
-    held_lenses,
-    image_coverage,
-    little_coverage,
-    outliers,
-    weak_focal_lengths,
-)
 from spherecal.diagnose.soundness import MANY_OUTLIERS, unsound
 from spherecal.diagnose.swapped_cameras import swapped_cameras
 from spherecal.initialise.view_graph import groups_of
@@ -60,9 +53,11 @@ def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
     """Findings that boards and bars share."""
     return [
         *_convergence(fit, what),
-        *held_lenses(session, fit.adjusted.state.intrinsics, fit.adjusted.has_prior & fit.placed, what),
+        *run_checks.held_lenses(session, fit.adjusted.state.intrinsics, fit.adjusted.has_prior & fit.placed, what),
         *_weak(session, fit, what),
-        *little_coverage(session, fit.placed, image_coverage(fit.observations, fit.adjusted.used, session), what),
+        *run_checks.little_coverage(
+            session, fit.placed, run_checks.image_coverage(fit.observations, fit.adjusted.used, session), what
+        ),
         *_outliers(session, fit),
     ]
 
@@ -119,7 +114,7 @@ def _of_single_frames(finding: Finding) -> Finding:
 
 def scale_finding(source: Literal["waved-bar", "certified-board", "board"], relative: float) -> Finding:
     """How good the scale is, in millimetres on a length that a user can picture."""
-    values = {"mm": relative * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
+    values = {"mm": relative * run_checks.STATED_LENGTH_MM, "length_mm": run_checks.STATED_LENGTH_MM}
     if source == "board":  # stretched by 0.3 %, lengths were 11 times U off where its own error was left out
         return Finding("print-unmeasured", "warning", values | {"percent": 100 * UNMEASURED_PRINT}, kind=source)
     return Finding("scale-uncertainty", "info", values, kind=source)
@@ -141,7 +136,7 @@ def _weak(session: Session, fit: Fit, what: Shown) -> list[Finding]:
     cofactors = np.maximum(adjusted.covariance.cameras[:, POSE, POSE], 0.0)
     sd = np.sqrt(adjusted.variance * cofactors) / adjusted.state.intrinsics[:, 0]
     free = problem.free_intrinsics[:, 0] & fit.placed & ~adjusted.has_prior
-    return weak_focal_lengths(session, free, sd, what)
+    return run_checks.weak_focal_lengths(session, free, sd, what)
 
 
 def _outliers(session: Session, fit: Fit) -> list[Finding]:
@@ -153,4 +148,4 @@ def _outliers(session: Session, fit: Fit) -> list[Finding]:
     by_camera = np.bincount(fit.observations.camera[out], minlength=len(session.cameras))
     most = int(np.argmax(by_camera))
     values = {"out": count, "observations": candidates.sum(), "percent": 100 * share, "most": by_camera[most]}
-    return [outliers(values, share > MANY_OUTLIERS, session.cameras[most].id)]
+    return [run_checks.outliers(values, share > MANY_OUTLIERS, session.cameras[most].id)]

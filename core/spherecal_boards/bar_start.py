@@ -14,8 +14,7 @@ from spherecal.geometry.camera import undistort
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.initialise.view_graph import common_counts, groups_of
-from spherecal_boards.bar_marks import BarRecording
-from spherecal_boards.bar_model import Lengths
+from spherecal_boards.bar_marks import BarRecording, Lengths
 from spherecal_boards.camera_lag import AGREE_PX, MOST_FRAMES, Compared, Lag, Link, find_lags
 
 LEAST_COMMON = 20

@@ -21,10 +21,9 @@ from spherecal.data.findings import Finding
 from spherecal.diagnose.score import make_score_test
 from spherecal.geometry.transform import fit_similarity
 from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
-from spherecal_boards.board_intrinsic_priors import priors_of
 from spherecal_boards.board_model import BoardModel
 from spherecal_boards.frame_network import cameras_only
-from spherecal_boards.frames_adjustment import progress
+from spherecal_boards.frames_adjustment import priors_of, progress
 from spherecal_boards.frames_covariance import FrameCovariance
 from spherecal_boards.frames_evidence import Tested, frame_test
 

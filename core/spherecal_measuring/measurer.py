@@ -20,7 +20,7 @@ from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_place
 from spherecal_measuring.pose import measure_body
 from spherecal_measuring.rejection import reject_views
 from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
-from spherecal_verify.rig_cameras import lens_corrected
+from spherecal_verify.participation import lens_corrected
 from spherecal_verify.uncertainty import PointErrors, point_errors
 
 _POINTS = 1024  # names of points on a target; a key is target * _POINTS + point

@@ -24,7 +24,7 @@ from spherecal_rigs.result_folder import read_csv
 from spherecal_verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
 from spherecal_verify.limit import LengthLimit
 from spherecal_verify.outlying_views import triangulate_checked
-from spherecal_verify.rig_cameras import cameras_in_rig
+from spherecal_verify.participation import cameras_in_rig
 from spherecal_verify.uncertainty import PointErrors, calibration_variance, point_errors
 from spherecal_verify.verification import MeasuredLength
 from spherecal_verify.verify_bars import VerifySettings, verify, views_of

@@ -1,8 +1,9 @@
 """All studies by name, how one is run and written, and the table of every figure of the paper beside ours."""
 
+import json
 import re
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,10 +20,48 @@ from spherecal_study import compare_methods as compare
 from spherecal_study import layouts, noise, rig_b, wand
 from spherecal_study import path_study as path
 from spherecal_study.executor import Trial, Workers, kept_result, run_trials
-from spherecal_study.kept_pages import KeptPage, pages
 from spherecal_study.rendered import renderings
 from spherecal_study.study_agreement import LEAST_RUNS, TESTS, Results
 from spherecal_study.study_page import Document, Options
+
+ORDER = ("compare", "layouts", "path", "noise", "cameras", "rigB", "bar")
+
+
+@dataclass(frozen=True)
+class KeptPage:
+    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options."""
+
+    name: str
+    title: str
+    pdf: Path
+    pictures: tuple[Path, ...]
+    compared: tuple[dict[str, Any], ...]  # `what`, `paper`, `ours`, `agrees` (or None), `why`
+    options: dict[str, Any]  # `runs`, `sigma_px` (None: images), `seed`, `preset` (None: the paper's), or `session`
+
+
+def pages(folder: Path) -> tuple[KeptPage, ...]:
+    """The complete pages in a folder of `spherecal study -o FOLDER`, the comparison of methods first."""
+    found = [page for path in sorted(folder.glob("*.json")) if (page := _read(path)) is not None]
+    return tuple(sorted(found, key=lambda page: (_place(page.name), page.name)))
+
+
+def _place(name: str) -> int:
+    return ORDER.index(name) if name in ORDER else len(ORDER)
+
+
+def _read(path: Path) -> KeptPage | None:
+    try:
+        d = json.loads(path.read_bytes())
+        if d["format"] != "spherecal/study":
+            return None
+        page = KeptPage(
+            d["study"], d["title"], path.parent / d["pdf"], tuple(path.parent / name for name in d["pictures"]),
+            tuple(d["compared"]), d["options"],
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return page if all(file.is_file() for file in (page.pdf, *page.pictures)) else None
+
 
 FILE = "paper.md"
 _PLACES = {

@@ -192,9 +192,9 @@ def covered_camera(source: protocol.CameraSource, before: dict[str, float]) -> s
     return dark[0] if len(dark) == 1 else None
 
 
-def brightness(source: protocol.CameraSource, context: Context | None = None) -> dict[str, float]:
+def brightness(source: protocol.CameraSource) -> dict[str, float]:
     """The mean grey of each camera's image over its darkest percentile, by serial; none without an image."""
-    taken = source.capture_set(protocol.CaptureRequest(retries=1), context)
+    taken = source.capture_set(protocol.CaptureRequest(retries=1))
     means = {}
     for serial, frame in taken.frames.items():
         image = frame.image[::7, ::7]

@@ -168,7 +168,7 @@ def _asking(address: str) -> Iterator[gvcp.Gvcp]:
 # --- addresses -------------------------------------------------------------------------------------------------------
 
 
-def proposed_address(camera: WireCamera, others: Iterable[WireCamera] = ()) -> Address | None:
+def proposed_address(camera: WireCamera, others: Iterable[WireCamera]) -> Address | None:
     """A free address of the network of the interface on which a camera answers; None where it has no network."""
     line = next((line for line in network_lines() if line.interface == camera.interface), None)
     if line is None:

@@ -98,7 +98,7 @@ _OWN = ("genicam", "replay", "simulated")
 
 
 def open_source(
-    name: str = "genicam", producers: Sequence[str] = (), faults: Sequence[str] = (), ask: "Ask | None" = None
+    name: str, producers: Sequence[str] = (), faults: Sequence[str] = (), ask: "Ask | None" = None
 ) -> CameraSource:
     """The source of images of this name."""
     kind, _, what = name.partition(":")

@@ -279,10 +279,9 @@ def unread(key: str, about: str, of: Source = "") -> Field:
     return replace(field(key, kind, of), is_needed=False, is_read=False)
 
 
-def software(
-    about: str = "Name and version of the program that wrote the file, and details such as the method and the seed.",
-) -> Field:
+def software() -> Field:
     """A field that says who wrote the file; it is not read."""
+    about = "Name and version of the program that wrote the file, and details such as the method and the seed."
     return unread("software", about, lambda _: software_entry(None))
 
 

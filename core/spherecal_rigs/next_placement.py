@@ -119,7 +119,7 @@ def advise(
 
 
 @on_one_blas_thread
-def first_guess(session: Session, calibration: Calibration, enough_dots: int = ENOUGH_DOTS) -> Guidance | None:
+def first_guess(session: Session, calibration: Calibration, enough_dots: int) -> Guidance | None:
     """A place that enough cameras see, turned about the volume's thin axis: by geometry alone, at once."""
     known = what_is_known(session, calibration)
     if known is None:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
-from spherecal.base.context import Context
 from spherecal.geometry.camera import image_reach, is_fisheye, project
 from spherecal_sim.dot_bound import dot_bounds
 from spherecal_sim.dot_truth import DotTruth, Outlines, Station, TrueDots, outline_dots, see_dots
@@ -29,15 +28,9 @@ _BAND = 256  # rows at a time: 36 MB of cells for a 3.2 MP image
 
 
 def render_image(
-    scene: TracedScene,
-    dots: TrueDots,
-    station: Station,
-    settings: RenderSettings,
-    rng: np.random.Generator,
-    context: Context | None = None,
+    scene: TracedScene, dots: TrueDots, station: Station, settings: RenderSettings, rng: np.random.Generator
 ) -> Rendered:
     """The image that a simulated camera takes of a scene, and the truth about the scene's dots."""
-    context = context or Context()
     # contiguous arrays: the kernels are compiled for one kind of scene only
     arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
     scene = scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
@@ -47,7 +40,7 @@ def render_image(
     kernel = pixel_kernel(settings.psf_at(station.id))
     margin = TILE * int(np.ceil(len(kernel) / 2 / CELLS / TILE))  # whole tiles around the image that the kernel reaches
     marks = _pixel_marks(scene, station, outlines, dots.sheets, margin)
-    exposure = _expose_scene(scene, station, marks, kernel, margin, context)
+    exposure = _expose_scene(scene, station, marks, kernel, margin)
     if settings.vignetting:
         exposure *= vignetting(station.intrinsics, station.size)
     if settings.bounds:
@@ -57,7 +50,7 @@ def render_image(
 
 
 def _expose_scene(
-    scene: TracedScene, station: Station, marks: NDArray[np.uint8], kernel: FloatArray, margin: int, context: Context
+    scene: TracedScene, station: Station, marks: NDArray[np.uint8], kernel: FloatArray, margin: int
 ) -> NDArray[np.float32]:
     """The noise-free image, band by band: cells traced, then gathered through the point-spread function."""
     width, height = station.size
@@ -65,7 +58,6 @@ def _expose_scene(
     exposure = np.zeros((height, width), np.float32)
     centre = station.centre_mm
     for first in range(0, height, _BAND):
-        context.check()
         rows = min(_BAND, height - first)
         band = marks[first : first + _tiles(rows) * TILE + 2 * margin]
         cells = np.empty((band.shape[0] * CELLS, band.shape[1] * CELLS), np.float32)

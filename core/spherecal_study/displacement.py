@@ -64,7 +64,7 @@ def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) 
 
 
 def displaced_cases(
-    session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int] = PERCENT
+    session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int]
 ) -> dict[str, Any]:
     """How adjustments end from the paper's start, in mm, displaced by shares of the radius, SPO and none (22)."""
     recording = Recording.of(session)

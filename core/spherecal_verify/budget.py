@@ -73,7 +73,7 @@ class Budget(OfLength):
 
 
 def length_budgets(
-    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], noise_share: float = 1.0
+    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], noise_share: float
 ) -> tuple[Budget, ...]:
     """The test value's uncertainty (ISO 14253-5) of each certified length, in the order they were first measured.
 

@@ -67,7 +67,7 @@ class _Watched:
 
 
 def choose_frames(
-    videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None = None
+    videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None
 ) -> ChosenFrames:
     """Frames of common moments: of each stretch the sharpest of the stillest, unless like the one before."""
     watched = {}

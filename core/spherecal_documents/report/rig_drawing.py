@@ -67,7 +67,7 @@ _CAMERA = "#33475b"
 _GRID = "#e3e6ea"
 
 
-def rig_blocks(result: Result, picture: ScenePicture | None = None) -> tuple[Block, ...]:
+def rig_blocks(result: Result, picture: ScenePicture | None) -> tuple[Block, ...]:
     """The rig, of at least one camera, from above, from the front, from the side and obliquely, or as a `picture`."""
     scene = make_scene(result)
     caption = Paragraph(_explanation(scene, result), "note")

@@ -191,10 +191,10 @@ class LatitudeRing:
     spacing_mm: float
 
 
-def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) -> list[LatitudeRing]:
+def rings() -> list[LatitudeRing]:
     """Rings from the equator to the pole that spread stickers evenly over a ball; all but one on both halves."""
-    radius = diameter_mm / 2
-    spacing = math.sqrt(4 * math.pi * radius**2 / targets)
+    radius = BALL_DIAMETER_MM / 2
+    spacing = math.sqrt(4 * math.pi * radius**2 / BALL_TARGETS)
     steps = round(math.pi * radius / 2 / spacing)
     result: list[LatitudeRing] = []
     for step in range(steps + 1):

@@ -30,7 +30,7 @@ from spherecal_boards.board_adjustment import (
     leave_chained,
     residuals_px,
 )
-from spherecal_boards.board_chain import BoardStart, Links, chain, common_placements, compare_views, find_links, whole
+from spherecal_boards.board_chain import BoardStart, chain, common_placements, compare_views, find_links, whole
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views
@@ -212,7 +212,16 @@ def _chained(
     known = np.array([camera.prior for camera in session.cameras])
     assumed = np.array(["focal_length" in camera.assumed for camera in session.cameras])
     known = np.where(assumed[:, None], start.intrinsics, known)  # nobody knows better than the first images
-    network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
+    # the camera of the largest linked group that shares most placements with its neighbours
+    linked = np.zeros((views.n_cameras, views.n_cameras), dtype=np.int64)
+    seen = np.zeros(views.n_cameras, dtype=np.int64)
+    for camera, _ in start.poses:
+        seen[camera] += 1
+    for a, b in links:
+        linked[a, b] = sum((a, t) in start.poses and (b, t) in start.poses for t in range(views.n_placements))
+    largest = max(groups_of(linked, np.zeros(views.n_cameras, dtype=bool)), key=lambda g: (len(g), seen[g].sum()))
+    reference = int(max(largest, key=lambda c: (linked[c].sum(), seen[c], -c)))
+    network = BoardNetwork(views, free, group, known, reference)
     state, groups = chain(network, start, links, context)
     placed = np.isfinite(state.translation[:, 0])
     count = np.bincount(views.camera[start.candidates], minlength=len(placed))
@@ -243,18 +252,6 @@ def _adjusted(
         return nominal_solution(adjusted), doubts
     kind = "asked" if stated else "by-itself"
     return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm}, kind=kind)]
-
-
-def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
-    """The camera of the largest linked group that shares most placements with its neighbours."""
-    linked = np.zeros((views.n_cameras, views.n_cameras), dtype=np.int64)
-    seen = np.zeros(views.n_cameras, dtype=np.int64)
-    for camera, _ in found:
-        seen[camera] += 1
-    for a, b in links:
-        linked[a, b] = sum((a, t) in found and (b, t) in found for t in range(views.n_placements))
-    largest = max(groups_of(linked, np.zeros(views.n_cameras, dtype=bool)), key=lambda g: (len(g), seen[g].sum()))
-    return int(max(largest, key=lambda c: (linked[c].sum(), seen[c], -c)))
 
 
 def _features(

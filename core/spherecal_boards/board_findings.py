@@ -52,7 +52,13 @@ def moving_board(e: FrameEvidence, found: list[Finding]) -> list[Finding]:
     """The findings, with one on a board that moved instead of those that it explains."""
     if any(f.code in ("fixed-intrinsics-contradicted", "cameras-swapped", "image-repeated") for f in found):
         return found
-    moving = _apart(e) or _between(e)
+    # placements of which most have no two cameras that agree
+    seen, kept = e.image_counts(e.candidates), e.image_counts(e.used)
+    shared = (seen >= LEAST_POINTS).sum(axis=1) >= 2
+    agree = ((seen >= LEAST_POINTS) & (2 * kept > seen)).sum(axis=1) >= 2
+    count, of = int((shared & ~agree).sum()), int(shared.sum())
+    apart = Finding("board-moving", "error", {"count": count, "of": of}, kind="apart")
+    moving = apart if 2 * count > of else _between(e)
     if moving is None:
         return found
     wrong = any(f.code in INSTEAD for f in found)
@@ -88,15 +94,6 @@ def _between(e: FrameEvidence) -> Finding | None:
     size_px = np.sqrt((2 * (before - after)).mean())
     size_mm = float(size_px * np.nanmedian(depth / state.intrinsics[camera, 0]))
     return Finding("board-moving", "warning", {"size_mm": size_mm, "size_px": float(size_px)}, kind="between")
-
-
-def _apart(e: FrameEvidence) -> Finding | None:
-    """The finding on placements of which most have no two cameras that agree."""
-    seen, kept = e.image_counts(e.candidates), e.image_counts(e.used)
-    shared = (seen >= LEAST_POINTS).sum(axis=1) >= 2
-    agree = ((seen >= LEAST_POINTS) & (2 * kept > seen)).sum(axis=1) >= 2
-    count, of = int((shared & ~agree).sum()), int(shared.sum())
-    return Finding("board-moving", "error", {"count": count, "of": of}, kind="apart") if 2 * count > of else None
 
 
 Shown = Literal["board", "bar"]

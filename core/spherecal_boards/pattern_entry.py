@@ -109,7 +109,15 @@ def _given(given: Mapping[str, Any] | str | Path) -> tuple[Any, Path, str]:
         return loaded.get("board", loaded) if isinstance(loaded, dict) else {}, Path(given), ""
     if ending == ".toml":
         return _of_caliscope(Path(given)), Path(given), ""
-    return _written(str(given)), Path("--board"), "board"
+    kind, *fields = str(given)[:_LONGEST].split(",")
+    entry: dict[str, Any] = {"kind": kind.strip()}
+    for field in fields:
+        name, equal, value = (part.strip() for part in field.partition("="))
+        if not equal or name not in _FIELDS:
+            said = {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"}
+            raise InputError(Phrase("error-board-option", said))
+        entry[name] = value if name in _TEXTS else _value(name, value)
+    return entry, Path("--board"), "board"
 
 
 def _of_caliscope(path: Path) -> dict[str, Any]:
@@ -146,18 +154,6 @@ def _of_caliscope(path: Path) -> dict[str, Any]:
         **({"polarity": "light-on-dark"} if inverted else {}),
         **({"legacy": True} if "legacy_pattern" in f and f["legacy_pattern"].boolean() else {}),
     }
-
-
-def _written(text: str) -> dict[str, Any]:
-    kind, *fields = text[:_LONGEST].split(",")
-    entry: dict[str, Any] = {"kind": kind.strip()}
-    for field in fields:
-        name, equal, value = (part.strip() for part in field.partition("="))
-        if not equal or name not in _FIELDS:
-            said = {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"}
-            raise InputError(Phrase("error-board-option", said))
-        entry[name] = value if name in _TEXTS else _value(name, value)
-    return entry
 
 
 def _value(name: str, text: str) -> Any:

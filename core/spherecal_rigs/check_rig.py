@@ -213,7 +213,14 @@ def check(
     balls = [] if known is None else _check_balls(session, rig, known, own, camera, consistency)
     if known is not None and not balls and not lengths:
         findings = (*findings, Finding("ball-not-known", "info"))
-    return _judged(rig, consistency, balls, lengths, findings, limit)
+    tolerance = None if rig.length_map is None else rig.length_map.typical_mm
+    cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
+    cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
+    found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
+    by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
+    words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
+    worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
+    return Check(worst, tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths, tuple(found))
 
 
 def _check_balls(
@@ -247,24 +254,6 @@ def _measure_bars(
     spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ",
               "camera-contradicts", "bar-assumed", "length-without-uncertainty")  # fmt: skip
     return done.measured, tuple(f for f in done.findings if f.code in spoken)
-
-
-def _judged(
-    rig: Rig,
-    consistency: Consistency,
-    balls: Sequence[BallCheck],
-    lengths: tuple[MeasuredLength, ...],
-    findings: tuple[Finding, ...],
-    limit: LengthLimit | None,
-) -> Check:
-    tolerance = None if rig.length_map is None else rig.length_map.typical_mm
-    cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
-    cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
-    found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
-    by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
-    words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
-    worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
-    return Check(worst, tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths, tuple(found))
 
 
 def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:

@@ -40,19 +40,7 @@ def render_image(
     kernel = pixel_kernel(settings.psf_at(station.id))
     margin = TILE * int(np.ceil(len(kernel) / 2 / CELLS / TILE))  # whole tiles around the image that the kernel reaches
     marks = _pixel_marks(scene, station, outlines, dots.sheets, margin)
-    exposure = _expose_scene(scene, station, marks, kernel, margin)
-    if settings.vignetting:
-        exposure *= vignetting(station.intrinsics, station.size)
-    if settings.bounds:
-        bound = dot_bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
-        truth = replace(truth, bound_px=bound)
-    return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
-
-
-def _expose_scene(
-    scene: TracedScene, station: Station, marks: NDArray[np.uint8], kernel: FloatArray, margin: int
-) -> NDArray[np.float32]:
-    """The noise-free image, band by band: cells traced, then gathered through the point-spread function."""
+    # the noise-free image, band by band: cells traced, then gathered through the point-spread function
     width, height = station.size
     terms = separable(kernel)
     exposure = np.zeros((height, width), np.float32)
@@ -64,7 +52,12 @@ def _expose_scene(
         trace_band(scene, station.rotation, centre, station.intrinsics, band, -margin, first - margin, cells)
         for column, row in terms:
             gather(cells, column, row, margin, exposure[first : first + rows])
-    return exposure
+    if settings.vignetting:
+        exposure *= vignetting(station.intrinsics, station.size)
+    if settings.bounds:
+        bound = dot_bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
+        truth = replace(truth, bound_px=bound)
+    return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
 
 
 def _tiles(pixels: int) -> int:
@@ -82,21 +75,17 @@ def _pixel_marks(
     reach = station.intrinsics[0] * radii[:, None] / np.linalg.norm(places - station.centre_mm, axis=1, keepdims=True)
     _mark_boxes(marks, low - 1.5 * reach, high + 1.5 * reach, margin, EDGE)
     if scene.dirt.shape[1]:  # the edges of a bent sticker bulge beyond its corners by 0.4 mm
-        low, high = _boxes(station, sheets[_turned_to(station.centre_mm, sheets)])
+        # their middles are seen below 100 degrees
+        normals = np.cross(sheets[:, 3] - sheets[:, 1], sheets[:, 2] - sheets[:, 0])  # corners go clockwise as printed
+        rays = station.centre_mm - sheets.mean(axis=1)
+        size = np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1)
+        low, high = _boxes(station, sheets[((normals * rays).sum(axis=1) > np.cos(np.deg2rad(100.0)) * size)])
         _mark_boxes(marks, low - _BULGE_PX, high + _BULGE_PX, margin, DENSE)
     _mark_boxes(marks, outlines.uv.min(axis=1), outlines.uv.max(axis=1), margin, DENSE)
     return marks
 
 
 _BULGE_PX = 3.0
-
-
-def _turned_to(centre: FloatArray, sheets: FloatArray) -> NDArray[np.bool_]:
-    """Which stickers (s, 4, 3) may show a part: their middles are seen below 100 degrees."""
-    normals = np.cross(sheets[:, 3] - sheets[:, 1], sheets[:, 2] - sheets[:, 0])  # corners go clockwise as printed
-    rays = centre - sheets.mean(axis=1)
-    size = np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1)
-    return (normals * rays).sum(axis=1) > np.cos(np.deg2rad(100.0)) * size
 
 
 def _boxes(station: Station, figures: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -90,7 +90,11 @@ def _displaced(
     points = start.poses.state.points
     for percent in percents:
         rng = np.random.default_rng([seed, percent * 100])
-        displaced = tao2021.with_points(start, points + percent / 100 * radius * _within_one(rng, points.shape))
+        # standard normal numbers, drawn again where they are not in (-1, 1)
+        out = rng.normal(size=points.shape)
+        while (wide := np.abs(out) >= 1).any():
+            out[wide] = rng.normal(size=int(wide.sum()))
+        displaced = tao2021.with_points(start, points + percent / 100 * radius * out)
         yield percent, "spo", tao2021.spherical_projection(recording, displaced)
         yield percent, "none", displaced
 
@@ -152,11 +156,3 @@ def _radius(points: FloatArray, placement: IntArray) -> float:
         fit_sphere_geometrically(points[(placement == p) & np.isfinite(points[:, 0])]) for p in np.unique(placement)
     ]
     return float(np.median([sphere.radius for sphere in spheres if sphere is not None]))
-
-
-def _within_one(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
-    """Standard normal numbers, drawn again where they are not in (-1, 1)."""
-    out = rng.normal(size=shape)
-    while (wide := np.abs(out) >= 1).any():
-        out[wide] = rng.normal(size=int(wide.sum()))
-    return out

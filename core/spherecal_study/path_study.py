@@ -159,17 +159,12 @@ def _is_right(case: dict[str, Any], cameras: int) -> bool:
     return case["converged"] and case["placed"] == cameras
 
 
-def _lost(cases: _Cases, cameras: int) -> tuple[int, int, int]:
-    """How many settled in another minimum, did not settle, or have a camera without a pose."""
+def _ended(cases: _Cases, cameras: int) -> list[str]:
     wrong = [c for c in cases if c["placed"] == cameras and not c["converged"]]
     settled = sum(c["settled"] for c in wrong)
-    return settled, len(wrong) - settled, sum(c["placed"] < cameras for c in cases)
-
-
-def _ended(cases: _Cases, cameras: int) -> list[str]:
     return [
         f"{sum(_is_right(c, cameras) for c in cases)} of {len(cases)}",
-        *map(str, _lost(cases, cameras)),
+        *map(str, (settled, len(wrong) - settled, sum(c["placed"] < cameras for c in cases))),
         *(f"{np.median([c[name] for c in cases]) * factor:.0f}" for name, factor in _MEDIANS),
     ]
 

@@ -33,7 +33,11 @@ from spherecal_files.write_result import write_result
 
 def calibrate(options: argparse.Namespace) -> int:
     """`spherecal calibrate`."""
-    _check_forms(options)
+    if options.ball is not None and options.method not in ("auto", "rigid"):
+        raise InputError(Phrase("error-ball-method", {"method": options.method}))
+    if options.shape_sd is not None and (options.method != "soft" or not 0 < options.shape_sd < 10):
+        key = "error-shape-sd-method" if options.method != "soft" else "error-shape-sd-range"
+        raise InputError(Phrase(key, {"value": options.shape_sd}))
     console.check_output_folder(options.output, RESULT)
     xi1, xi2 = options.path_weights
     settings = CalibrationSettings(
@@ -77,15 +81,6 @@ def _session_of(path: Path) -> AbstractContextManager[Path]:
     from spherecal_documents.support.support_bundle import unpacked_session
 
     return unpacked_session(path)
-
-
-def _check_forms(options: argparse.Namespace) -> None:
-    """Raise InputError for options that do not go with the method."""
-    if options.ball is not None and options.method not in ("auto", "rigid"):
-        raise InputError(Phrase("error-ball-method", {"method": options.method}))
-    if options.shape_sd is not None and (options.method != "soft" or not 0 < options.shape_sd < 10):
-        key = "error-shape-sd-method" if options.method != "soft" else "error-shape-sd-range"
-        raise InputError(Phrase(key, {"value": options.shape_sd}))
 
 
 def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:

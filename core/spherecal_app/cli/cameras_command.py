@@ -54,7 +54,21 @@ def list_cameras(options: argparse.Namespace) -> int:
     else:
         out.print("No camera found.")
     if source.kind == "genicam":
-        _list_producers(discovery)
+        for line in advice_for(discovery):
+            say(line)
+        if not discovery.producers:
+            out.print(
+                "No driver (.cti file) was found. Install the driver of the cameras' maker, "
+                "or name its folder in GENICAM_GENTL64_PATH or with --producer."
+            )
+        for verdict in discovery.producers:
+            mark = "[green]ok[/]" if verdict.usable else "[red]bad[/]"
+            out.print(f"{mark} {escape(verdict.file)}: ", end="")
+            say(f"{verdict.message} {verdict.hint}".strip())
+        for double in discovery.doubles:
+            out.print(
+                f"   {escape(double.serial)} is seen by {escape(double.producer)} as well; the first driver has it."
+            )
     return DONE if discovery.cameras else NOT_VALID
 
 
@@ -68,22 +82,6 @@ def _tell_alike(profile: CameraProfile, discovery: Discovery) -> None:
     for info in discovery.cameras:
         if info.address and info.serial.endswith(f" ({info.address})"):
             say(f"{info.serial}: another camera has this serial number too; its address {info.address} tells it apart.")
-
-
-def _list_producers(discovery: Discovery) -> None:
-    for line in advice_for(discovery):
-        say(line)
-    if not discovery.producers:
-        out.print(
-            "No driver (.cti file) was found. Install the driver of the cameras' maker, "
-            "or name its folder in GENICAM_GENTL64_PATH or with --producer."
-        )
-    for verdict in discovery.producers:
-        mark = "[green]ok[/]" if verdict.usable else "[red]bad[/]"
-        out.print(f"{mark} {escape(verdict.file)}: ", end="")
-        say(f"{verdict.message} {verdict.hint}".strip())
-    for double in discovery.doubles:
-        out.print(f"   {escape(double.serial)} is seen by {escape(double.producer)} as well; the first driver has it.")
 
 
 def show(options: argparse.Namespace) -> int:

@@ -89,7 +89,12 @@ def write_sheet(path: Path, target_set: TargetSet, page: Page = "A4") -> None:
         batch = ids[start : start + len(places)]
         for target, (x, y) in zip(batch, places, strict=False):
             draw_sticker(drawing, target_set, target, x, y)
-            _draw_cut_marks(drawing, x, y, side)
+            # two short lines at each corner, along the sticker's edges and outside it
+            near, far = 0.25, 0.25 + 0.75
+            for corner_x, outward_x in ((x, -1), (x + side, 1)):
+                for corner_y, outward_y in ((y, -1), (y + side, 1)):
+                    drawing.line(corner_x + outward_x * near, corner_y, corner_x + outward_x * far, corner_y)
+                    drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
             drawing.text(x + 2.0, y + side + 2.0, f"{target}", size_pt=5.0)
         draw_rulers(drawing)
         drawing.text(
@@ -149,15 +154,6 @@ def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertic
         dot_diameter_mm=target_set.dot_diameter_mm * mean,
         layouts=layouts,
     )
-
-
-def _draw_cut_marks(drawing: SheetDrawing, x: float, y: float, size_mm: float) -> None:
-    """Two short lines at each corner, along the sticker's edges and outside it."""
-    near, far = 0.25, 0.25 + 0.75
-    for corner_x, outward_x in ((x, -1), (x + size_mm, 1)):
-        for corner_y, outward_y in ((y, -1), (y + size_mm, 1)):
-            drawing.line(corner_x + outward_x * near, corner_y, corner_x + outward_x * far, corner_y)
-            drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
 
 
 def draw_rulers(drawing: SheetDrawing) -> None:

@@ -90,7 +90,10 @@ def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Mark
                 partial.mkdir()
                 build(partial)
                 _keep_modes(resolved, partial)
-                _sync_tree(partial)
+                for inner, _, names in os.walk(partial):
+                    for name in names:
+                        files.sync(Path(inner, name))
+                    files.sync(Path(inner))
                 with uninterrupted(commit=True):
                     _put_in_place(partial, resolved, marker)
             finally:
@@ -280,13 +283,6 @@ def _keep_modes(old: Path, new: Path) -> None:
             before = (old / path.relative_to(new)).lstat()
             if not files.is_link(before):
                 path.chmod(stat.S_IMODE(before.st_mode))
-
-
-def _sync_tree(folder: Path) -> None:
-    for parent, _, names in os.walk(folder):
-        for name in names:
-            files.sync(Path(parent, name))
-        files.sync(Path(parent))
 
 
 @contextmanager

@@ -87,7 +87,9 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
         return replace(layout, left_out=(*layout.left_out, *rest))
     proposed = _proposed(chosen, videos=not kinds[0])
     if len(proposed) != 1:
-        raise _ambiguous(folder, chosen, proposed)
+        said = {"folder": folder, "files": _shown(chosen), "example": _EXAMPLE}
+        given = Phrase("error-give-pattern", {"patterns": [f'--pattern "{one}"' for one in proposed]})
+        raise InputError(Phrase("error-camera-part", said), given if proposed else "")
     layout = _by_pattern(folder, chosen, proposed[0], words or _said(proposed[0]))
     return replace(layout, left_out=(*layout.left_out, *rest))
 
@@ -445,9 +447,3 @@ def _said(pattern: str) -> str:
 def _shown(paths: Sequence[str]) -> Words:
     names = ", ".join(paths[:_SHOWN])
     return Phrase("and-more", {"names": names, "more": len(paths) - _SHOWN}) if len(paths) > _SHOWN else names
-
-
-def _ambiguous(folder: Path, found: Sequence[str], proposed: Sequence[str]) -> InputError:
-    values = {"folder": folder, "files": _shown(found), "example": _EXAMPLE}
-    given = Phrase("error-give-pattern", {"patterns": [f'--pattern "{one}"' for one in proposed]})
-    return InputError(Phrase("error-camera-part", values), given if proposed else "")

@@ -426,7 +426,12 @@ class _Service:
         self._touch.set(slot.number, CHECKING)
         try:
             device.check()
-            self._note_slowness(slot, time.perf_counter() - now)
+            # a camera that answers slowly delays all others: check it less often, and report it now and then
+            after = time.perf_counter()
+            seconds = after - now
+            slot.next_check_s = after + max(_CHECK_S, _SLOW_SHARE * seconds)
+            slot.slowness_s = seconds
+            self._note_late(slot, seconds)
             if now >= slot.next_temperature_s:
                 slot.next_temperature_s = now + _TEMPERATURE_S
                 device.read_temperature()
@@ -440,13 +445,6 @@ class _Service:
         self._say(slot, *assess(slot, device, now))
         if device.outgrown:
             self._set_up(slot, slot.settings)  # with a larger ring
-
-    def _note_slowness(self, slot: Slot, seconds: float) -> None:
-        """A camera that answers slowly delays all others: check it less often, and report it now and then."""
-        now = time.perf_counter()
-        slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
-        slot.slowness_s = seconds
-        self._note_late(slot, seconds)
 
     def _note_late(self, slot: Slot, seconds: float) -> None:
         if seconds > SLOW_S:

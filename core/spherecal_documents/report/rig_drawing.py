@@ -151,7 +151,9 @@ def _fit(axes: Axes, box: style.PageBox, scene: DrawnRig, view: Projection) -> t
 def _limits(scene: DrawnRig, view: Projection) -> tuple[FloatArray, FloatArray]:
     low, high = scene.extent(view)
     if not view.labels[0]:
-        corners = view.flat(_floor_corners(scene))
+        near, far = _floor_range(scene)
+        level = _floor_level(scene)
+        corners = view.flat(np.array([[x, y, level] for x in (near[0], far[0]) for y in (near[1], far[1])]))
         low, high = np.minimum(low, corners.min(axis=0)), np.maximum(high, corners.max(axis=0))
     return low, np.maximum(high, low + 1e-6)
 
@@ -166,12 +168,6 @@ def _measured_axes(axes: Axes, box: style.PageBox, view: Projection, unit: str) 
     for tick in axes.get_yticklabels():
         tick.set_rotation(90)
         tick.set_verticalalignment("center")
-
-
-def _floor_corners(scene: DrawnRig) -> FloatArray:
-    low, high = _floor_range(scene)
-    level = _floor_level(scene)
-    return np.array([[x, y, level] for x in (low[0], high[0]) for y in (low[1], high[1])])
 
 
 def _floor_level(scene: DrawnRig) -> float:

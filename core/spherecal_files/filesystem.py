@@ -20,8 +20,17 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
-from spherecal.base import file_reading
 from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.file_reading import (
+    LONGEST_ID,
+    NO_WAIT,
+    TO_READ,
+    check_size,
+    file_name_problem,
+    id_problem,
+    plain_reading,
+    read_opened,
+)
 from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
 
@@ -40,8 +49,8 @@ _IN_FOLDER = getattr(os, "O_DIRECTORY", 0) | _NO_LINK
 
 def as_id(text: str, otherwise: str) -> str:
     """The text made an id: what cannot be part of one is replaced by `_`."""
-    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in text).strip("._")[: file_reading.LONGEST_ID]
-    return kept if kept and file_reading.id_problem(kept) is None else otherwise
+    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in text).strip("._")[:LONGEST_ID]
+    return kept if kept and id_problem(kept) is None else otherwise
 
 
 def path_problem(text: str) -> Phrase | None:
@@ -53,7 +62,7 @@ def path_problem(text: str) -> Phrase | None:
     parts = text.split("/")
     if len(parts) > _DEEPEST:
         return Phrase("problem-path-deep", {"most": _DEEPEST})
-    return next((problem for part in parts if (problem := file_reading.file_name_problem(part))), None)
+    return next((problem for part in parts if (problem := file_name_problem(part))), None)
 
 
 # --- walking without links -------------------------------------------------------------------------------------------
@@ -168,22 +177,22 @@ def is_plain_file_below(root: Path, relative: str) -> bool:
 
 def read_below(root: Path, relative: str, most: int) -> bytes:
     """As `read_file`, of a file below a folder; no link on the way is followed."""
-    with file_reading.plain_reading(root / relative), _place(root, relative) as place:
+    with plain_reading(root / relative), _place(root, relative) as place:
         try:
-            descriptor = place.open(os.O_RDONLY | file_reading.NO_WAIT)
+            descriptor = place.open(os.O_RDONLY | NO_WAIT)
         except OSError as error:
             if error.errno == errno.ELOOP:
                 raise _not_plain(place.shown()) from None
             raise
-        return file_reading.read_opened(descriptor, root / relative, most)
+        return read_opened(descriptor, root / relative, most)
 
 
 def file_sha256(path: Path, most: int) -> str:
     """The SHA-256 of a regular file of at most `most` bytes, in hexadecimal digits."""
     if not os.path.exists(path):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    with file_reading.plain_reading(path), os.fdopen(os.open(path, file_reading.TO_READ), "rb") as file:
-        file_reading.check_size(file, path, most)
+    with plain_reading(path), os.fdopen(os.open(path, TO_READ), "rb") as file:
+        check_size(file, path, most)
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -277,10 +286,8 @@ def _state(path: Path) -> os.stat_result | None:
 
 
 def _write_directly(path: Path, data: bytes | BinaryIO) -> None:
-    descriptor = os.open(
-        path, os.O_WRONLY | file_reading.NO_WAIT
-    )  # a pipe that nobody reads: an error instead of waiting
-    if file_reading.NO_WAIT:
+    descriptor = os.open(path, os.O_WRONLY | NO_WAIT)  # a pipe that nobody reads: an error instead of waiting
+    if NO_WAIT:
         os.set_blocking(descriptor, True)
     with os.fdopen(descriptor, "wb") as file:
         _fill(file, data)

@@ -63,19 +63,7 @@ class SessionFolder:
         try:
             held = sorted(entry.name for entry in self.folder.iterdir()) if self.folder.is_dir() else []
             if held and take_up and CAPTURE_FILE in held:
-                f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(
-                    ("sets", "cameras")
-                )
-                before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
-                if before != set(self._by_serial):
-                    values = {"folder": str(self.folder), "names": sorted(before)}
-                    raise InputError(Phrase("error-other-cameras", values), Phrase("error-same-cameras"))
-                for value in f["sets"].items():
-                    known = value.fields(("id", "images"))
-                    name = known["id"].id()
-                    self._images[name] = {camera: _image(image) for camera, image in known["images"].entries().items()}
-                    if isinstance(value.value, dict):
-                        self._sets.append(value.value)
+                self._take_up()
             elif held:
                 raise OutputError(Phrase("error-not-empty", {"folder": self.folder}))
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -85,6 +73,19 @@ class SessionFolder:
         if self.plan.target_set is not None:
             filesystem.write_below(self.folder, "targets.json", TARGETS.bytes(self.plan.target_set))
         self._write_metadata()
+
+    def _take_up(self) -> None:
+        f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
+        before = {camera["serial"] for camera in CAPTURED_CAMERAS.read(f["cameras"])}
+        if before != set(self._by_serial):
+            values = {"folder": str(self.folder), "names": sorted(before)}
+            raise InputError(Phrase("error-other-cameras", values), Phrase("error-same-cameras"))
+        for value in f["sets"].items():
+            known = value.fields(("id", "images"))
+            name = known["id"].id()
+            self._images[name] = {camera: _image(image) for camera, image in known["images"].entries().items()}
+            if isinstance(value.value, dict):
+                self._sets.append(value.value)
 
     @property
     def to_take(self) -> tuple[PlannedSet, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
 from spherecal.geometry.camera import image_reach, is_fisheye, project
 from spherecal_sim.dot_bound import dot_bounds
 from spherecal_sim.dot_truth import DotTruth, Outlines, Station, TrueDots, outline_dots, see_dots
@@ -28,36 +29,53 @@ _BAND = 256  # rows at a time: 36 MB of cells for a 3.2 MP image
 
 
 def render_image(
-    scene: TracedScene, dots: TrueDots, station: Station, settings: RenderSettings, rng: np.random.Generator
+    scene: TracedScene,
+    dots: TrueDots,
+    station: Station,
+    settings: RenderSettings,
+    rng: np.random.Generator,
+    context: Context | None = None,
 ) -> Rendered:
     """The image that a simulated camera takes of a scene, and the truth about the scene's dots."""
-    # contiguous arrays: the kernels are compiled for one kind of scene only
-    arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
-    scene = scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
-    station = replace(station, rotation=np.ascontiguousarray(station.rotation))
+    context = context or Context()
+    scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))
     outlines = outline_dots(dots, station)
     truth = see_dots(dots, outlines, scene, station)
     kernel = pixel_kernel(settings.psf_at(station.id))
     margin = TILE * int(np.ceil(len(kernel) / 2 / CELLS / TILE))  # whole tiles around the image that the kernel reaches
     marks = _pixel_marks(scene, station, outlines, dots.sheets, margin)
-    # the noise-free image, band by band: cells traced, then gathered through the point-spread function
-    width, height = station.size
-    terms = separable(kernel)
-    exposure = np.zeros((height, width), np.float32)
-    centre = station.centre_mm
-    for first in range(0, height, _BAND):
-        rows = min(_BAND, height - first)
-        band = marks[first : first + _tiles(rows) * TILE + 2 * margin]
-        cells = np.empty((band.shape[0] * CELLS, band.shape[1] * CELLS), np.float32)
-        trace_band(scene, station.rotation, centre, station.intrinsics, band, -margin, first - margin, cells)
-        for column, row in terms:
-            gather(cells, column, row, margin, exposure[first : first + rows])
+    exposure = _expose_scene(scene, station, marks, kernel, margin, context)
     if settings.vignetting:
         exposure *= vignetting(station.intrinsics, station.size)
     if settings.bounds:
         bound = dot_bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
         truth = replace(truth, bound_px=bound)
     return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
+
+
+def _packed(scene: TracedScene) -> TracedScene:
+    """The scene with contiguous arrays: the kernels are compiled for one kind of scene only."""
+    arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
+    return scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
+
+
+def _expose_scene(
+    scene: TracedScene, station: Station, marks: NDArray[np.uint8], kernel: FloatArray, margin: int, context: Context
+) -> NDArray[np.float32]:
+    """The noise-free image, band by band: cells traced, then gathered through the point-spread function."""
+    width, height = station.size
+    terms = separable(kernel)
+    exposure = np.zeros((height, width), np.float32)
+    centre = station.centre_mm
+    for first in range(0, height, _BAND):
+        context.check()
+        rows = min(_BAND, height - first)
+        band = marks[first : first + _tiles(rows) * TILE + 2 * margin]
+        cells = np.empty((band.shape[0] * CELLS, band.shape[1] * CELLS), np.float32)
+        trace_band(scene, station.rotation, centre, station.intrinsics, band, -margin, first - margin, cells)
+        for column, row in terms:
+            gather(cells, column, row, margin, exposure[first : first + rows])
+    return exposure
 
 
 def _tiles(pixels: int) -> int:
@@ -75,17 +93,21 @@ def _pixel_marks(
     reach = station.intrinsics[0] * radii[:, None] / np.linalg.norm(places - station.centre_mm, axis=1, keepdims=True)
     _mark_boxes(marks, low - 1.5 * reach, high + 1.5 * reach, margin, EDGE)
     if scene.dirt.shape[1]:  # the edges of a bent sticker bulge beyond its corners by 0.4 mm
-        # their middles are seen below 100 degrees
-        normals = np.cross(sheets[:, 3] - sheets[:, 1], sheets[:, 2] - sheets[:, 0])  # corners go clockwise as printed
-        rays = station.centre_mm - sheets.mean(axis=1)
-        size = np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1)
-        low, high = _boxes(station, sheets[((normals * rays).sum(axis=1) > np.cos(np.deg2rad(100.0)) * size)])
+        low, high = _boxes(station, sheets[_turned_to(station.centre_mm, sheets)])
         _mark_boxes(marks, low - _BULGE_PX, high + _BULGE_PX, margin, DENSE)
     _mark_boxes(marks, outlines.uv.min(axis=1), outlines.uv.max(axis=1), margin, DENSE)
     return marks
 
 
 _BULGE_PX = 3.0
+
+
+def _turned_to(centre: FloatArray, sheets: FloatArray) -> NDArray[np.bool_]:
+    """Which stickers (s, 4, 3) may show a part: their middles are seen below 100 degrees."""
+    normals = np.cross(sheets[:, 3] - sheets[:, 1], sheets[:, 2] - sheets[:, 0])  # corners go clockwise as printed
+    rays = centre - sheets.mean(axis=1)
+    size = np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1)
+    return (normals * rays).sum(axis=1) > np.cos(np.deg2rad(100.0)) * size
 
 
 def _boxes(station: Station, figures: FloatArray) -> tuple[FloatArray, FloatArray]:

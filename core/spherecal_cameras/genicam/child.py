@@ -12,7 +12,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from spherecal_cameras.genicam import messages, words
@@ -21,7 +21,7 @@ from spherecal_cameras.genicam.features import FeatureError, plain
 from spherecal_cameras.genicam.hub import Producer, access_of
 from spherecal_cameras.genicam.rings import TouchMark
 from spherecal_cameras.genicam.slots import SLOW_S, LateAnswers, Slot, assess, attach, why_not_opened
-from spherecal_cameras.genicam.wire import Inbox, Waiter, pack
+from spherecal_cameras.genicam.wire import Inbox, pack
 from spherecal_cameras.matching import TRIGGERED
 from spherecal_cameras.protocol import CameraSettings, CameraState, SetupReport
 
@@ -103,7 +103,6 @@ class _Service:
     def __init__(self, connection: Connection, touch: TouchMark) -> None:
         self._connection, self._touch = connection, touch
         self._inbox = Inbox(connection, messages.COMMANDS)
-        self._waiter = Waiter([connection])
         self._producers: dict[str, Producer] = {}
         self._slots: dict[str, Slot] = {}
         self._acquiring = False
@@ -120,7 +119,7 @@ class _Service:
         gc.freeze()
         while self._running:
             busy = False
-            while self._waiter.ready(0.0):
+            while wait([self._connection], 0.0):
                 for command in self._inbox.messages():
                     self._obey(command)
                 busy = True
@@ -129,7 +128,7 @@ class _Service:
             self._live_trigger()
             self._look_after()
             if not busy:
-                self._waiter.ready(_IDLE_S)  # sleeps without Python's lock, wakes at a command
+                wait([self._connection], _IDLE_S)  # sleeps without Python's lock, wakes at a command
 
     def close(self) -> None:
         """Close cameras and producers, as far as they let themselves be closed."""

@@ -9,6 +9,7 @@ import time
 from collections import Counter as Tally
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from spherecal_cameras.genicam import child, messages, words
 from spherecal_cameras.genicam.discovery import end_word
 from spherecal_cameras.genicam.rings import FrameStore, TouchMark, remove_orphans, shared_memory_name
 from spherecal_cameras.genicam.trust import Admitted, Refusal, TrustStore, admit_again
-from spherecal_cameras.genicam.wire import Inbox, Waiter, WireError, pack
+from spherecal_cameras.genicam.wire import Inbox, WireError, pack
 from spherecal_cameras.status_log import StatusLog
 
 # Silence of the process that is not announced (`Working`): heartbeats come every 0.1 s, and the slowest register read
@@ -236,11 +237,11 @@ class CameraService:
         """Obey the process's reports until it ends; how it ended."""
         process, connection = self._process, self._connection
         assert process is not None and connection is not None
-        waiter, inbox = Waiter([connection, process.sentinel]), Inbox(connection, messages.REPORTS)
+        ends, inbox = [connection, process.sentinel], Inbox(connection, messages.REPORTS)
         deadline = time.perf_counter() + _START_S
         reason = ""
         while not reason:
-            ready = waiter.ready(min(deadline - time.perf_counter(), _LOOK_S))
+            ready = wait(ends, min(deadline - time.perf_counter(), _LOOK_S))
             self._let_in_again()
             try:
                 while connection in ready:
@@ -248,7 +249,7 @@ class CameraService:
                         allowed = min(report.allow_s, _START_S * 2) if isinstance(report, messages.Working) else 0.0
                         deadline = time.perf_counter() + _HUNG_S + allowed
                         self._take(report)
-                    ready = waiter.ready(0.0)
+                    ready = wait(ends, 0.0)
             except WireError as error:
                 reason = f"sent {error}"
                 break
@@ -259,7 +260,6 @@ class CameraService:
                 reason = end_word(process.exitcode)
             elif time.perf_counter() > deadline:
                 reason = f"hung for {_HUNG_S:.0f} s"
-        waiter.close()
         self._bury(process, connection)
         return reason
 

@@ -1,13 +1,4 @@
-"""GigE cameras without any driver: who answers on the wire, addresses given, packets tested, the computer's part cured.
-
-for camera in found_on_wire():
-if not camera.subnet_ok:
-offer = proposed_address(camera)                  # a free one of the interface's network, or None
-give_address(camera.mac, offer.ip, offer.mask)    # until its next start; persistent=True: for good
-for fact in interface_facts(found_on_wire()):
-if fact.cure and can_apply(fact.cure):
-apply_cure(fact.cure)                             # asks for an administrator (pkexec, UAC)
-"""
+"""GigE cameras without any driver: who answers on the wire, addresses given, packets tested, the computer's part cured."""
 
 import ctypes
 import ipaddress

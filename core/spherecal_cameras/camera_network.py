@@ -1,4 +1,4 @@
-"""GigE cameras without a driver: who answers on the wire, addresses given, packets tested, the computer's part cured."""
+"""GigE cameras without a driver: who answers on the wire, addresses given, packets tested, this computer cured."""
 
 import ctypes
 import ipaddress

@@ -24,7 +24,7 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_files.read_session import read_session
-from spherecal_verify.rig_cameras import lens_corrected
+from spherecal_verify.participation import lens_corrected
 
 DOME = Path(os.environ.get("SPHERECAL_DATA", "../data")) / "dome15"
 FOLDS, GOAL_PX = 4, 0.48

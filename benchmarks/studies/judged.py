@@ -26,7 +26,7 @@ from spherecal.geometry.camera import project
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_verify.rig_cameras import lens_corrected
+from spherecal_verify.participation import lens_corrected
 
 BEYOND_U = 3.0
 COVERAGE_FACTOR = 2.0

@@ -34,7 +34,7 @@ from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import StudyBars, study_bars
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
-from spherecal_verify.rig_cameras import lens_corrected
+from spherecal_verify.participation import lens_corrected
 
 RIGS = ("rigA", "rigB")
 SEED_BARS = 5

@@ -28,18 +28,6 @@ _RIGHT = 2.0  # a wrong turn fits this many times worse at least; it is off by w
 
 def find_aprilgrid(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray] | None:
     """Indices (k,) and places (k, 2) px of the corners in a grey image of 8 bits; None where two tags are not found."""
-    ids, corners, border = _tags(image, pattern)
-    if len(ids) < _LEAST_TAGS:
-        return None
-    labelled = _labelled(ids, corners, pattern)
-    if labelled is None:
-        return None
-    index, uv = labelled
-    return _refined(image, index, uv, pattern, border)
-
-
-def _tags(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, FloatArray, int]:
-    """Ids (n,) and corners (n,4,2) px of the board's tags, each once, and the width of their border in bits."""
     count = pattern.rows * pattern.columns
     best: tuple[dict[int, FloatArray], int] = {}, KALIBR_BORDER_BITS
     for border in (2, 1) if pattern.border_bits is None else (pattern.border_bits,):
@@ -52,8 +40,15 @@ def _tags(image: NDArray[np.uint8], pattern: BoardPattern) -> tuple[IntArray, Fl
             best = found, border
         if len(best[0]) == count:
             break
-    ids = sorted(best[0])
-    return np.array(ids, dtype=np.int64), np.array([best[0][i] for i in ids]).reshape(-1, 4, 2), best[1]
+    ids = np.array(sorted(best[0]), dtype=np.int64)
+    corners = np.array([best[0][i] for i in ids]).reshape(-1, 4, 2)
+    if len(ids) < _LEAST_TAGS:
+        return None
+    labelled = _labelled(ids, corners, pattern)
+    if labelled is None:
+        return None
+    index, uv = labelled
+    return _refined(image, index, uv, pattern, best[1])
 
 
 def _seen(image: NDArray[np.uint8], pattern: BoardPattern, border: int, thinned: int) -> dict[int, FloatArray]:
@@ -118,7 +113,13 @@ def _refined(
     assert pattern.marker_mm is not None
     bits = marker_dictionary(pattern.dictionary).markerSize + 2 * border
     clear = min(border / bits, pattern.pitch_mm / pattern.marker_mm - 1)  # of a tag's side: black, and white beside it
-    side = _sides(index, uv, pattern)
+    # the shortest side of the tag of each corner
+    row, column = np.divmod(index, 2 * pattern.columns)
+    tag = (row // 2) * pattern.columns + column // 2
+    side = np.empty(len(uv))
+    for one in np.unique(tag):
+        corners = uv[tag == one]  # sorted by index: two of one row, two of the next
+        side[tag == one] = min(np.linalg.norm(corners[1] - corners[0]), np.linalg.norm(corners[2] - corners[0]))
     out = np.full(uv.shape, np.nan)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
     halves = np.clip(np.floor(0.6 * clear * side), 2, 12).astype(int)
@@ -154,14 +155,3 @@ def _smooth(points: FloatArray, uv: FloatArray) -> BoolArray:
         off = np.linalg.norm(bent - terms @ fitted, axis=1)
         keep = off <= _STRAY_SD * np.median(off[keep]) + _STRAY_PX
     return keep
-
-
-def _sides(index: IntArray, uv: FloatArray, pattern: BoardPattern) -> FloatArray:
-    """The shortest side in px of the tag of each corner, (n,)."""
-    row, column = np.divmod(index, 2 * pattern.columns)
-    tag = (row // 2) * pattern.columns + column // 2
-    out = np.empty(len(uv))
-    for one in np.unique(tag):
-        own = uv[tag == one]  # sorted by index: two of one row, two of the next
-        out[tag == one] = min(np.linalg.norm(own[1] - own[0]), np.linalg.norm(own[2] - own[0]))
-    return out

@@ -74,10 +74,7 @@ def bar_step(work: BarNetwork, adjusted: BarAdjusted) -> tuple[Finding, float] |
 
 
 def _clearest(off: FloatArray) -> tuple[int, float, float] | None:
-    """Where lengths (n,) in order of time change most: the first after it, by how much, and how clearly.
-
-    By ranks, since frames far from the cameras scatter much more than others.
-    """
+    """Where lengths (n,) in order of time change most, by how much and how clearly (by ranks: far frames scatter)."""
     n, least = len(off), max(LEAST_LENGTHS, round(LEAST_SHARE * len(off)))
     if n < 2 * least:
         return None
@@ -204,10 +201,7 @@ def _in_step(
 
 
 def _in_stretches(session: Session, recording: BarRecording) -> Session:
-    """The frames as a few stretches, named by their first ones: as placements, with the marks of all their frames.
-
-    A frame has too few marks to say anything of a camera's pose; a camera that moves stays where it is for many.
-    """
+    """The frames as a few stretches, as placements: a single frame has too few marks to tell a camera's pose."""
     frame, slot = np.divmod(recording.point, recording.slots)
     size = max(-(-recording.n_frames // STRETCHES), LEAST_FRAMES)
     stretch, inside = np.divmod(frame, size)

@@ -16,20 +16,10 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.session import Session
 from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal_boards.bar_marks import BarRecording, known_lengths
-from spherecal_boards.bar_model import BarModel, Lengths
-from spherecal_boards.board_intrinsic_priors import poorly_observed
+from spherecal_boards import frames_adjustment
+from spherecal_boards.bar_marks import BarModel, BarRecording, Lengths, known_lengths
 from spherecal_boards.frame_network import minimise, redundancy, sum_by
-from spherecal_boards.frames_adjustment import (
-    Adjusted,
-    camera_residuals,
-    gates_px,
-    progress,
-    robust_steps,
-    sizes,
-    with_priors,
-    within_gate,
-)
+from spherecal_boards.frames_adjustment import poorly_observed
 from spherecal_boards.frames_covariance import frame_covariance
 
 # Twice the logarithm of the likelihoods' ratio from which a bar counts as unsteady: 3.3 standard deviations.
@@ -120,7 +110,7 @@ class BarNetwork:
 
 
 @dataclass(frozen=True)
-class BarAdjusted(Adjusted):
+class BarAdjusted(frames_adjustment.Adjusted):
     """An adjusted network of a bar; `covariance` has the cofactors of `points` (p,)."""
 
     model: BarModel
@@ -139,14 +129,11 @@ def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
             return _refine(work, state, used, priors, _usual_noise(work, state, used), context)
         return _refine(work, last.state, last.used, priors, last.sigma0, context)
 
-    return with_priors(refine, network.group, work.known, network.free, has_prior)
+    return frames_adjustment.with_priors(refine, network.group, work.known, network.free, has_prior)
 
 
 def chain_pairs(work: BarNetwork, state: State, parents: tuple[tuple[int, int], ...], context: Context) -> BarAdjusted:
-    """Cameras chained over pairs (parent, camera) in order, each adjusted alone; marks triangulated; no covariance.
-
-    A camera keeps the intrinsics of the pair that placed it.
-    """
+    """Cameras chained over pairs in order, each with the intrinsics of the pair that placed it; no covariance."""
     start, rotation, translation = state, state.rotation.copy(), state.translation.copy()
     intrinsics = state.intrinsics.copy()
     for parent, camera in parents:
@@ -194,14 +181,14 @@ def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
         model, _ = _model(work, candidates & good[network.feature], free, lengths, NO_PRIORS, False)
-        state = robust_steps(model, state, context)
+        state = frames_adjustment.robust_steps(model, state, context)
         points, good = usable_features(network, state, candidates)
     return replace(state, points=np.where(good[:, None], points, np.nan)), good
 
 
 def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
     """Robust standard deviation in units of the weights, for the lengths' rows to weigh against."""
-    size = sizes(residuals_px(work.network, state))[used] / work.network.sigma[used].mean(axis=1)
+    size = frames_adjustment.sizes(residuals_px(work.network, state))[used] / work.network.sigma[used].mean(axis=1)
     return max(float(np.median(size)) / 1.1774, 1e-3) if len(size) else 1.0
 
 
@@ -238,7 +225,7 @@ def _gated(
         lengths = replace(lengths, sigma=np.hypot(lengths.sigma, scatter) / noise, scatter=scatter)
         model = replace(model, lengths=lengths)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
-        minimum = minimise(model, whole, settings, progress(context, "joint adjustment", 20))
+        minimum = minimise(model, whole, settings, frames_adjustment.progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
         steady = abs(scatter - last) <= SCATTER_STEADY * scatter
         if ((gated == used).all() and steady) or rounds == GATE_ROUNDS:
@@ -279,12 +266,12 @@ def located(network: Network, state: State, placed: BoolArray, used: BoolArray) 
     missing = np.isnan(state.points[:, 0])
     rows = placed[network.camera] & missing[network.feature]
     rows &= (network.views(rows) >= 2)[network.feature]
-    size = sizes(residuals_px(network, state))
+    size = frames_adjustment.sizes(residuals_px(network, state))
     known = used & np.isfinite(size)
     if not rows.any() or not known.any():
         return state
     take = np.flatnonzero(rows)
-    limit = gates_px(size, network.camera, known, len(network.group))
+    limit = frames_adjustment.gates_px(size, network.camera, known, len(network.group))
     agree = np.zeros_like(rows)
     agree[take] = network.agreeing(state, take, PAIR_GATES * limit[network.camera[take]])
     points, good = usable_features(network, state, agree)
@@ -293,11 +280,11 @@ def located(network: Network, state: State, placed: BoolArray, used: BoolArray) 
 
 def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) -> BoolArray:
     """Observations within the gate of their predicted image point, of points that keep two views."""
-    size = sizes(residuals_px(network, state))
-    keep = placed[network.camera] & within_gate(size, network.camera, used, len(network.group))
+    size = frames_adjustment.sizes(residuals_px(network, state))
+    keep = placed[network.camera] & frames_adjustment.within_gate(size, network.camera, used, len(network.group))
     return keep & (network.views(keep) >= 2)[network.feature]
 
 
 def residuals_px(network: Network, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
-    return camera_residuals(state, state.points[network.feature], network.camera, network.uv)
+    return frames_adjustment.camera_residuals(state, state.points[network.feature], network.camera, network.uv)

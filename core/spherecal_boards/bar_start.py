@@ -14,8 +14,7 @@ from spherecal.geometry.camera import undistort
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.initialise.view_graph import common_counts, groups_of
-from spherecal_boards.bar_marks import BarRecording
-from spherecal_boards.bar_model import Lengths
+from spherecal_boards.bar_marks import BarRecording, Lengths
 from spherecal_boards.camera_lag import AGREE_PX, MOST_FRAMES, Compared, Lag, Link, find_lags
 
 LEAST_COMMON = 20
@@ -147,7 +146,14 @@ def _solve_pair(recording: BarRecording, lengths: Lengths, common: _Common, seed
     rotation, translation = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float).ravel()
     points = points[keep]
     places, error = _triangulated(first[keep], second[keep], rotation, translation, focal)
-    ratio = _length_ratios(recording, lengths, points, places)
+    # reconstructed over known lengths of all frames whose ends were reconstructed
+    every = np.full((recording.n_points, 3), np.nan)
+    every[points] = places
+    own = every.reshape(recording.n_frames, recording.slots, 3)[lengths.frame]
+    needed = lengths.coefficient != 0
+    whole = (np.isfinite(own[:, :, 0]) | ~needed).all(axis=1)
+    difference = np.einsum("ms,msi->mi", lengths.coefficient[whole], np.nan_to_num(own[whole]))
+    ratio = np.linalg.norm(difference, axis=1) / lengths.length[whole]
     if len(ratio) < 3 or np.median(np.abs(ratio / np.median(ratio) - 1)) > _MOST_SCATTER:
         return None
     factor = 1.0 / float(np.median(ratio))
@@ -172,17 +178,6 @@ def _triangulated(
     points = np.where(found.in_front[:, None], found.points, np.nan)
     size = np.linalg.norm(found.residual, axis=1)
     return points, float(np.median(size[np.isfinite(size)])) if np.isfinite(size).any() else np.inf
-
-
-def _length_ratios(recording: BarRecording, lengths: Lengths, points: IntArray, places: FloatArray) -> FloatArray:
-    """Reconstructed over known lengths of all frames whose ends were reconstructed, (m,)."""
-    every = np.full((recording.n_points, 3), np.nan)
-    every[points] = places
-    own = every.reshape(recording.n_frames, recording.slots, 3)[lengths.frame]
-    needed = lengths.coefficient != 0
-    whole = (np.isfinite(own[:, :, 0]) | ~needed).all(axis=1)
-    difference = np.einsum("ms,msi->mi", lengths.coefficient[whole], np.nan_to_num(own[whole]))
-    return np.linalg.norm(difference, axis=1) / lengths.length[whole]
 
 
 def _chain(pairs: dict[tuple[int, int], Link], common: IntArray, n: int) -> BarStart:

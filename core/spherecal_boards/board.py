@@ -1,7 +1,4 @@
-"""The classical method: a plane board (or any rigid figure of known points) shown to the cameras in many placements.
-
-Each camera is calibrated alone and chained in overlapping groups of four; then everything is adjusted together.
-"""
+"""The classical method: a board (or rigid figure) in many placements; cameras alone, chained, adjusted together."""
 
 from dataclasses import replace
 from functools import cache
@@ -24,6 +21,7 @@ from spherecal.geometry.camera import project
 from spherecal.initialise.view_graph import groups_of
 from spherecal.result.build_result import unsolved
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_boards import camera_lag
 from spherecal_boards.board_adjustment import (
     BoardNetwork,
     ViewPoses,
@@ -32,24 +30,13 @@ from spherecal_boards.board_adjustment import (
     leave_chained,
     residuals_px,
 )
-from spherecal_boards.board_chain import BoardStart, Links, chain, common_placements, compare_views, find_links, whole
+from spherecal_boards.board_chain import BoardStart, chain, common_placements, compare_views, find_links, whole
 from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
 from spherecal_boards.board_model import BoardViews, board_views
 from spherecal_boards.board_result import Fit, assemble_fit
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
-from spherecal_boards.camera_lag import (
-    AGREE_PX,
-    BETTER,
-    Compared,
-    Lag,
-    find_lags,
-    flipped_back,
-    in_step,
-    lag_findings,
-    neighbours,
-)
 from spherecal_boards.frames_evidence import frame_evidence
 from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
 
@@ -146,35 +133,35 @@ def _in_step(
         alone = _start(session, replace(views, uv=uv), free, context, own)
         return alone.poses, float(np.linalg.norm(alone.intrinsics[camera, 2:4] - session.cameras[camera].prior[2:4]))
 
-    def compare(a: int, b: int, shifted: bool) -> Compared:
+    def compare(a: int, b: int, shifted: bool) -> camera_lag.Compared:
         found = compare_views(views, (start.poses, start.poses), start.intrinsics, a, b, shifted)
-        if not shifted or found[0] <= AGREE_PX:
+        if not shifted or found[0] <= camera_lag.AGREE_PX:
             return found
         fits = []
         for how in FLIPS:  # turned by 90 degrees the wrong one may fit too, with another principal point
             seen, off_px = put_back(b, how)
             error = compare_views(views, (start.poses, seen), start.intrinsics, a, b, False)[0]
-            if error < min(found[0], AGREE_PX):
+            if error < min(found[0], camera_lag.AGREE_PX):
                 fits.append((off_px, error, how))
         if fits:
             return min(fits)[1], np.zeros_like(found[1]), min(fits)[2]
-        for shift in neighbours(views.points_mm):
+        for shift in camera_lag.neighbours(views.points_mm):
             own = {
                 view: [replace(pose, translation=pose.translation + pose.rotation[:, :2] @ shift) for pose in some]
                 for view, some in start.poses.items()
                 if view[0] == b
             }
             error = compare_views(views, (start.poses, own), start.intrinsics, a, b, False)[0]
-            if error < min(found[0] / BETTER, AGREE_PX):
+            if error < min(found[0] / camera_lag.BETTER, camera_lag.AGREE_PX):
                 return error, np.zeros_like(found[1]), shift
         return found
 
-    lags = find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)
+    lags = camera_lag.find_lags(common_placements(start.poses, views.n_cameras, views.n_placements), compare)
     if not lags:
         return observations, views, start, []
-    findings = lag_findings(observations, lags, observations.placements)
-    uv = flipped_back(lags, views.camera, views.uv, widths)
-    placement, keep = in_step(lags, views.camera, views.placement)
+    findings = camera_lag.lag_findings(observations, lags, observations.placements)
+    uv = camera_lag.flipped_back(lags, views.camera, views.uv, widths)
+    placement, keep = camera_lag.in_step(lags, views.camera, views.placement)
     point, known = _renumbered(lags, views)
     placement, keep = placement[known[keep]], keep[known[keep]]
     observations = replace(observations.select(keep), placement=placement, uv=uv[keep])
@@ -191,7 +178,7 @@ def _in_step(
     return observations, views, _start(session, views, free, context), findings
 
 
-def _renumbered(lags: list[Lag], views: BoardViews) -> tuple[IntArray, BoolArray]:
+def _renumbered(lags: list[camera_lag.Lag], views: BoardViews) -> tuple[IntArray, BoolArray]:
     """The board point of each observation (n,) with those of shifted cameras put back, and which are on the board."""
     point, known = views.point.copy(), np.ones(len(views), dtype=bool)
     for lag in lags:
@@ -225,7 +212,16 @@ def _chained(
     known = np.array([camera.prior for camera in session.cameras])
     assumed = np.array(["focal_length" in camera.assumed for camera in session.cameras])
     known = np.where(assumed[:, None], start.intrinsics, known)  # nobody knows better than the first images
-    network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
+    # the camera of the largest linked group that shares most placements with its neighbours
+    linked = np.zeros((views.n_cameras, views.n_cameras), dtype=np.int64)
+    seen = np.zeros(views.n_cameras, dtype=np.int64)
+    for camera, _ in start.poses:
+        seen[camera] += 1
+    for a, b in links:
+        linked[a, b] = sum((a, t) in start.poses and (b, t) in start.poses for t in range(views.n_placements))
+    largest = max(groups_of(linked, np.zeros(views.n_cameras, dtype=bool)), key=lambda g: (len(g), seen[g].sum()))
+    reference = int(max(largest, key=lambda c: (linked[c].sum(), seen[c], -c)))
+    network = BoardNetwork(views, free, group, known, reference)
     state, groups = chain(network, start, links, context)
     placed = np.isfinite(state.translation[:, 0])
     count = np.bincount(views.camera[start.candidates], minlength=len(placed))
@@ -256,18 +252,6 @@ def _adjusted(
         return nominal_solution(adjusted), doubts
     kind = "asked" if stated else "by-itself"
     return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm}, kind=kind)]
-
-
-def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
-    """The camera of the largest linked group that shares most placements with its neighbours."""
-    linked = np.zeros((views.n_cameras, views.n_cameras), dtype=np.int64)
-    seen = np.zeros(views.n_cameras, dtype=np.int64)
-    for camera, _ in found:
-        seen[camera] += 1
-    for a, b in links:
-        linked[a, b] = sum((a, t) in found and (b, t) in found for t in range(views.n_placements))
-    largest = max(groups_of(linked, np.zeros(views.n_cameras, dtype=bool)), key=lambda g: (len(g), seen[g].sum()))
-    return int(max(largest, key=lambda c: (linked[c].sum(), seen[c], -c)))
 
 
 def _features(

@@ -13,19 +13,11 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
-from spherecal_boards.board_intrinsic_priors import poorly_observed
+from spherecal_boards import frames_adjustment
 from spherecal_boards.board_model import BoardModel, BoardViews
 from spherecal_boards.board_start import LEAST_POINTS, BoardPose
 from spherecal_boards.frame_network import cameras_only, minimise, redundancy
-from spherecal_boards.frames_adjustment import (
-    Adjusted,
-    camera_residuals,
-    progress,
-    robust_steps,
-    sizes,
-    with_priors,
-    within_gate,
-)
+from spherecal_boards.frames_adjustment import poorly_observed
 from spherecal_boards.frames_covariance import frame_covariance
 
 ViewPoses = dict[tuple[int, int], list[BoardPose]]
@@ -46,7 +38,7 @@ class BoardNetwork:
 
 
 @dataclass(frozen=True)
-class BoardAdjusted(Adjusted):
+class BoardAdjusted(frames_adjustment.Adjusted):
     """An adjusted network of a board."""
 
     model: BoardModel
@@ -86,14 +78,11 @@ def view_error(
 
 
 def robust_start(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> State:
-    """A state after robust adjustments: poses, then the main intrinsics, then all.
-
-    Cauchy's loss, every observation with the same weight (docs/formulation.md, section Adjustment).
-    """
+    """A state after robust adjustments (Cauchy's loss): poses, then the main intrinsics, then all."""
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         model, _ = _model(network, candidates, free, NO_PRIORS, False)
-        state = robust_steps(model, state, context)
+        state = frames_adjustment.robust_steps(model, state, context)
     return state
 
 
@@ -108,7 +97,7 @@ def adjust_boards(
     def refine(last: BoardAdjusted | None, priors: Priors) -> BoardAdjusted:
         return _refine(network, state if last is None else last.state, candidates, priors, context)
 
-    return with_priors(refine, group, network.known, network.free, has_prior)
+    return frames_adjustment.with_priors(refine, group, network.known, network.free, has_prior)
 
 
 def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, context: Context) -> BoardAdjusted:
@@ -117,7 +106,9 @@ def leave_chained(network: BoardNetwork, state: State, candidates: BoolArray, co
     gated = gate(network, state, candidates)
     nobody = np.zeros(views.n_cameras, dtype=bool)
     model, rows = _model(network, gated, np.zeros_like(network.free), NO_PRIORS, True, free_poses=False)
-    minimum = minimise(model, state, Settings(max_iterations=60), progress(context, "joint adjustment", 20))
+    minimum = minimise(
+        model, state, Settings(max_iterations=60), frames_adjustment.progress(context, "joint adjustment", 20)
+    )
     count = redundancy(model, minimum.state)
     return BoardAdjusted(minimum.state, model, gated, minimum, count, None, nobody, joint=False, rows=rows)
 
@@ -130,7 +121,7 @@ def _refine(
         rounds += 1
         gated = gate(network, state, candidates)
         model, rows = _model(network, gated, network.free, priors, True)
-        minimum = minimise(model, state, Settings(), progress(context, "joint adjustment", 20))
+        minimum = minimise(model, state, Settings(), frames_adjustment.progress(context, "joint adjustment", 20))
         state = minimum.state
         if (gated == used).all() or rounds == GATE_ROUNDS:
             break
@@ -177,7 +168,7 @@ def residuals_px(views: BoardViews, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
     world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
-    return camera_residuals(state, world, views.camera, views.uv)
+    return frames_adjustment.camera_residuals(state, world, views.camera, views.uv)
 
 
 def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
@@ -186,8 +177,8 @@ def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArra
     4.5 robust standard deviations of each camera, at least 0.15 px (docs/formulation.md, section Adjustment).
     """
     views = network.views
-    size = sizes(residuals_px(views, state))
-    keep = candidates & within_gate(size, views.camera, candidates, views.n_cameras)
+    size = frames_adjustment.sizes(residuals_px(views, state))
+    keep = candidates & frames_adjustment.within_gate(size, views.camera, candidates, views.n_cameras)
     for index, count in ((views.placement, views.n_placements), (views.camera, views.n_cameras)):
         keep &= (np.bincount(index[keep], minlength=count) >= LEAST_POINTS)[index]
     return keep

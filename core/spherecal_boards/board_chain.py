@@ -1,7 +1,4 @@
-"""Cameras chained over a board: pairs, overlapping groups of four adjusted alone, groups joined in common cameras.
-
-[Tao21] calibrates four neighbouring cameras at a time by the 2-D method and chains them over cameras in common.
-"""
+"""Cameras chained over a board, as in [Tao21]: groups of four adjusted alone, joined in common cameras."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -60,10 +57,7 @@ def find_links(views: BoardViews, found: ViewPoses, intrinsics: FloatArray, cont
 def compare_views(
     views: BoardViews, found: tuple[ViewPoses, ViewPoses], intrinsics: FloatArray, a: int, b: int, shifted: bool
 ) -> Compared:
-    """How well two cameras agree about where the board was, each with its own poses `found`, shifted or not.
-
-    By the corners of the board in the second camera's image, each camera alone having told where the board is.
-    """
+    """How well two cameras agree about where the board was, by its corners in the second camera's image."""
     count = views.n_placements
     poses = [_first_poses(own, camera, count) for own, camera in zip(found, (a, b), strict=True)]
     extent = views.points_mm[[*views.points_mm.argmin(axis=0), *views.points_mm.argmax(axis=0)]]
@@ -147,7 +141,19 @@ def chain(network: BoardNetwork, start: BoardStart, links: Links, context: Conte
         context.report("groups of cameras", float(placed.mean()), " ".join(map(str, group)))
         local = _adjust_group(network, replace(start, intrinsics=state.intrinsics), links, group, context)
         groups.append(group)
-        _join(state, local, group, placed)
+        common = [c for c in group if placed[c]]
+        # group frame to world: x_world = R x_group + t for each common camera
+        rotations = [state.rotation[c].T @ local.rotation[c] for c in common]
+        rotation = nearest_rotation(np.sum(rotations, axis=0))
+        centres = np.array([-local.rotation[c].T @ local.translation[c] for c in common])
+        goals = np.array([-state.rotation[c].T @ state.translation[c] for c in common])
+        translation = (goals - centres @ rotation.T).mean(axis=0)
+        for c in group:
+            if not placed[c]:
+                state.rotation[c] = local.rotation[c] @ rotation.T
+                state.translation[c] = local.translation[c] - state.rotation[c] @ translation
+                state.intrinsics[c] = local.intrinsics[c]
+                placed[c] = True
     return place_boards(views, start.poses, state, placed), groups
 
 
@@ -204,20 +210,3 @@ def whole(state: State) -> State:
         placement_rotation=np.where(known[:, None, None], state.placement_rotation, np.eye(3)),
         placement_translation=np.where(known[:, None], state.placement_translation, 0.0),
     )
-
-
-def _join(state: State, local: State, group: list[int], placed: BoolArray) -> None:
-    """Join a group's new cameras to the whole by the mean of its placed ones."""
-    common = [c for c in group if placed[c]]
-    # group frame to world: x_world = R x_group + t for each common camera
-    rotations = [state.rotation[c].T @ local.rotation[c] for c in common]
-    rotation = nearest_rotation(np.sum(rotations, axis=0))
-    centres = np.array([-local.rotation[c].T @ local.translation[c] for c in common])
-    goals = np.array([-state.rotation[c].T @ state.translation[c] for c in common])
-    translation = (goals - centres @ rotation.T).mean(axis=0)
-    for c in group:
-        if not placed[c]:
-            state.rotation[c] = local.rotation[c] @ rotation.T
-            state.translation[c] = local.translation[c] - state.rotation[c] @ translation
-            state.intrinsics[c] = local.intrinsics[c]
-            placed[c] = True

@@ -19,20 +19,12 @@ from spherecal.data.observations import Observations
 from spherecal.data.session import Session
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.images import check_size, read_image
+from spherecal_boards import looking
 from spherecal_boards.aprilgrid import find_aprilgrid
 from spherecal_boards.board_pattern import BoardPattern, charuco_board
 from spherecal_boards.chessboard import find_chessboard
 from spherecal_boards.circles import find_circles
 from spherecal_boards.lattice import label_board, label_shifted
-from spherecal_boards.looking import (
-    LOOKED_AT,
-    Markers,
-    as_text,
-    boards_of,
-    look_for_chessboard,
-    look_for_markers,
-    with_lengths,
-)
 from spherecal_boards.pattern_entry import board_pattern
 from spherecal_files.json_file import JsonValue
 
@@ -73,7 +65,7 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
     for some in (spread(len(jobs), _FIRST), range(len(jobs))):  # first some of all the recording
         _find_all(session, pattern, jobs, [number for number in some if number not in found], found, context)
         if not any(found.values()):
-            tried = sorted(found)[:: max(1, len(found) // LOOKED_AT)][:LOOKED_AT]
+            tried = sorted(found)[:: max(1, len(found) // looking.LOOKED_AT)][: looking.LOOKED_AT]
             hint = what_would_fit([eight_bits(read_image(jobs[number][2])) for number in tried], pattern)
             values = {"folder": session.where, "images": len(jobs), "tried": len(found)}
             what = "error-board-not-found" if len(found) == len(jobs) else "error-board-not-in-first"
@@ -120,7 +112,7 @@ def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Ph
         return Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
     if pattern.kind == "chessboard" and (fit := _fitting(images, None, pattern)):
         return fit  # looking for markers of all dictionaries takes 10 s an image
-    markers = look_for_markers(images)
+    markers = looking.look_for_markers(images)
     if markers is not None and markers.mirrored:
         return Phrase("board-mirrored", {"seen": markers.words()})
     if fit := _fitting(images, markers, pattern):
@@ -130,7 +122,7 @@ def what_would_fit(images: list[NDArray[np.uint8]], pattern: BoardPattern) -> Ph
     return Phrase("board-nothing-seen", {"images": len(images)})
 
 
-def _fitting(images: list[NDArray[np.uint8]], markers: Markers | None, pattern: BoardPattern) -> Phrase | None:
+def _fitting(images: list[NDArray[np.uint8]], markers: looking.Markers | None, pattern: BoardPattern) -> Phrase | None:
     """The board that is found in some of the images in place of the described one."""
     for entry in seen_boards(images, markers, pattern.pitch_mm, pattern.marker_mm):
         if entry.get("dictionary", "").rpartition("_")[0] == pattern.dictionary.rpartition("_")[0] != "":
@@ -139,14 +131,14 @@ def _fitting(images: list[NDArray[np.uint8]], markers: Markers | None, pattern: 
         fitting = sum(finder(image) is not None for image in images)
         if fitting:
             seen = Phrase("seen-chessboard", entry) if markers is None else markers.words()
-            values = {"seen": seen, "images": len(images), "fitting": fitting, "board": as_text(entry)}
+            values = {"seen": seen, "images": len(images), "fitting": fitting, "board": looking.as_text(entry)}
             return Phrase("board-would-fit", values)
     return None
 
 
 def look_for_board(images: list[NDArray[np.uint8]], known: Mapping[str, Any]) -> dict[str, Any]:
     """The board that images of 8 bits show, as entry of session.json, from what is known: kind, pitch and what else."""
-    markers = None if known["kind"] == "chessboard" else look_for_markers(images)
+    markers = None if known["kind"] == "chessboard" else looking.look_for_markers(images)
     if markers is not None and markers.mirrored:
         mirrored = Phrase("board-mirrored", {"seen": markers.words()})
         raise InputError(Phrase("error-no-board-seen", {"images": len(images)}), mirrored)
@@ -159,12 +151,12 @@ def look_for_board(images: list[NDArray[np.uint8]], known: Mapping[str, Any]) ->
 
 
 def seen_boards(
-    images: list[NDArray[np.uint8]], markers: Markers | None, pitch_mm: float, marker_mm: float | None
+    images: list[NDArray[np.uint8]], markers: looking.Markers | None, pitch_mm: float, marker_mm: float | None
 ) -> Iterator[dict[str, Any]]:
     """The boards that images can show, as entries of session.json, likeliest first."""
     if markers is not None:
-        yield from (with_lengths(board, pitch_mm, marker_mm) for board in boards_of(markers))
-    elif (size := look_for_chessboard(images)) is not None:
+        yield from (looking.with_lengths(board, pitch_mm, marker_mm) for board in looking.boards_of(markers))
+    elif (size := looking.look_for_chessboard(images)) is not None:
         yield {"kind": "chessboard", "rows": size[0], "columns": size[1], "pitch_mm": pitch_mm}
 
 

@@ -108,10 +108,7 @@ def _by_lenses(e: FrameEvidence | None, findings: list[Finding]) -> tuple[FloatA
 
 
 def _covariance(fit: Fit, scale: RigScale, wider: FloatArray, bent: FloatArray | None) -> CameraCovariance | None:
-    """The covariance of all placed cameras, the noise `wider` (k,), with the scale's share; None without one.
-
-    Then what their lenses may have done to all of them.
-    """
+    """The covariance of all placed cameras, noise `wider` (k,), with the scale's and the lenses' share."""
     covariance, variance = fit.adjusted.covariance, fit.adjusted.variance
     if covariance is None or not np.isfinite(variance) or scale.relative_uncertainty is None:
         return None

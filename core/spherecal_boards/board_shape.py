@@ -21,10 +21,9 @@ from spherecal.data.findings import Finding
 from spherecal.diagnose.score import make_score_test
 from spherecal.geometry.transform import fit_similarity
 from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
-from spherecal_boards.board_intrinsic_priors import priors_of
 from spherecal_boards.board_model import BoardModel
 from spherecal_boards.frame_network import cameras_only
-from spherecal_boards.frames_adjustment import progress
+from spherecal_boards.frames_adjustment import priors_of, progress
 from spherecal_boards.frames_covariance import FrameCovariance
 from spherecal_boards.frames_evidence import Tested, frame_test
 
@@ -50,11 +49,7 @@ def nominal_solution(adjusted: BoardAdjusted) -> BoardSolution:
 
 
 def shape_finding(adjusted: BoardAdjusted) -> list[Finding]:
-    """A warning where residuals repeat from view to view for the same points of the board.
-
-    Each point's shift that would take up most of its residuals is found, cameras and placements as they are. What these
-    shifts explain is compared with what noise makes of it.
-    """
+    """A warning where the points' best shifts explain more of the residuals than noise makes of them."""
     rigid = adjusted.model.rigid
     linear = engine.linearise(rigid, adjusted.state, None)
     count = np.bincount(rigid.point, minlength=rigid.n_points)
@@ -80,10 +75,7 @@ def shape_finding(adjusted: BoardAdjusted) -> list[Finding]:
 def estimated_solution(
     network: BoardNetwork, adjusted: BoardAdjusted, candidates: BoolArray, context: Context
 ) -> BoardSolution:
-    """The solution with the board's points estimated too; their mean size is the nominal one's.
-
-    It starts from the adjustment with fixed points, whose gate their errors widen.
-    """
+    """The solution with the board's points estimated too (mean size nominal), from the one with fixed points."""
     views, nominal = network.views, network.views.points_mm
     noise = adjusted.sigma0
     state, used, rounds = adjusted.state, adjusted.used, 0

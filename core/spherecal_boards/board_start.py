@@ -73,11 +73,7 @@ def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
 def start_intrinsics(
     views: BoardViews, usable: list[tuple[int, int]], cameras: Sequence[CameraSpec], free: BoolArray, context: Context
 ) -> FloatArray:
-    """Intrinsics (c,16) of each camera alone: estimated where views and `free` allow, else its prior.
-
-    OpenCV's calibration, from Zhang's start (Z. Zhang, A flexible new technique for camera calibration, 2000) and from
-    the prior; the better one is taken.
-    """
+    """Intrinsics (c,16) of each camera alone: OpenCV's (Zhang 2000) where views and `free` allow, else its prior."""
     out = np.array([camera.prior for camera in cameras])
     plane = _plane_frame(views.points_mm)
     for camera, spec in enumerate(cameras):
@@ -88,46 +84,35 @@ def start_intrinsics(
             continue
         own = [own[i] for i in np.unique(np.linspace(0, len(own) - 1, _ENOUGH_VIEWS).round().astype(int))]
         wild = _WILD_ASSUMED if "focal_length" in spec.assumed else _WILD_FOCAL
-        found = _calibrate(views, own, spec.prior, spec.image_size, plane, wild)
+        # the better of Zhang's start and the prior as a start
+        points = views.points_mm if plane is None else (views.points_mm - plane[1]) @ plane[0].T
+        if plane is not None:
+            points = points * (1, 1, 0)
+        objects = [points[views.point[rows]].astype(np.float32) for rows in own]
+        images = [views.uv[rows].astype(np.float32) for rows in own]
+        best: tuple[float, FloatArray] | None = None
+        # k3 stays out of a start: it takes over where views do not reach the corners
+        for flags in (cv2.CALIB_USE_INTRINSIC_GUESS, 0) if plane is not None else (cv2.CALIB_USE_INTRINSIC_GUESS,):
+            matrix, distortion = camera_matrix(spec.prior), spec.prior[4:9].copy()
+            try:
+                with ONE_OPENCV_THREAD.block():
+                    rms, matrix, distortion, _, _ = cv2.calibrateCamera(
+                        objects, images, spec.image_size, matrix, distortion, flags=flags | cv2.CALIB_FIX_K3
+                    )
+            except cv2.error:
+                continue
+            found = np.zeros(N_INTRINSICS)
+            found[:4] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+            found[4:9] = np.asarray(distortion).ravel()[:5]
+            ratio = found[:2] / spec.prior[:2]
+            if not np.isfinite(found).all() or (ratio > wild).any() or (ratio < 1 / wild).any():
+                continue
+            if best is None or rms < 0.99 * best[0]:
+                best = float(rms), found
+        found = best[1] if best else None
         if found is not None:
             out[camera] = found
     return out
-
-
-def _calibrate(
-    views: BoardViews,
-    own: list[IntArray],
-    prior: FloatArray,
-    size: tuple[int, int],
-    plane: tuple[FloatArray, FloatArray] | None,
-    wild: float,
-) -> FloatArray | None:
-    """Intrinsics (16,) of a camera from some of its views: the better of Zhang's start and the prior as a start."""
-    points = views.points_mm if plane is None else (views.points_mm - plane[1]) @ plane[0].T
-    if plane is not None:
-        points = points * (1, 1, 0)
-    objects = [points[views.point[rows]].astype(np.float32) for rows in own]
-    images = [views.uv[rows].astype(np.float32) for rows in own]
-    best: tuple[float, FloatArray] | None = None
-    # k3 stays out of a start: it takes over where views do not reach the corners
-    for flags in (cv2.CALIB_USE_INTRINSIC_GUESS, 0) if plane is not None else (cv2.CALIB_USE_INTRINSIC_GUESS,):
-        matrix, distortion = camera_matrix(prior), prior[4:9].copy()
-        try:
-            with ONE_OPENCV_THREAD.block():
-                rms, matrix, distortion, _, _ = cv2.calibrateCamera(
-                    objects, images, size, matrix, distortion, flags=flags | cv2.CALIB_FIX_K3
-                )
-        except cv2.error:
-            continue
-        found = np.zeros(N_INTRINSICS)
-        found[:4] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-        found[4:9] = np.asarray(distortion).ravel()[:5]
-        ratio = found[:2] / prior[:2]
-        if not np.isfinite(found).all() or (ratio > wild).any() or (ratio < 1 / wild).any():
-            continue
-        if best is None or rms < 0.99 * best[0]:
-            best = float(rms), found
-    return best[1] if best else None
 
 
 def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[BoardPose]:

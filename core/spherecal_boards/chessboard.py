@@ -223,10 +223,7 @@ def _corners(
 
 
 def _upright(image: Grey, grid: FloatArray, pattern: BoardPattern) -> FloatArray:
-    """The corners in the board's order: first by orientation, then by the colour of the first square.
-
-    Where both ends look alike (rows + columns even) the columns run to the image's right.
-    """
+    """The corners in the board's order, by orientation and the first square's colour; else columns run rightwards."""
     across, along = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
     if (across[0] * along[1] - across[1] * along[0] < 0) != pattern.rows_upward:
         grid = grid[:, ::-1]
@@ -234,13 +231,9 @@ def _upright(image: Grey, grid: FloatArray, pattern: BoardPattern) -> FloatArray
     turned = grid[::-1, ::-1]
     if (pattern.rows + pattern.columns) % 2 == 0:
         return grid if across[0] >= 0 else turned
-    return grid if _first_is_dark(image, grid) else turned
-
-
-def _first_is_dark(image: Grey, grid: FloatArray) -> bool:
-    """Whether the squares of the first one's colour are the dark ones, over the whole board: light may fall off."""
+    # whether the squares of the first one's colour are dark, over the whole board: light may fall off
     middles = (grid[:-1, :-1] + grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1]) / 4
     columns, rows = np.rint(middles).astype(int).transpose(2, 0, 1)
     grey = image[rows.clip(0, image.shape[0] - 1), columns.clip(0, image.shape[1] - 1)].astype(float)
     first = np.indices(grey.shape).sum(axis=0) % 2 == 0
-    return bool(grey[first].mean() < grey[~first].mean())
+    return grid if bool(grey[first].mean() < grey[~first].mean()) else turned

@@ -229,7 +229,31 @@ class _Frames:
         return None, cost
 
     def step(self, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:
-        return _step(self.model, state, linear, damping)
+        problem = self.model.problem
+        try:
+            normal = reduce(self.model, state, linear, damping)
+        except LinAlgError:
+            return None
+        step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
+        if step is None:
+            return None
+        expanded = problem.layout.expanded_rows(step).reshape(problem.n_cameras, -1)
+        pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
+        pulled = sum_by(normal.pair_part, pulled, self.model.n_frames * self.model.parts).reshape(
+            normal.gradient_own.shape
+        )
+        frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)
+        new = self.model.moved_frames(moved(problem, state, step, np.zeros_like(state.points)), frame_step)
+        if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
+            return None
+        residual, by_camera, by_part = linear
+        after = residual + np.einsum("nij,nj->ni", by_camera, expanded[problem.camera])
+        part_step = frame_step.reshape(self.model.n_frames * self.model.parts, -1)
+        after += np.einsum("nij,nj->ni", by_part, part_step[self.model.part])
+        ties = self.model.ties(state)
+        tied = ties.residual + np.einsum("mq,mq->m", ties.rows, frame_step[ties.frame])
+        predicted = (residual**2).sum() - (after**2).sum() + (ties.residual**2).sum() - (tied**2).sum()
+        return new, 0.5 * float(predicted) + predicted_decrease(problem, state, step)
 
 
 def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
@@ -240,33 +264,6 @@ def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
     rest = (prior_residuals(model.problem, state)[0] ** 2).sum() + (model.ties(state).residual ** 2).sum()
     total = 0.5 * float(squared.sum() + rest)
     return total if np.isfinite(total) else np.inf
-
-
-def _step(model: FrameModel, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:
-    """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
-    problem = model.problem
-    try:
-        normal = reduce(model, state, linear, damping)
-    except LinAlgError:
-        return None
-    step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
-    if step is None:
-        return None
-    expanded = problem.layout.expanded_rows(step).reshape(problem.n_cameras, -1)
-    pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
-    pulled = sum_by(normal.pair_part, pulled, model.n_frames * model.parts).reshape(normal.gradient_own.shape)
-    frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)
-    new = model.moved_frames(moved(problem, state, step, np.zeros_like(state.points)), frame_step)
-    if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
-        return None
-    residual, by_camera, by_part = linear
-    after = residual + np.einsum("nij,nj->ni", by_camera, expanded[problem.camera])
-    part_step = frame_step.reshape(model.n_frames * model.parts, -1)
-    after += np.einsum("nij,nj->ni", by_part, part_step[model.part])
-    ties = model.ties(state)
-    tied = ties.residual + np.einsum("mq,mq->m", ties.rows, frame_step[ties.frame])
-    predicted = (residual**2).sum() - (after**2).sum() + (ties.residual**2).sum() - (tied**2).sum()
-    return new, 0.5 * float(predicted) + predicted_decrease(problem, state, step)
 
 
 def cameras_only(problem: Problem) -> Problem:

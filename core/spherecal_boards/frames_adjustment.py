@@ -7,15 +7,51 @@ from typing import TypeVar
 import numpy as np
 
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_SIGMAS
+from spherecal.adjust.intrinsic_priors import LEAST_NOISE, LEAST_OBSERVATIONS, WORST_RELATIVE_FOCAL_SD, prior_sigmas
 from spherecal.adjust.levenberg import Minimum, Settings
-from spherecal.adjust.rows import Priors
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.adjust.problem import Problem
+from spherecal.adjust.rows import NO_PRIORS, Priors
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import project
-from spherecal_boards.board_intrinsic_priors import poorly_determined, priors_of
 from spherecal_boards.frame_network import FrameModel, minimise
 from spherecal_boards.frames_covariance import FrameCovariance
+
+# One view of a plane board leaves the focal length open.
+_LEAST_FRAMES = 2
+
+
+def priors_of(group: IntArray, known: FloatArray, has_prior: BoolArray, noise: float) -> Priors:
+    """Priors (c,16) of the groups of cameras that need one, weighed as both scatter; or NO_PRIORS."""
+    if not has_prior.any():
+        return NO_PRIORS
+    members = np.isin(group, group[has_prior])
+    sigma = prior_sigmas(known) / max(noise, LEAST_NOISE)
+    return Priors(known, np.where(members[:, None], sigma, np.inf))
+
+
+def poorly_observed(group: IntArray, free: BoolArray, camera: IntArray, frame: IntArray) -> BoolArray:
+    """Cameras (c,) whose group has too few observations, or frames, to estimate intrinsics."""
+    count = int(group.max()) + 1
+    observations = np.bincount(group[camera], minlength=count)
+    seen = np.unique(np.stack([group[camera], frame]), axis=1)
+    frames = np.bincount(seen[0], minlength=count)
+    few = (observations < LEAST_OBSERVATIONS) | (frames < _LEAST_FRAMES)
+    return free.any(axis=1) & few[group]
+
+
+def poorly_determined(problem: Problem, state: State, covariance: FrameCovariance | None, variance: float) -> BoolArray:
+    """Cameras (c,) whose focal length is less certain than a data sheet's; all free ones where all is singular."""
+    columns = problem.intrinsic_columns
+    if not len(columns) or columns[0] != 0:
+        return np.zeros(problem.n_cameras, dtype=bool)
+    if covariance is None:
+        return problem.free_intrinsics[:, 0]
+    sd = np.sqrt(np.maximum(variance * covariance.cameras[:, POSE, POSE], 0.0))
+    return problem.free_intrinsics[:, 0] & (sd > WORST_RELATIVE_FOCAL_SD * state.intrinsics[:, 0])
+
 
 START_ITERATIONS = 60
 
@@ -54,10 +90,7 @@ A = TypeVar("A", bound=Adjusted)
 def with_priors(
     refine: Callable[[A | None, Priors], A], group: IntArray, known: FloatArray, free: BoolArray, has_prior: BoolArray
 ) -> A:
-    """The network refined from its start, and from its last result until intrinsics left open have a prior, `known`.
-
-    The priors are weighed with the noise that only an adjustment tells.
-    """
+    """The network refined until intrinsics left open have a prior, `known`, weighed with the noise found."""
     adjusted, noise_known = refine(None, priors_of(group, known, has_prior, 1.0)), False
     for _ in range(1 + len(group)):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)

@@ -48,10 +48,7 @@ def label_board(
 
 
 def label_shifted(circles: Circles, rows: int, columns: int, mirrored: bool) -> Labelled | None:
-    """The circles of a grid whose every second row is shifted by half a step; it must be seen whole.
-
-    Its dots are a square lattice along the diagonals. An odd number of rows shows which way round it is.
-    """
+    """The circles of a grid whose every second row is shifted, a square lattice along its diagonals, seen whole."""
     best = Labelled(np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64))
     for grown in _lattices(circles):
         for turn in _TURNS[:8]:
@@ -144,10 +141,7 @@ _TURNS = sorted(
 def _by_rings(
     grown: Labelled, ring: BoolArray, rows: int, columns: int, rings: tuple[tuple[int, int], ...]
 ) -> Labelled | None:
-    """The lattice laid onto the board so that its rings fall on the board's; None unless that can be done in one way.
-
-    Dots beyond the board's rows and columns are not the board's and are left out.
-    """
+    """The lattice laid onto the board by its rings, if in one way only; dots beyond the board are left out."""
     wanted = np.array(rings)
     seen = grown.place[ring[grown.circle]]
     if len(seen) < min(_LEAST_RINGS, len(wanted)):
@@ -178,10 +172,7 @@ def _by_rings(
 
 
 def _by_extent(grown: Labelled, uv: FloatArray, rows: int, columns: int, mirrored: bool) -> Labelled | None:
-    """The lattice laid onto a board without marks: it must fill the rows and columns, and no more.
-
-    Of the turns that do, the one is taken whose columns run most nearly to the image's right.
-    """
+    """The lattice laid onto a board without marks, which it must fill; columns run most nearly to the image's right."""
     best: tuple[float, Labelled] | None = None
     for turn in _TURNS:
         place = grown.place @ turn.T

@@ -89,10 +89,7 @@ def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
 
 
 def partial_board(given: Mapping[str, Any] | str | Path) -> dict[str, Any] | None:
-    """The fields of a board of squares whose rows and columns are to be found by looking; None of one described whole.
-
-    Needed are `kind` and `pitch_mm`, of an AprilGrid also `marker_mm`.
-    """
+    """The fields of a board whose rows and columns are to be found by looking; None of one described whole."""
     entry, where, place = _given(given)
     if not isinstance(entry, dict) or entry.get("kind") not in SQUARED or {"rows", "columns"} & set(entry):
         return None
@@ -112,7 +109,15 @@ def _given(given: Mapping[str, Any] | str | Path) -> tuple[Any, Path, str]:
         return loaded.get("board", loaded) if isinstance(loaded, dict) else {}, Path(given), ""
     if ending == ".toml":
         return _of_caliscope(Path(given)), Path(given), ""
-    return _written(str(given)), Path("--board"), "board"
+    kind, *fields = str(given)[:_LONGEST].split(",")
+    entry: dict[str, Any] = {"kind": kind.strip()}
+    for field in fields:
+        name, equal, value = (part.strip() for part in field.partition("="))
+        if not equal or name not in _FIELDS:
+            said = {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"}
+            raise InputError(Phrase("error-board-option", said))
+        entry[name] = value if name in _TEXTS else _value(name, value)
+    return entry, Path("--board"), "board"
 
 
 def _of_caliscope(path: Path) -> dict[str, Any]:
@@ -149,18 +154,6 @@ def _of_caliscope(path: Path) -> dict[str, Any]:
         **({"polarity": "light-on-dark"} if inverted else {}),
         **({"legacy": True} if "legacy_pattern" in f and f["legacy_pattern"].boolean() else {}),
     }
-
-
-def _written(text: str) -> dict[str, Any]:
-    kind, *fields = text[:_LONGEST].split(",")
-    entry: dict[str, Any] = {"kind": kind.strip()}
-    for field in fields:
-        name, equal, value = (part.strip() for part in field.partition("="))
-        if not equal or name not in _FIELDS:
-            said = {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=20"}
-            raise InputError(Phrase("error-board-option", said))
-        entry[name] = value if name in _TEXTS else _value(name, value)
-    return entry
 
 
 def _value(name: str, text: str) -> Any:

@@ -7,7 +7,6 @@ from functools import reduce
 
 import numpy as np
 
-from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.detection import Detections, Detector
@@ -137,18 +136,15 @@ def stillness(camera: str, detections: Sequence[Detections]) -> Stillness:
     if len(common) < _FOR_AFFINE:
         shift = moves.mean(axis=1)
         return Stillness(camera, len(common), float(np.sqrt((shift**2).sum() / (2 * (len(detections) - 1)))), None)
-    return Stillness(camera, len(common), *_motion_and_noise(moves, uv.mean(axis=0)))
-
-
-def _motion_and_noise(moves: FloatArray, places: FloatArray) -> tuple[float, float]:
-    """Standard deviations, per axis, of the common affine motion and of single dots, from moves (k, n, 2)."""
+    # standard deviations, per axis, of the common affine motion and of single dots
+    places = uv.mean(axis=0)
     k, n = moves.shape[:2]
     middle = places - places.mean(axis=0)
     design = np.column_stack([np.ones(n), middle / max(float(np.abs(middle).max()), 1.0)])
     basis, _ = np.linalg.qr(design)
-    common = basis @ (basis.T @ moves)
-    own = moves - common
+    affine = basis @ (basis.T @ moves)
+    own = moves - affine
     # wrong or jumping dots (a reflection) must not pass for noise: median-based standard deviation
     noise = 1.4826 * float(np.median(np.abs(own))) * np.sqrt(k / (k - 1) * n / max(n - 3, 1))
-    variance = float((common**2).sum()) / (2 * n * (k - 1)) - noise**2 * 3 / n
-    return float(np.sqrt(max(variance, 0.0))), noise
+    variance = float((affine**2).sum()) / (2 * n * (k - 1)) - noise**2 * 3 / n
+    return Stillness(camera, len(common), float(np.sqrt(max(variance, 0.0))), noise)

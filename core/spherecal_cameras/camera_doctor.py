@@ -76,7 +76,19 @@ def examine(
     finally:
         source.stop_live()
     links = tuple(_link(source, after[serial], before.get(serial), passed) for serial in after)
-    trigger = _trigger_test(source, context)
+    times, complete = [], 0
+    missing: dict[str, int] = {}
+    for number in range(_TRIGGER_SETS):
+        context.report("testing the trigger", number / _TRIGGER_SETS)
+        taken = source.capture_set(protocol.CaptureRequest(retries=0), context)
+        times.append(taken.seconds)
+        complete += taken.complete
+        for one in taken.missing:
+            missing[one.camera] = missing.get(one.camera, 0) + 1
+        if number == 1 and not complete:  # every further one would wait in vain
+            break
+    source.stop_live()
+    trigger = TriggerReport(len(times), complete, float(np.median(times)), max(times), missing)
     return Examination(links, trigger, (*_judge(links, after, trigger, passed), *light))
 
 
@@ -118,22 +130,6 @@ def _link(
         status.serial, status.state, counted, found.get("packet size", ""), status.temperature_c,
         found.get("packets missing", ""), found.get("packets resent", ""),
     )  # fmt: skip
-
-
-def _trigger_test(source: protocol.CameraSource, context: Context) -> TriggerReport:
-    seconds, complete = [], 0
-    missing: dict[str, int] = {}
-    for number in range(_TRIGGER_SETS):
-        context.report("testing the trigger", number / _TRIGGER_SETS)
-        taken = source.capture_set(protocol.CaptureRequest(retries=0), context)
-        seconds.append(taken.seconds)
-        complete += taken.complete
-        for one in taken.missing:
-            missing[one.camera] = missing.get(one.camera, 0) + 1
-        if number == 1 and not complete:  # every further one would wait in vain
-            break
-    source.stop_live()
-    return TriggerReport(len(seconds), complete, float(np.median(seconds)), max(seconds), missing)
 
 
 def _judge(
@@ -192,9 +188,9 @@ def covered_camera(source: protocol.CameraSource, before: dict[str, float]) -> s
     return dark[0] if len(dark) == 1 else None
 
 
-def brightness(source: protocol.CameraSource, context: Context | None = None) -> dict[str, float]:
+def brightness(source: protocol.CameraSource) -> dict[str, float]:
     """The mean grey of each camera's image over its darkest percentile, by serial; none without an image."""
-    taken = source.capture_set(protocol.CaptureRequest(retries=1), context)
+    taken = source.capture_set(protocol.CaptureRequest(retries=1))
     means = {}
     for serial, frame in taken.frames.items():
         image = frame.image[::7, ::7]

@@ -1,13 +1,4 @@
-"""GigE cameras without any driver: who answers on the wire, addresses given, packets tested, the computer's part cured.
-
-for camera in found_on_wire():
-if not camera.subnet_ok:
-offer = proposed_address(camera)                  # a free one of the interface's network, or None
-give_address(camera.mac, offer.ip, offer.mask)    # until its next start; persistent=True: for good
-for fact in interface_facts(found_on_wire()):
-if fact.cure and can_apply(fact.cure):
-apply_cure(fact.cure)                             # asks for an administrator (pkexec, UAC)
-"""
+"""GigE cameras without a driver: who answers on the wire, addresses given, packets tested, this computer cured."""
 
 import ctypes
 import ipaddress
@@ -168,7 +159,7 @@ def _asking(address: str) -> Iterator[gvcp.Gvcp]:
 # --- addresses -------------------------------------------------------------------------------------------------------
 
 
-def proposed_address(camera: WireCamera, others: Iterable[WireCamera] = ()) -> Address | None:
+def proposed_address(camera: WireCamera, others: Iterable[WireCamera]) -> Address | None:
     """A free address of the network of the interface on which a camera answers; None where it has no network."""
     line = next((line for line in network_lines() if line.interface == camera.interface), None)
     if line is None:
@@ -426,7 +417,11 @@ def can_apply(cure: str) -> bool:
 def apply_cure(cure: str) -> None:
     """Run a cure's command line with an administrator's rights, for which the system asks; blocking."""
     if sys.platform == "win32":
-        said = _elevated(cure)
+        # Windows: run it as its user account control allows. Never run by us.
+        program, _, arguments = cure.partition(" ")
+        shell = ctypes.windll.shell32  # type: ignore[attr-defined]
+        result = shell.ShellExecuteW(None, "runas", program, arguments, None, 0)
+        said = "" if result > 32 else f"Windows: {result}"
     else:
         words = shlex.split(cure.removeprefix("sudo "))
         path = find_program(words[0], path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin") or words[0]
@@ -438,11 +433,3 @@ def apply_cure(cure: str) -> None:
             said = str(error)
     if said:
         raise CameraError(Phrase("error-cure-failed", {"command": cure, "said": said.splitlines()[-1]}))
-
-
-def _elevated(cure: str) -> str:
-    """Windows: run it as its user account control allows. Never run by us."""
-    program, _, arguments = cure.partition(" ")
-    shell = ctypes.windll.shell32  # type: ignore[attr-defined]
-    result = shell.ShellExecuteW(None, "runas", program, arguments, None, 0)
-    return "" if result > 32 else f"Windows: {result}"

@@ -44,7 +44,14 @@ class SessionFolder:
     def __init__(
         self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource
     ) -> None:
-        _check_ids(folder, plan, cameras)
+        ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
+        for one in ids:
+            if problem := filesystem.id_problem(one):
+                raise InputError(
+                    Phrase("error-bad-id", {"folder": folder, "id": filesystem.shown_name(one), "problem": problem})
+                )
+        if len(set(ids[: len(cameras)])) < len(cameras):
+            raise InputError(Phrase("error-cameras-one-name", {"folder": folder}))
         self.folder, self.plan, self.cameras = folder, plan, cameras
         self._by_serial = {camera.serial: camera for camera in cameras}
         self._source = {"kind": source.kind, "label": source.label, "simulated": source.label.startswith("SIMULATED")}
@@ -182,17 +189,6 @@ def session_ids(names: Mapping[str, str]) -> dict[str, str]:
     """The ids of cameras by serial: their names with other characters replaced, serial numbers where they are alike."""
     ids = {serial: filesystem.as_id(name, filesystem.as_id(serial, "camera")) for serial, name in names.items()}
     return {s: one if list(ids.values()).count(one) == 1 else filesystem.as_id(s, one) for s, one in ids.items()}
-
-
-def _check_ids(folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...]) -> None:
-    ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
-    for one in ids:
-        if problem := filesystem.id_problem(one):
-            raise InputError(
-                Phrase("error-bad-id", {"folder": folder, "id": filesystem.shown_name(one), "problem": problem})
-            )
-    if len(set(ids[: len(cameras)])) < len(cameras):
-        raise InputError(Phrase("error-cameras-one-name", {"folder": folder}))
 
 
 def _image(image: JsonValue) -> str:

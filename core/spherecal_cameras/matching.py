@@ -173,23 +173,20 @@ class SetMatcher(Generic[Item]):
         if mode is None:
             return False
         if mode == "hardware":
-            return self._offer_to_pulse(image)
+            if image.taken_s < self._started_s:
+                return False
+            for pulse in self._pulses:
+                near = _SLACK_S + pulse.uncertainty_s + image.uncertainty_s
+                if abs(image.taken_s - pulse.at_s) <= near and image.camera not in pulse.images:
+                    pulse.images[image.camera] = image
+                    return True
+            self._pulses = self._pulses[-(_PULSES_KEPT - 1) :]
+            self._pulses.append(_Pulse(image.taken_s, image.uncertainty_s, {image.camera: image}))
+            return True
         fits = image.round == self._round if mode in TRIGGERED else image.taken_s >= self._started_s
         if not fits or image.camera in self._found:
             return False
         self._found[image.camera] = image
-        return True
-
-    def _offer_to_pulse(self, image: Sighting[Item]) -> bool:
-        if image.taken_s < self._started_s:
-            return False
-        for pulse in self._pulses:
-            near = _SLACK_S + pulse.uncertainty_s + image.uncertainty_s
-            if abs(image.taken_s - pulse.at_s) <= near and image.camera not in pulse.images:
-                pulse.images[image.camera] = image
-                return True
-        self._pulses = self._pulses[-(_PULSES_KEPT - 1) :]
-        self._pulses.append(_Pulse(image.taken_s, image.uncertainty_s, {image.camera: image}))
         return True
 
     def images(self) -> dict[str, Sighting[Item]]:

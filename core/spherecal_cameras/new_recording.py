@@ -62,7 +62,12 @@ def session_cameras(
         name, report = names[info.serial], by_serial.get(info.serial, SetupReport(info.serial))
         try:
             document = _document(source, plan, profile, info, name, report)
-            _check_size(name, report.image_size or info.image_size, document)
+            size = report.image_size or info.image_size
+            prior = document["image_size"]
+            assert isinstance(prior, list | tuple)
+            if size is not None and list(prior) != list(size):
+                sides = {"width": size[0], "height": size[1], "prior_width": prior[0], "prior_height": prior[1]}
+                raise CameraError(Phrase("error-prior-size", {"camera": name, **sides}))
         except CameraError as error:
             problems[info.serial] = error
         else:
@@ -97,11 +102,3 @@ def pixel_pitch_um(info: CameraInfo, report: SetupReport | None) -> float | None
     """The pixel pitch as the camera says, else as its model's data sheet; None where neither is known."""
     said = next((one.got for one in (report.features if report else ()) if one.feature == "pixel pitch"), "")
     return float(said) if said else pitch_of_model(info.model)
-
-
-def _check_size(name: str, size: tuple[int, int] | None, document: Document) -> None:
-    prior = document["image_size"]
-    assert isinstance(prior, list | tuple)
-    if size is not None and list(prior) != list(size):
-        sides = {"width": size[0], "height": size[1], "prior_width": prior[0], "prior_height": prior[1]}
-        raise CameraError(Phrase("error-prior-size", {"camera": name, **sides}))

@@ -78,15 +78,6 @@ class ReplaySource(InProcessSource):
         path = self._images[pose].get(self._ids[serial].id)
         if path is None:
             raise NoImage(f"The recording of {pose} has no image of it.", "Choose another placement.")
-        image = self._read(path)
-        if settings.region is not None:
-            r = settings.region
-            image = image[r.y : r.y + r.height, r.x : r.x + r.width]
-        bits = 8 if image.dtype == np.uint8 else 16
-        now = time.perf_counter()
-        return Frame(serial, image, bits, f"Mono{bits}", now, now, self.next_frame_id(serial), self.stamp_ns())
-
-    def _read(self, path: Path) -> GreyPixels:
         image = self._cache.get(path)
         if image is None:
             image = read_image(path)
@@ -95,14 +86,19 @@ class ReplaySource(InProcessSource):
                 while len(self._cache) >= _KEPT:
                     self._cache.pop(next(iter(self._cache)))
                 self._cache[path] = image
-        return image
+        if settings.region is not None:
+            r = settings.region
+            image = image[r.y : r.y + r.height, r.x : r.x + r.width]
+        bits = 8 if image.dtype == np.uint8 else 16
+        now = time.perf_counter()
+        return Frame(serial, image, bits, f"Mono{bits}", now, now, self.next_frame_id(serial), self.stamp_ns())
 
 
 _OWN = ("genicam", "replay", "simulated")
 
 
 def open_source(
-    name: str = "genicam", producers: Sequence[str] = (), faults: Sequence[str] = (), ask: "Ask | None" = None
+    name: str, producers: Sequence[str] = (), faults: Sequence[str] = (), ask: "Ask | None" = None
 ) -> CameraSource:
     """The source of images of this name."""
     kind, _, what = name.partition(":")

@@ -81,13 +81,19 @@ def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Mark
     try:
         with locked(resolved), _plain_errors(folder):
             _refuse_others(folder, resolved, marker)  # again: it may have been written since
-            _remove_partials(resolved)
+            # what a writer left half done when it was killed; whoever holds the lock is the only one
+            for path in resolved.parent.glob(f".{short_name(resolved)}-*{files.PARTIAL}"):
+                if not path.is_symlink():
+                    files.remove_own_folder(path)
             partial = resolved.with_name(f".{short_name(resolved)}-{secrets.token_hex(4)}{files.PARTIAL}")
             try:
                 partial.mkdir()
                 build(partial)
                 _keep_modes(resolved, partial)
-                _sync_tree(partial)
+                for inner, _, names in os.walk(partial):
+                    for name in names:
+                        files.sync(Path(inner, name))
+                    files.sync(Path(inner))
                 with uninterrupted(commit=True):
                     _put_in_place(partial, resolved, marker)
             finally:
@@ -105,7 +111,12 @@ def check_folder(folder: Path, marker: Marker) -> Path:
 
     To be asked before long work, so that it is not done in vain. Undoes what a crash left of an earlier writing.
     """
-    resolved = _resolve(folder)
+    try:
+        resolved = Path(os.path.realpath(folder))  # a link's goal is replaced and not the link
+    except ValueError:
+        raise OutputError(Phrase("error-null-in-path")) from None
+    if not resolved.name:
+        raise OutputError(Phrase("error-not-writable", {"file": folder}))
     with _plain_errors(folder):
         if _aside(resolved).is_dir():
             with locked(resolved):
@@ -132,17 +143,6 @@ def _refuse_others(folder: Path, resolved: Path, marker: Marker) -> None:
     if others := files.strangers(resolved, _known(resolved, marker)):
         values = {"folder": folder, "files": [files.shown_name(one) for one in others]}
         raise OutputError(Phrase("error-holds-strangers", values))
-
-
-def _resolve(path: Path) -> Path:
-    """The path with links resolved, so that a link's goal is replaced and not the link."""
-    try:
-        resolved = Path(os.path.realpath(path))
-    except ValueError:
-        raise OutputError(Phrase("error-null-in-path")) from None
-    if not resolved.name:
-        raise OutputError(Phrase("error-not-writable", {"file": path}))
-    return resolved
 
 
 def make_parent(path: Path, hint: Phrase) -> None:
@@ -234,13 +234,6 @@ def _recover(folder: Path, marker: Marker) -> None:
         files.move_below(aside.parent, aside.name, folder.name)
 
 
-def _remove_partials(folder: Path) -> None:
-    """Remove what a writer of this folder left half done when it was killed; whoever holds the lock is the only one."""
-    for path in folder.parent.glob(f".{short_name(folder)}-*{files.PARTIAL}"):
-        if not path.is_symlink():
-            files.remove_own_folder(path)
-
-
 def _put_in_place(partial: Path, folder: Path, marker: Marker) -> None:
     parent, aside = folder.parent, _aside(folder)
     if folder.exists():
@@ -290,13 +283,6 @@ def _keep_modes(old: Path, new: Path) -> None:
             before = (old / path.relative_to(new)).lstat()
             if not files.is_link(before):
                 path.chmod(stat.S_IMODE(before.st_mode))
-
-
-def _sync_tree(folder: Path) -> None:
-    for parent, _, names in os.walk(folder):
-        for name in names:
-            files.sync(Path(parent, name))
-        files.sync(Path(parent))
 
 
 @contextmanager

@@ -9,23 +9,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallProfile, BallShape, RigScale
-from spherecal_files.codec import (
-    FileFormat,
-    choice,
-    date,
-    field,
-    group,
-    integer,
-    items,
-    name,
-    number,
-    numbers,
-    optional,
-    positive,
-    record,
-    software,
-    text,
-)
+from spherecal_files import codec
 from spherecal_files.json_file import JsonValue, unique
 
 BALL_FILE = "ball.json"
@@ -77,49 +61,49 @@ def _profile(shape: tuple[_Dot, ...], scale: RigScale, **about: Any) -> BallProf
     return BallProfile(BallShape(target, tuple(dot.point for dot in shape), places, covariance, scale), **about)
 
 
-_DOT = record(
+_DOT = codec.record(
     "",
     _Dot,
-    field("target", integer("The target.")),
-    field("point", name("The dot.")),
-    field("xyz_mm", numbers("Its position.", 3).mapped(np.array)),
-    field(
+    codec.field("target", codec.integer("The target.")),
+    codec.field("point", codec.name("The dot.")),
+    codec.field("xyz_mm", codec.numbers("Its position.", 3).mapped(np.array)),
+    codec.field(
         "covariance_mm2",
-        numbers("xx, xy, xz, yy, yz, zz.", 6)
+        codec.numbers("xx, xy, xz, yy, yz, zz.", 6)
         .mapped(_symmetric, lambda found: found[np.triu_indices(3)])
         .checked(_check_covariance),
     ),
 )
-_DOTS = items("The dots in the ball's own frame.", _DOT, least=LEAST_DOTS).checked(_check_dots)
-BALL = FileFormat(
+_DOTS = codec.items("The dots in the ball's own frame.", _DOT, least=LEAST_DOTS).checked(_check_dots)
+BALL = codec.FileFormat(
     "spherecal/ball",
     BALL_FILE,
     "The shape of one ball as a calibration found it, for later ones.",
-    record(
+    codec.record(
         "",
         _profile,
-        optional("name", text("The name of the ball.")),
-        optional("calibrated", date("When it was calibrated.")),
-        group(
+        codec.optional("name", codec.text("The name of the ball.")),
+        codec.optional("calibrated", codec.date("When it was calibrated.")),
+        codec.group(
             "targets",
             "Its targets.",
-            field("family", name("Their family.")),
-            field("size_mm", positive("Side of a sticker.", "mm"), "target_size_mm"),
+            codec.field("family", codec.name("Their family.")),
+            codec.field("size_mm", codec.positive("Side of a sticker.", "mm"), "target_size_mm"),
             is_needed=False,
         ),
-        field(
+        codec.field(
             "scale",
-            record(
+            codec.record(
                 "Where its scale comes from.",
                 RigScale,
-                field("source", choice("The source.", ("target_spacing", "bar", "board", "ball"))),
-                field("relative_uncertainty", number("Relative standard uncertainty.", 0, 1)),
+                codec.field("source", codec.choice("The source.", ("target_spacing", "bar", "board", "ball"))),
+                codec.field("relative_uncertainty", codec.number("Relative standard uncertainty.", 0, 1)),
             ),
             "shape.scale",
         ),
-        optional("input_sha256", text("`input_sha256` of the calibration.")),
-        software(),
-        field("dots", replace(_DOTS, entry=lambda shape: [_DOT.entry(dot) for dot in _dots(shape)]), "shape"),
+        codec.optional("input_sha256", codec.text("`input_sha256` of the calibration.")),
+        codec.software(),
+        codec.field("dots", replace(_DOTS, entry=lambda shape: [_DOT.entry(dot) for dot in _dots(shape)]), "shape"),
     ),
     ("No dot occurs twice.", "The dots are not all on one line.", "A covariance is positive definite."),
     lines="dots",

@@ -11,24 +11,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.assumed import ASSUMED_EXPANSION_PER_KELVIN, ASSUMED_FACTOR, ASSUMED_TEMPERATURE_C
 from spherecal.data.session import Bar, BarLength, Certificate, Mark
-from spherecal_files.codec import (
-    Field,
-    FileFormat,
-    Kind,
-    date,
-    entries,
-    field,
-    integer,
-    items,
-    name,
-    number,
-    one_of,
-    only,
-    optional,
-    positive,
-    record,
-    text,
-)
+from spherecal_files import codec
 from spherecal_files.json_file import JsonValue, printable
 from spherecal_files.registry import Registry
 
@@ -77,7 +60,7 @@ def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
 
 def figures_entry(bar: RegisteredBar | Bar) -> dict[str, Any]:
     """All that measuring with a bar takes, as files have it: marks, lengths, temperature, certificate."""
-    return record("", dict, *FIGURES).entry(bar)
+    return codec.record("", dict, *FIGURES).entry(bar)
 
 
 def read_lengths(lengths: JsonValue, marks: Mapping[str, Mark]) -> tuple[BarLength, ...]:
@@ -93,10 +76,10 @@ def read_lengths(lengths: JsonValue, marks: Mapping[str, Mark]) -> tuple[BarLeng
     return found
 
 
-def _unless_assumed(key: str, kind: Kind[Any]) -> Field:
+def _unless_assumed(key: str, kind: codec.Kind[Any]) -> codec.Field:
     """A figure that is not written where it was assumed."""
     known = attrgetter(key)
-    return replace(optional(key, kind, omit=None), get=lambda of: None if key in of.assumed else known(of))
+    return replace(codec.optional(key, kind, omit=None), get=lambda of: None if key in of.assumed else known(of))
 
 
 def _length(length_mm: float, **stated: Any) -> BarLength:
@@ -138,69 +121,73 @@ def with_assumed(make: Callable[..., T]) -> Callable[..., T]:
 
 
 _ASSUMED = {"expansion_per_kelvin": ASSUMED_EXPANSION_PER_KELVIN, "reference_temperature_c": ASSUMED_TEMPERATURE_C}
-MARKS = entries(
+MARKS = codec.entries(
     "The bar's marks by name.",
-    record(
+    codec.record(
         "A mark.",
         Mark,
-        field("target", integer("Its target.")),
-        field("point", name("The point of the target, mostly `centre`.")),
+        codec.field("target", codec.integer("Its target.")),
+        codec.field("point", codec.name("The point of the target, mostly `centre`.")),
     ),
 )
 # Its range depends on the length: `_check_length`.
-_EXPANDED = replace(number("Its expanded uncertainty, at most 5 % of the length.", 0), read=JsonValue.number)
-LENGTH = record(
+_EXPANDED = replace(codec.number("Its expanded uncertainty, at most 5 % of the length.", 0), read=JsonValue.number)
+LENGTH = codec.record(
     "A certified length.",
     _length,
-    field("from", name("The mark at which it begins."), "from_mark"),
-    field("to", name("The mark at which it ends."), "to_mark"),
-    field("length_mm", positive("The length at the reference temperature.", "mm")),
+    codec.field("from", codec.name("The mark at which it begins."), "from_mark"),
+    codec.field("to", codec.name("The mark at which it ends."), "to_mark"),
+    codec.field("length_mm", codec.positive("The length at the reference temperature.", "mm")),
     _unless_assumed("expanded_uncertainty_mm", _EXPANDED),
-    _unless_assumed("coverage_factor", number("The factor k of that uncertainty; 2 where absent.", *_COVERAGE_FACTORS)),
-    optional("nominal_mm", positive("The nominal length, within 1 % of it.", "mm"), omit=None),
+    _unless_assumed(
+        "coverage_factor", codec.number("The factor k of that uncertainty; 2 where absent.", *_COVERAGE_FACTORS)
+    ),
+    codec.optional("nominal_mm", codec.positive("The nominal length, within 1 % of it.", "mm"), omit=None),
     check=_check_length,
 )
-LENGTHS = items("The certified lengths.", LENGTH, least=1)
-_CERTIFICATE = record(
+LENGTHS = codec.items("The certified lengths.", LENGTH, least=1)
+_CERTIFICATE = codec.record(
     "",
     Certificate,
-    field("number", text("Its number.")),
-    optional("laboratory", text("Who issued it."), omit=""),
-    optional("date", date("When it was issued."), omit=None),
-    optional("valid_until", date("Until when it is valid."), omit=None),
+    codec.field("number", codec.text("Its number.")),
+    codec.optional("laboratory", codec.text("Who issued it."), omit=""),
+    codec.optional("date", codec.date("When it was issued."), omit=None),
+    codec.optional("valid_until", codec.date("Until when it is valid."), omit=None),
     check=_check_dates,
 )
 CERTIFICATE = replace(
-    one_of("The calibration certificate; a text alone is its number.", text("").mapped(Certificate), _CERTIFICATE),
+    codec.one_of(
+        "The calibration certificate; a text alone is its number.", codec.text("").mapped(Certificate), _CERTIFICATE
+    ),
     entry=_CERTIFICATE.entry,
 )
-SERIAL = replace(one_of("Its serial number.", name(""), integer("", 0)), read=_read_serial)
-_EXPANSION = number(
+SERIAL = replace(codec.one_of("Its serial number.", codec.name(""), codec.integer("", 0)), read=_read_serial)
+_EXPANSION = codec.number(
     "Coefficient of linear expansion per kelvin; 1.15e-5 (steel) where absent.", *_EXPANSIONS_PER_KELVIN, "1/K"
 )
-_TEMPERATURE = number(
+_TEMPERATURE = codec.number(
     "The temperature that the lengths refer to, in degrees Celsius; 20 where absent.", *_REFERENCE_TEMPERATURES_C, "°C"
 )
 FIGURES = (
-    field("marks", MARKS),
-    field("lengths", LENGTHS),
+    codec.field("marks", MARKS),
+    codec.field("lengths", LENGTHS),
     _unless_assumed("expansion_per_kelvin", _EXPANSION),
     _unless_assumed("reference_temperature_c", _TEMPERATURE),
-    optional("certificate", CERTIFICATE, omit=None),
+    codec.optional("certificate", CERTIFICATE, omit=None),
 )
-REGISTERED_BAR = record(
+REGISTERED_BAR = codec.record(
     "",
     with_assumed(RegisteredBar),
-    field("serial", SERIAL),
-    optional("description", text("What it is.")),
+    codec.field("serial", SERIAL),
+    codec.optional("description", codec.text("What it is.")),
     *FIGURES,
     check=lambda bar, f: read_lengths(f["lengths"], bar.marks),
 )
-BARS = FileFormat(
+BARS = codec.FileFormat(
     "spherecal/bars",
     "bars.json",
     "The owner's reference bars, in the user's settings; `SPHERECAL_BARS` names another file.",
-    only("bars", items("The bars.", REGISTERED_BAR, differ="serial")),
+    codec.only("bars", codec.items("The bars.", REGISTERED_BAR, differ="serial")),
     ("Serial numbers differ.", "Every named mark exists."),
     more="verification.md",
 )

@@ -7,20 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.data.session import CapturedFrame, CapturedSet
-from spherecal_files.codec import (
-    FileFormat,
-    celsius,
-    entries,
-    field,
-    identifier,
-    integer,
-    items,
-    optional,
-    record,
-    serial,
-    time,
-    unread,
-)
+from spherecal_files import codec
 from spherecal_files.json_file import read_json
 from spherecal_files.session_file import named_file
 
@@ -53,62 +40,70 @@ def _set(id: str, taken: datetime | None = None, cameras: Mapping[str, Any] | No
     return CapturedSet(id, taken, warm, frames)
 
 
-_FRAME = record(
+_FRAME = codec.record(
     "",
     dict,
-    optional("frame_id", integer("Number of the frame.")),
-    optional("time_stamp_ns", integer("The camera's own clock.", -_STAMPS, _STAMPS)),
-    optional("exposed", time("When it was exposed.")),
-    optional("temperature_c", celsius("The camera's temperature in degrees Celsius.")),
-    unread("exposure_us", "Exposure time."),
-    unread("gain_db", "Gain."),
-    unread("pixel_format", "Pixel format."),
-    unread("bits", "Significant bits."),
-    unread("averaged", "How many frames were averaged."),
-    unread("dots", "Dots that were found."),
-    unread("motion_px", "How far they moved between frames."),
-    unread("noise_px", "Their noise between frames."),
+    codec.optional("frame_id", codec.integer("Number of the frame.")),
+    codec.optional("time_stamp_ns", codec.integer("The camera's own clock.", -_STAMPS, _STAMPS)),
+    codec.optional("exposed", codec.time("When it was exposed.")),
+    codec.optional("temperature_c", codec.celsius("The camera's temperature in degrees Celsius.")),
+    codec.unread("exposure_us", "Exposure time."),
+    codec.unread("gain_db", "Gain."),
+    codec.unread("pixel_format", "Pixel format."),
+    codec.unread("bits", "Significant bits."),
+    codec.unread("averaged", "How many frames were averaged."),
+    codec.unread("dots", "Dots that were found."),
+    codec.unread("motion_px", "How far they moved between frames."),
+    codec.unread("noise_px", "Their noise between frames."),
 )
-CAMERAS = items(
-    "The cameras.", record("", dict, field("id", identifier("Its id.")), field("serial", serial("Its serial number.")))
+CAMERAS = codec.items(
+    "The cameras.",
+    codec.record(
+        "",
+        dict,
+        codec.field("id", codec.identifier("Its id.")),
+        codec.field("serial", codec.serial("Its serial number.")),
+    ),
 )
-_SET = record(
+_SET = codec.record(
     "",
     _set,
-    field("id", identifier("The placement or bar pose.")),
-    replace(field("taken", time("When it was taken.")), is_needed=False),  # files of the first versions lack both
-    replace(field("images", entries("Image files by camera.", named_file(""))), is_needed=False),
-    unread("attempts", "How often it was tried."),
-    unread("seconds", "How long it took."),
-    unread("spread_s", "Between the first and the last exposure."),
-    unread("late", "Cameras whose images came too late."),
-    unread("missing", "Cameras without an image, with the cause."),
-    optional("cameras", entries("What was recorded with the image of each camera.", _FRAME)),
+    codec.field("id", codec.identifier("The placement or bar pose.")),
+    replace(
+        codec.field("taken", codec.time("When it was taken.")), is_needed=False
+    ),  # files of the first versions lack both
+    replace(codec.field("images", codec.entries("Image files by camera.", named_file(""))), is_needed=False),
+    codec.unread("attempts", "How often it was tried."),
+    codec.unread("seconds", "How long it took."),
+    codec.unread("spread_s", "Between the first and the last exposure."),
+    codec.unread("late", "Cameras whose images came too late."),
+    codec.unread("missing", "Cameras without an image, with the cause."),
+    codec.optional("cameras", codec.entries("What was recorded with the image of each camera.", _FRAME)),
 )
-SETS = items(
+SETS = codec.items(
     "The sets of images, in the order in which they were taken.",
     replace(_SET, schema=_SET.schema | {"required": ["id", "taken", "images"]}),
 )
-PLANNED = items(
+PLANNED = codec.items(
     "The sets that are to be taken, in order.",
-    record(
+    codec.record(
         "",
         dict,
-        field("id", identifier("The placement or bar pose.")),
-        optional("bar", identifier("The bar of a pose.")),
-        optional("temperature_c", celsius("Temperature of the bar in degrees Celsius.")),
+        codec.field("id", codec.identifier("The placement or bar pose.")),
+        codec.optional("bar", codec.identifier("The bar of a pose.")),
+        codec.optional("temperature_c", codec.celsius("Temperature of the bar in degrees Celsius.")),
     ),
 )
-CAPTURE = FileFormat(
+CAPTURE = codec.FileFormat(
     FORMAT,
     CAPTURE_FILE,
     "When and how a session was captured, beside its session.json.",
-    record(
+    codec.record(
         "",
         dict,
-        unread("source", "The source of the images: `kind`, `label`, `simulated`."),
-        optional("planned", PLANNED),
-        field("cameras", CAMERAS),
-        field("sets", SETS),
+        codec.unread("source", "The source of the images: `kind`, `label`, `simulated`."),
+        codec.optional("planned", PLANNED),
+        codec.field("cameras", CAMERAS),
+        codec.field("sets", SETS),
     ),
 )

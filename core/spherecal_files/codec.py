@@ -221,11 +221,7 @@ def entries(about: str, values: Kind[T], names: Kind[str] | None = None) -> Kind
 
 
 def one_of(about: str, *kinds: Kind[Any]) -> Kind[Any]:
-    """What fits any of some kinds.
-
-    The first kind of the value's JSON type reads it, the last one where there is none. It is written as it is, or as
-    `mapped` says.
-    """
+    """What fits any of some kinds: the first one of the value's JSON type reads it, else the last."""
 
     def read(value: JsonValue) -> Any:
         fits = (kind for kind in kinds if isinstance(value.value, _TYPES.get(kind.schema.get("type", ""), ())))
@@ -283,10 +279,9 @@ def unread(key: str, about: str, of: Source = "") -> Field:
     return replace(field(key, kind, of), is_needed=False, is_read=False)
 
 
-def software(
-    about: str = "Name and version of the program that wrote the file, and details such as the method and the seed.",
-) -> Field:
+def software() -> Field:
     """A field that says who wrote the file; it is not read."""
+    about = "Name and version of the program that wrote the file, and details such as the method and the seed."
     return unread("software", about, lambda _: software_entry(None))
 
 

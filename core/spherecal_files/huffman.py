@@ -18,7 +18,13 @@ _ORDER = (16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15)  # i
 def zlib_stream(parts: Iterable[NDArray[np.uint8]], counts: IntArray) -> bytes:
     """Bytes in parts, all of even length but the last, compressed (RFC 1950); `counts` (256,): how often, about."""
     lengths = _code_lengths(np.append(counts, 0))
-    codes = _codes(lengths)
+    # the codes that these lengths stand for, their first bit lowest
+    codes, code, before = np.zeros_like(lengths), 0, 0
+    for k in np.argsort(lengths, kind="stable").tolist():
+        code <<= int(lengths[k]) - before
+        before = int(lengths[k])
+        codes[k] = _reversed(code, before)
+        code += 1
     first, second = np.arange(2**16) & 255, np.arange(2**16) >> 8
     pairs = codes[first] | codes[second] << lengths[first] | (lengths[first] + lengths[second]) << 24
     # a last block with codes of its own, 257 for bytes and its end, 2 for distances, which do not occur
@@ -57,17 +63,6 @@ def _code_lengths(counts: IntArray) -> IntArray:
             heapq.heappush(heap, (rare + count, k, some + others))
         if lengths.max() <= _MOST_BITS:
             return lengths
-
-
-def _codes(lengths: IntArray) -> IntArray:
-    """The codes that these lengths stand for, their first bit lowest."""
-    codes, code, before = np.zeros_like(lengths), 0, 0
-    for k in np.argsort(lengths, kind="stable").tolist():
-        code <<= int(lengths[k]) - before
-        before = int(lengths[k])
-        codes[k] = _reversed(code, before)
-        code += 1
-    return codes
 
 
 @njit(nogil=True, cache=True)

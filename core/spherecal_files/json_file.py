@@ -131,10 +131,7 @@ class JsonValue:
         return self.value
 
     def fields(self, required: Collection[str] = (), optional: Collection[str] = ()) -> dict[str, "JsonValue"]:
-        """The fields of an object: all required ones and those optional ones that are there.
-
-        Other fields are ignored, unless one looks like a misspelling of an optional field that is not there.
-        """
+        """The required fields and those optional ones that are there; others are ignored unless they look misspelt."""
         given = {key: value for key, value in self.as_object().items() if value is not None}
         for key in required:
             if key not in given:
@@ -338,7 +335,16 @@ def read_json(path: Path, format_name: str, version: int, below: Path | None = N
         raise InputError(Phrase("error-nested-json", {"file": path})) from None
     except ValueError:  # Python's own limit, 4300 digits
         raise InputError(Phrase("error-digits", {"file": path})) from None
-    return _check_format(document, format_name, version)
+    found = document.value.get("format") if isinstance(document.value, dict) else None
+    if found != format_name:
+        if isinstance(found, str):
+            raise document.error(Phrase("problem-other-format", {"format": format_name, "found": printable(found)}))
+        raise document.error(Phrase("problem-format", {"format": format_name}))
+    major, minor = version_of(document)
+    if major > version:
+        given = f"{major}.{minor}" if minor else major
+        raise document.error(Phrase("problem-later-version", {"given": given, "known": version}))
+    return replace(document, later=minor > 0)
 
 
 def _object(pairs: list[tuple[str, object]]) -> dict[object, object]:
@@ -385,20 +391,6 @@ def _check_strict(value: JsonValue) -> None:
             _check_strict(value.at(i, item))
     elif isinstance(inner, float) and not math.isfinite(inner):
         raise value.error(Phrase("problem-not-finite"))
-
-
-def _check_format(document: JsonValue, format_name: str, version: int) -> JsonValue:
-    """The document, knowing whether it is of a later minor version; InputError for another format or a later major."""
-    found = document.value.get("format") if isinstance(document.value, dict) else None
-    if found != format_name:
-        if isinstance(found, str):
-            raise document.error(Phrase("problem-other-format", {"format": format_name, "found": printable(found)}))
-        raise document.error(Phrase("problem-format", {"format": format_name}))
-    major, minor = version_of(document)
-    if major > version:
-        given = f"{major}.{minor}" if minor else major
-        raise document.error(Phrase("problem-later-version", {"given": given, "known": version}))
-    return replace(document, later=minor > 0)
 
 
 def version_of(document: JsonValue) -> tuple[int, int]:

@@ -41,7 +41,14 @@ def read_observations(
             table.check(sigma[:, k] >= LEAST_SIGMA_PX, column, Phrase("problem-sigma", {"least": LEAST_SIGMA_PX}))
     ids = tuple(placements), tuple(cameras), tuple(names)
     observations = Observations(*ids, placement, camera, target, point, uv, sigma)
-    _check_repeated(table, observations)
+    order = np.lexsort((observations.camera, observations.point, observations.target, observations.placement))
+    same = np.ones(max(len(order) - 1, 0), dtype=bool)
+    for key in (observations.placement, observations.target, observations.point, observations.camera):
+        same &= key[order[1:]] == key[order[:-1]]
+    if same.any():
+        pair = np.flatnonzero(same)[np.argmin(order[1:][same])]
+        first, again = int(order[pair]) + 2, int(order[pair + 1]) + 2
+        raise InputError(Phrase("error-dot-twice", {"file": table.path, "line": again, "first": first}))
     return observations
 
 
@@ -85,15 +92,3 @@ def _check_inside(table: Table, uv: FloatArray, size: FloatArray) -> None:
 
     for k, column in enumerate("uv"):
         table.check(good[:, k], column, problem)
-
-
-def _check_repeated(table: Table, o: Observations) -> None:
-    """Refuse two observations of one dot by one camera."""
-    order = np.lexsort((o.camera, o.point, o.target, o.placement))
-    same = np.ones(max(len(order) - 1, 0), dtype=bool)
-    for key in (o.placement, o.target, o.point, o.camera):
-        same &= key[order[1:]] == key[order[:-1]]
-    if same.any():
-        pair = np.flatnonzero(same)[np.argmin(order[1:][same])]
-        first, again = int(order[pair]) + 2, int(order[pair + 1]) + 2
-        raise InputError(Phrase("error-dot-twice", {"file": table.path, "line": again, "first": first}))

@@ -30,30 +30,7 @@ from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, fisheye_ve
 from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
 from spherecal.geometry.volume_map import LengthMap
-from spherecal_files.codec import (
-    FileFormat,
-    Kind,
-    Schema,
-    boolean,
-    choice,
-    digest,
-    field,
-    identifier,
-    integer,
-    items,
-    matrix,
-    name,
-    number,
-    numbers,
-    optional,
-    positive,
-    prose,
-    record,
-    serial,
-    text,
-    time,
-)
-from spherecal_files.codec import software as software_field
+from spherecal_files import codec
 from spherecal_files.findings_file import FINDING, with_values
 from spherecal_files.json_file import MOST_CAMERAS, JsonValue, finite, parse_json, read_bytes, read_json, software_entry
 
@@ -122,7 +99,9 @@ def read_rig(path: Path) -> Rig:
     covariance = None if kept is None else _read_covariance(path.parent, **kept, n_cameras=len(cameras))
     quality = stated.get("quality") or unknown_quality(cameras)
     quality = replace(quality, findings=with_values(quality.findings, path.parent))
-    without_sigma = _without_sigma(document.fields(["cameras"])["cameras"].items())
+    # files of other programs have no `sigma`; ours write null where it is unknown
+    values = [camera.value for camera in document.fields(["cameras"])["cameras"].items()]
+    without_sigma = [str(value["id"]) for value in values if isinstance(value, dict) and "sigma" not in value]
     quality = _with_missing(quality, [key for key in _EXPECTED if key not in stated], without_sigma)
     return Rig(
         stated.get("reference_camera"),
@@ -136,12 +115,6 @@ def read_rig(path: Path) -> Rig:
         form=stated.get("form"),
         recorded_at=stated.get("recorded_at"),
     )
-
-
-def _without_sigma(cameras: Sequence[JsonValue]) -> list[str]:
-    """The cameras without a field `sigma`, as files of other programs have them; ours write null where unknown."""
-    values = [camera.value for camera in cameras]
-    return [str(value["id"]) for value in values if isinstance(value, dict) and "sigma" not in value]
 
 
 def _with_missing(quality: Quality, missing: Sequence[str], without_sigma: Sequence[str]) -> Quality:
@@ -176,9 +149,9 @@ def _read_covariance(folder: Path, sha256: str, intrinsics: Sequence[str], n_cam
     return CameraCovariance(matrix, indices.astype(np.int64))
 
 
-def rotation(about: str) -> Kind[FloatArray]:
+def rotation(about: str) -> codec.Kind[FloatArray]:
     """A rotation matrix (3, 3)."""
-    return matrix(about, 3, 3).mapped(np.array).checked(_check_rotation)
+    return codec.matrix(about, 3, 3).mapped(np.array).checked(_check_rotation)
 
 
 def _check_rotation(found: FloatArray, value: JsonValue) -> None:
@@ -227,9 +200,9 @@ def _check_field(found: FieldTable, f: Mapping[str, JsonValue]) -> None:
         raise f["dv"].error(Phrase("problem-field-table"))
 
 
-def _table(about: str) -> Kind[FloatArray]:
+def _table(about: str) -> codec.Kind[FloatArray]:
     """Rows of numbers, all of one length."""
-    row = items("", number(""))
+    row = codec.items("", codec.number(""))
 
     def read(value: JsonValue) -> FloatArray:
         rows = [[cell.number() for cell in one.items()] for one in value.items()]
@@ -237,7 +210,7 @@ def _table(about: str) -> Kind[FloatArray]:
             raise value.error(Phrase("problem-field-table"))
         return np.array(rows, dtype=float).reshape(len(rows), -1)
 
-    return Kind(items(about, row).schema, read, lambda table: np.round(table, 6).tolist())
+    return codec.Kind(codec.items(about, row).schema, read, lambda table: np.round(table, 6).tolist())
 
 
 def read_distortion(value: JsonValue) -> list[float]:
@@ -288,54 +261,54 @@ def _check_reference(stated: Mapping[str, Any], f: Mapping[str, JsonValue]) -> N
         raise f["reference_camera"].error(Phrase("problem-reference-camera", {"camera": reference}))
 
 
-def sigmas(about: str, length: int | None = None) -> Kind[FloatArray]:
+def sigmas(about: str, length: int | None = None) -> codec.Kind[FloatArray]:
     """Standard uncertainties; null where unknown, which is NaN in memory."""
-    schema = items(about, number("", 0), length=length).schema
+    schema = codec.items(about, codec.number("", 0), length=length).schema
     schema["items"] = schema["items"] | {"type": ["number", "null"]}
-    return Kind(schema, lambda value: _sigmas(value, length), finite)
+    return codec.Kind(schema, lambda value: _sigmas(value, length), finite)
 
 
-def lens_matrix(about: str) -> Schema:
+def lens_matrix(about: str) -> codec.Schema:
     """A camera matrix [[fu, 0, u0], [0, fv, v0], [0, 0, 1]]."""
     zero, one = {"type": "number", "const": 0}, {"type": "number", "const": 1}
-    above, any_ = positive("").schema, number("").schema
+    above, any_ = codec.positive("").schema, codec.number("").schema
     rows = ([above, zero, any_], [zero, above, any_], [zero, zero, one])
     return {"description": about, **_tuple([_tuple(row) for row in rows])}
 
 
-def _tuple(each: Sequence[Schema]) -> Schema:
+def _tuple(each: Sequence[codec.Schema]) -> codec.Schema:
     return {"type": "array", "prefixItems": list(each), "minItems": len(each), "maxItems": len(each)}
 
 
-def distortion(about: str) -> Schema:
+def distortion(about: str) -> codec.Schema:
     """4, 5, 8 or 12 numbers in OpenCV's order."""
     lengths = [{"minItems": n, "maxItems": n} for n in (4, 5, 8, 12)]
-    return ({"description": about} if about else {}) | items("", number("")).schema | {"anyOf": lengths}
+    return ({"description": about} if about else {}) | codec.items("", codec.number("")).schema | {"anyOf": lengths}
 
 
-def _lens(about: str, model: str, coefficients: Schema, field: Schema | None = None) -> Schema:
-    properties = {"model": choice(about, (model,)).schema, "coefficients": coefficients}
+def _lens(about: str, model: str, coefficients: codec.Schema, field: codec.Schema | None = None) -> codec.Schema:
+    properties = {"model": codec.choice(about, (model,)).schema, "coefficients": coefficients}
     properties |= {} if field is None else {"field": field}
     return {"type": "object", "properties": properties, "required": list(properties)}
 
 
-LENS_MATRIX = Kind(
+LENS_MATRIX = codec.Kind(
     lens_matrix("`[[fu, 0, u0], [0, fv, v0], [0, 0, 1]]` in px."),
-    matrix("", 3, 3).mapped(np.array).checked(_check_matrix).read,
+    codec.matrix("", 3, 3).mapped(np.array).checked(_check_matrix).read,
     lambda intrinsics: finite(camera_matrix(intrinsics)),
 )
 _WITH_FIELD = "+field"  # so that who does not know fields refuses the model
-_FIELD = record(
+_FIELD = codec.record(
     "What the lens does beyond its model, which predicts `uv - F(uv)` of the measured pixel uv.",
     FieldTable,
-    field("pitch_px", positive("Distance of neighbouring entries in px.")),
-    field("origin_px", numbers("The pixel of the first entry.", 2).mapped(np.array)),
-    field("du", _table("F along u in px, a list a row; bilinear between the entries.")),
-    field("dv", _table("F along v in px.")),
-    optional("sd_px", _table("Standard uncertainty of a coordinate of F in px."), omit=None),
+    codec.field("pitch_px", codec.positive("Distance of neighbouring entries in px.")),
+    codec.field("origin_px", codec.numbers("The pixel of the first entry.", 2).mapped(np.array)),
+    codec.field("du", _table("F along u in px, a list a row; bilinear between the entries.")),
+    codec.field("dv", _table("F along v in px.")),
+    codec.optional("sd_px", _table("Standard uncertainty of a coordinate of F in px."), omit=None),
     check=_check_field,
 )
-_DISTORTION = Kind(
+_DISTORTION = codec.Kind(
     {
         "description": "The distortion; a list alone is in OpenCV's order.",
         "anyOf": [
@@ -343,12 +316,14 @@ _DISTORTION = Kind(
             _lens(
                 "OpenCV's model.", "opencv", distortion("k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; 4, 5, 8 or 12 of them.")
             ),
-            _lens("The model of `cv2.fisheye`.", "opencv-fisheye", numbers("k1 k2 k3 k4.", FISHEYE_LENGTH).schema),
+            _lens(
+                "The model of `cv2.fisheye`.", "opencv-fisheye", codec.numbers("k1 k2 k3 k4.", FISHEYE_LENGTH).schema
+            ),
             _lens("OpenCV's model and a field.", "opencv+field", distortion("As of `opencv`."), _FIELD.schema),
             _lens(
                 "The model of `cv2.fisheye` and a field.",
                 "opencv-fisheye+field",
-                numbers("k1 k2 k3 k4.", FISHEYE_LENGTH).schema,
+                codec.numbers("k1 k2 k3 k4.", FISHEYE_LENGTH).schema,
                 _FIELD.schema,
             ),
         ],
@@ -356,120 +331,132 @@ _DISTORTION = Kind(
     _read_lens,
     _distortion_entry,
 )
-_SIGMA = record(
+_SIGMA = codec.record(
     "Standard uncertainties.",
     _sigma,
-    field("rotation_deg", sigmas("About the camera's axes.", 3), "sigma.rotation_deg"),
-    field("centre_mm", sigmas("Of the projection centre.", 3), "sigma.centre_mm"),
-    field("matrix", sigmas("Of fu, fv, u0, v0 in px.", 4), lambda camera: camera.sigma.intrinsics[:4], "matrix"),
-    field("distortion", sigmas("Of the coefficients; 0 where fixed."), _sigma_of_distortion, "distortion"),
+    codec.field("rotation_deg", sigmas("About the camera's axes.", 3), "sigma.rotation_deg"),
+    codec.field("centre_mm", sigmas("Of the projection centre.", 3), "sigma.centre_mm"),
+    codec.field("matrix", sigmas("Of fu, fv, u0, v0 in px.", 4), lambda camera: camera.sigma.intrinsics[:4], "matrix"),
+    codec.field("distortion", sigmas("Of the coefficients; 0 where fixed."), _sigma_of_distortion, "distortion"),
 )
-_CAMERA = record(
+_CAMERA = codec.record(
     "",
     _camera,
-    field("id", identifier("Its id.")),
-    optional("serial", serial("Its serial number.")),
-    field("image_size", items("Width and height in px.", integer("", 1), length=2)),
-    field("matrix", LENS_MATRIX, "intrinsics", "matrix"),
-    field("distortion", _DISTORTION, lambda camera: camera, "distortion"),
-    field("rotation", rotation("World to camera: x_cam = R x_world + t.")),
-    field("translation_mm", numbers("World to camera.", 3).mapped(np.array)),
-    optional("rms_px", number("Root mean square of its residuals.", 0)),
-    optional("observations", integer("Used image points.", 0)),
-    optional("sigma", _SIGMA, lambda camera: camera if camera.sigma is not None else None, "sigma"),
+    codec.field("id", codec.identifier("Its id.")),
+    codec.optional("serial", codec.serial("Its serial number.")),
+    codec.field("image_size", codec.items("Width and height in px.", codec.integer("", 1), length=2)),
+    codec.field("matrix", LENS_MATRIX, "intrinsics", "matrix"),
+    codec.field("distortion", _DISTORTION, lambda camera: camera, "distortion"),
+    codec.field("rotation", rotation("World to camera: x_cam = R x_world + t.")),
+    codec.field("translation_mm", codec.numbers("World to camera.", 3).mapped(np.array)),
+    codec.optional("rms_px", codec.number("Root mean square of its residuals.", 0)),
+    codec.optional("observations", codec.integer("Used image points.", 0)),
+    codec.optional("sigma", _SIGMA, lambda camera: camera if camera.sigma is not None else None, "sigma"),
     check=_check_sigma,
 )
-_AFFECTED = items(
+_AFFECTED = codec.items(
     "The parts that require care; each has one of these fields.",
-    record(
+    codec.record(
         "",
         Affected,
-        optional("camera", name("A camera."), omit=None),
-        optional("scale", boolean("The scale."), omit=False),
-        optional("region_mm", matrix("Low and high corner of a part of the volume.", 2, 3), omit=None),
+        codec.optional("camera", codec.name("A camera."), omit=None),
+        codec.optional("scale", codec.boolean("The scale."), omit=False),
+        codec.optional("region_mm", codec.matrix("Low and high corner of a part of the volume.", 2, 3), omit=None),
     ).checked(_check_affected),
 )
-_QUALITY = record(
+_QUALITY = codec.record(
     "Whether the rig can be trusted.",
     Quality,
-    field("valid", boolean("False exactly when the command ends with 3.")),
-    optional("verdict", choice("The verdict.", get_args(Verdict)), lambda quality: quality.verdict),
-    optional("affected", _AFFECTED),
-    optional("rms_px", number("sqrt(mean(du^2 + dv^2)) of the used observations.", 0)),
-    optional("mean_px", number("Mean length of (du, dv).", 0)),
-    optional("sigma0", number("sqrt(v'Pv / redundancy).", 0)),
-    field("findings", items("What was found.", FINDING)),
+    codec.field("valid", codec.boolean("False exactly when the command ends with 3.")),
+    codec.optional("verdict", codec.choice("The verdict.", get_args(Verdict)), lambda quality: quality.verdict),
+    codec.optional("affected", _AFFECTED),
+    codec.optional("rms_px", codec.number("sqrt(mean(du^2 + dv^2)) of the used observations.", 0)),
+    codec.optional("mean_px", codec.number("Mean length of (du, dv).", 0)),
+    codec.optional("sigma0", codec.number("sqrt(v'Pv / redundancy).", 0)),
+    codec.field("findings", codec.items("What was found.", FINDING)),
     check=_check_verdict,
 )
-_COVARIANCE = record(
+_COVARIANCE = codec.record(
     "The covariance of all cameras together, in a file beside this one.",
     dict,
-    field("file", choice("Its name.", (COVARIANCE_FILE,)), lambda _: COVARIANCE_FILE),
-    field("sha256", text("Its SHA-256."), lambda one: hashlib.sha256(covariance_bytes(one)).hexdigest(), "sha256"),
-    field(
+    codec.field("file", codec.choice("Its name.", (COVARIANCE_FILE,)), lambda _: COVARIANCE_FILE),
+    codec.field(
+        "sha256", codec.text("Its SHA-256."), lambda one: hashlib.sha256(covariance_bytes(one)).hexdigest(), "sha256"
+    ),
+    codec.field(
         "intrinsics",
-        items("The intrinsics in it, after rotation and translation.", choice("", INTRINSIC_NAMES)),
+        codec.items("The intrinsics in it, after rotation and translation.", codec.choice("", INTRINSIC_NAMES)),
         lambda one: [INTRINSIC_NAMES[i] for i in one.intrinsics],
         "intrinsics",
     ),
 )
-_MAP = record(
+_MAP = codec.record(
     "A map of the expanded uncertainty of a length.",
     dict,
-    field("length_mm", number("The length.", 0)),
-    field("coverage_factor", number("The factor k.", 0)),
-    field("sigma_px", number("Standard deviation of an image coordinate.", 0)),
-    field("places_mm", items("Places in the volume.", numbers("", 3)), lambda one: np.round(one.places_mm, 3)),
-    field("directions", items("Directions, unit vectors.", numbers("", 3)), lambda one: np.round(one.directions, 6)),
-    field(
+    codec.field("length_mm", codec.number("The length.", 0)),
+    codec.field("coverage_factor", codec.number("The factor k.", 0)),
+    codec.field("sigma_px", codec.number("Standard deviation of an image coordinate.", 0)),
+    codec.field(
+        "places_mm", codec.items("Places in the volume.", codec.numbers("", 3)), lambda one: np.round(one.places_mm, 3)
+    ),
+    codec.field(
+        "directions",
+        codec.items("Directions, unit vectors.", codec.numbers("", 3)),
+        lambda one: np.round(one.directions, 6),
+    ),
+    codec.field(
         "expanded_uncertainty_mm",
-        items("A row for each place, a value for each direction.", sigmas("")),
+        codec.items("A row for each place, a value for each direction.", sigmas("")),
         lambda one: [[float(f"{u:.4g}") for u in row] for row in one.expanded_mm],
     ),
 )
-_FORM = record(
+_FORM = codec.record(
     "How the ball was modelled.",
     _form,
-    field("name", choice("The form.", ("free", "soft", "rigid"))),
-    field("reason", prose("The reason for this form.")),
-    optional("shape_sd_mm", number("Standard deviation of a dot's place on the ball.", 0), omit=None),
-    optional(
-        "shape_sd", choice("Where `shape_sd_mm` comes from.", ("stated", "estimated")), _shape_sd, "shape_sd", omit=None
+    codec.field("name", codec.choice("The form.", ("free", "soft", "rigid"))),
+    codec.field("reason", codec.prose("The reason for this form.")),
+    codec.optional("shape_sd_mm", codec.number("Standard deviation of a dot's place on the ball.", 0), omit=None),
+    codec.optional(
+        "shape_sd",
+        codec.choice("Where `shape_sd_mm` comes from.", ("stated", "estimated")),
+        _shape_sd,
+        "shape_sd",
+        omit=None,
     ),
 )
-_REPAIR = record(
+_REPAIR = codec.record(
     "",
     Repair,
-    field("option", prose("Option of the command line.")),
-    field("value", prose("Its value.")),
-    optional("automatic", boolean("Whether the program chose it."), omit=False),
-    optional("earlier_pose", _CAMERA.described("The camera before it moved."), omit=None),
+    codec.field("option", codec.prose("Option of the command line.")),
+    codec.field("value", codec.prose("Its value.")),
+    codec.optional("automatic", codec.boolean("Whether the program chose it."), omit=False),
+    codec.optional("earlier_pose", _CAMERA.described("The camera before it moved."), omit=None),
 )
-_SCALE = record(
+_SCALE = codec.record(
     "Where the scale comes from; without it lengths are assumed to be in mm.",
     RigScale,
-    field("source", choice("Its source.", ("target_spacing", "bar", "board", "ball", "given", "none"))),
-    optional("relative_uncertainty", number("Relative standard uncertainty.", 0)),
+    codec.field("source", codec.choice("Its source.", ("target_spacing", "bar", "board", "ball", "given", "none"))),
+    codec.optional("relative_uncertainty", codec.number("Relative standard uncertainty.", 0)),
 )
-RIG = FileFormat(
+RIG = codec.FileFormat(
     "spherecal/rig",
     "rig.json",
     "The calibrated cameras. The world is the reference camera's frame; lengths in mm. Of another program's rig only "
     "`cameras` is needed.",
-    record(
+    codec.record(
         "",
         dict,
-        optional("reference_camera", name("The camera whose frame is the world.")),
-        field("cameras", items("The cameras.", _CAMERA, most=MOST_CAMERAS, differ="id")),
-        optional("scale", _SCALE),
-        optional("quality", _QUALITY),
-        software_field(),
-        optional("input_sha256", digest("SHA-256 over session.json and every file that it names.")),
-        optional("covariance", _COVARIANCE, omit=None),
-        optional("length_uncertainty", replace(_MAP, read=_read_map), "length_map", omit=None),
-        optional("form", _FORM, omit=None),
-        optional("recorded_at", time("When the last placement was taken."), omit=None),
-        optional("repairs", items("Repairs that were made.", _REPAIR), omit=()),
+        codec.optional("reference_camera", codec.name("The camera whose frame is the world.")),
+        codec.field("cameras", codec.items("The cameras.", _CAMERA, most=MOST_CAMERAS, differ="id")),
+        codec.optional("scale", _SCALE),
+        codec.optional("quality", _QUALITY),
+        codec.software(),
+        codec.optional("input_sha256", codec.digest("SHA-256 over session.json and every file that it names.")),
+        codec.optional("covariance", _COVARIANCE, omit=None),
+        codec.optional("length_uncertainty", replace(_MAP, read=_read_map), "length_map", omit=None),
+        codec.optional("form", _FORM, omit=None),
+        codec.optional("recorded_at", codec.time("When the last placement was taken."), omit=None),
+        codec.optional("repairs", codec.items("Repairs that were made.", _REPAIR), omit=()),
         check=_check_reference,
     ),
     (

@@ -13,27 +13,8 @@ from spherecal.data.session import BoardPoint, CameraSpec, Scale
 from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
 from spherecal.geometry.opencv import FISHEYE_LENGTH
 from spherecal.targets.masks import Rectangle
+from spherecal_files import codec
 from spherecal_files.board_grid import BOARD_KINDS
-from spherecal_files.codec import (
-    Kind,
-    boolean,
-    celsius,
-    choice,
-    entries,
-    field,
-    identifier,
-    integer,
-    items,
-    name,
-    number,
-    numbers,
-    one_of,
-    optional,
-    positive,
-    record,
-    serial,
-    text,
-)
 from spherecal_files.json_file import MOST_CAMERAS, JsonValue, unique
 from spherecal_files.rig_file import LENS_MATRIX, distortion, read_distortion
 from spherecal_files.target_set_file import given
@@ -43,10 +24,10 @@ _LARGEST_IMAGE_PX = 65536
 MOST_BOARD_ROWS = 1000  # and columns
 
 
-def named_file(about: str) -> Kind[JsonValue]:
+def named_file(about: str) -> codec.Kind[JsonValue]:
     """A path below a folder, with "/" between its parts, read as it is: only the caller knows the folder."""
     schema = {"type": "string", "minLength": 1, "maxLength": 500, "pattern": _PATH}
-    return Kind({"description": about, **schema} if about else schema, lambda value: value)
+    return codec.Kind({"description": about, **schema} if about else schema, lambda value: value)
 
 
 # --- cameras ---------------------------------------------------------------------------------------------------------
@@ -75,30 +56,34 @@ def _read_rectangle(value: JsonValue) -> Rectangle:
     return left, top, width, height
 
 
-_SIDES = [number("").schema, number("").schema, positive("").schema, positive("").schema]
-_RECTANGLE = Kind({"type": "array", "prefixItems": _SIDES, "minItems": 4, "maxItems": 4}, _read_rectangle)
+_SIDES = [codec.number("").schema, codec.number("").schema, codec.positive("").schema, codec.positive("").schema]
+_RECTANGLE = codec.Kind({"type": "array", "prefixItems": _SIDES, "minItems": 4, "maxItems": 4}, _read_rectangle)
 _DISTORTION = "4, 5, 8 or 12 numbers in OpenCV's order (4 with `fisheye`: those of `cv2.fisheye`); 0 where absent."
-_PRIOR = record(
+_PRIOR = codec.record(
     "Intrinsics to start with.",
     _Prior,
-    field("matrix", LENS_MATRIX),
-    optional("distortion", Kind(distortion(_DISTORTION), read_distortion)),
-    optional("assumed", items("Values that are only assumed.", choice("", ("focal_length",)))),
+    codec.field("matrix", LENS_MATRIX),
+    codec.optional("distortion", codec.Kind(distortion(_DISTORTION), read_distortion)),
+    codec.optional("assumed", codec.items("Values that are only assumed.", codec.choice("", ("focal_length",)))),
 )
-_CAMERA = record(
+_CAMERA = codec.record(
     "A camera. It needs `prior`, or `pixel_pitch_um` and `focal_length_mm`.",
     dict,
-    field("id", identifier("Its id.")),
-    field("image_size", items("Width and height in px.", integer("", 1, _LARGEST_IMAGE_PX), length=2)),
-    optional("serial", serial("Its serial number.")),
-    optional("model", text("The model name that its maker uses.")),
-    optional("pixel_pitch_um", positive("Pixel pitch of the sensor.", "um")),
-    optional("focal_length_mm", positive("Focal length of the lens.", "mm")),
-    optional("prior", _PRIOR),
-    optional("intrinsics_group", name("Cameras with the same group share their intrinsics; its id where absent.")),
-    optional("lens_model", choice("The lens model that is estimated; `brown` where absent.", LENS_MODELS)),
-    optional(
-        "ignore", items("Rectangles `[left, top, width, height]` in px in which nothing is a target.", _RECTANGLE)
+    codec.field("id", codec.identifier("Its id.")),
+    codec.field(
+        "image_size", codec.items("Width and height in px.", codec.integer("", 1, _LARGEST_IMAGE_PX), length=2)
+    ),
+    codec.optional("serial", codec.serial("Its serial number.")),
+    codec.optional("model", codec.text("The model name that its maker uses.")),
+    codec.optional("pixel_pitch_um", codec.positive("Pixel pitch of the sensor.", "um")),
+    codec.optional("focal_length_mm", codec.positive("Focal length of the lens.", "mm")),
+    codec.optional("prior", _PRIOR),
+    codec.optional(
+        "intrinsics_group", codec.name("Cameras with the same group share their intrinsics; its id where absent.")
+    ),
+    codec.optional("lens_model", codec.choice("The lens model that is estimated; `brown` where absent.", LENS_MODELS)),
+    codec.optional(
+        "ignore", codec.items("Rectangles `[left, top, width, height]` in px in which nothing is a target.", _RECTANGLE)
     ),
 )
 
@@ -137,22 +122,24 @@ def _check_groups(cameras: Sequence[CameraSpec], value: JsonValue) -> None:
 
 
 _NEEDED = {"anyOf": [given("prior"), given("pixel_pitch_um", "focal_length_mm")]}
-CAMERAS = items(
-    "The cameras.", Kind(_CAMERA.schema | _NEEDED, _read_camera), least=1, most=MOST_CAMERAS, differ="id"
+CAMERAS = codec.items(
+    "The cameras.", codec.Kind(_CAMERA.schema | _NEEDED, _read_camera), least=1, most=MOST_CAMERAS, differ="id"
 ).checked(_check_groups)
 
 # --- placements and poses of bars ------------------------------------------------------------------------------------
 
-_IMAGES = entries("Image files by camera id, below the session's folder.", named_file("An image."), identifier(""))
-PLACEMENT = record("", dict, field("id", identifier("Its id.")), optional("images", _IMAGES))
-PLACEMENTS = items("The placements of the ball.", PLACEMENT)
-BAR_POSE = record(
+_IMAGES = codec.entries(
+    "Image files by camera id, below the session's folder.", named_file("An image."), codec.identifier("")
+)
+PLACEMENT = codec.record("", dict, codec.field("id", codec.identifier("Its id.")), codec.optional("images", _IMAGES))
+PLACEMENTS = codec.items("The placements of the ball.", PLACEMENT)
+BAR_POSE = codec.record(
     "",
     dict,
-    field("id", identifier("Its id.")),
-    field("bar", name("The bar's id.")),
-    optional("temperature_c", celsius("The bar's temperature in degrees Celsius.")),
-    optional("images", _IMAGES),
+    codec.field("id", codec.identifier("Its id.")),
+    codec.field("bar", codec.name("The bar's id.")),
+    codec.optional("temperature_c", codec.celsius("The bar's temperature in degrees Celsius.")),
+    codec.optional("images", _IMAGES),
 )
 
 
@@ -164,16 +151,16 @@ def _sphere(
     return nominal_diameter_mm, None if u is None else u / coverage_factor
 
 
-BAR_POSES = items("The poses of the bars.", BAR_POSE)
-SPHERE = record(
+BAR_POSES = codec.items("The poses of the bars.", BAR_POSE)
+SPHERE = codec.record(
     "The ball.",
     _sphere,
-    field("nominal_diameter_mm", positive("Its diameter; over the targets where it was measured.", "mm")),
-    optional("expanded_uncertainty_mm", positive("Of the measured diameter; absent: not measured.", "mm")),
-    optional("coverage_factor", positive("The factor k of that; 2 where absent.")),
+    codec.field("nominal_diameter_mm", codec.positive("Its diameter; over the targets where it was measured.", "mm")),
+    codec.optional("expanded_uncertainty_mm", codec.positive("Of the measured diameter; absent: not measured.", "mm")),
+    codec.optional("coverage_factor", codec.positive("The factor k of that; 2 where absent.")),
 )
 
-WANTED = positive("The expanded uncertainty (k = 2) that lengths are wanted with; absent: any.", "mm")
+WANTED = codec.positive("The expanded uncertainty (k = 2) that lengths are wanted with; absent: any.", "mm")
 
 # --- scale -----------------------------------------------------------------------------------------------------------
 
@@ -183,37 +170,42 @@ def _check_spacing(scale: Scale, f: Mapping[str, JsonValue]) -> None:
         raise f["to"].error(Phrase("problem-same-point", {"point": scale.to_point}))
 
 
-_BAR_SCALE = record(
-    "", Scale, field("kind", choice("A bar with role `scale`.", ("bar",))), field("bar", name("The bar's id."))
-)
-_SPACING = record(
+_BAR_SCALE = codec.record(
     "",
     Scale,
-    field("kind", choice("The spacing of two dots of each target.", ("target_spacing",))),
-    field("from", name("The first dot."), "from_point"),
-    field("to", name("The second dot."), "to_point"),
-    field("distance_mm", positive("Their distance as printed.", "mm")),
-    field("surface", choice("`sphere`: bent onto the ball, so that the distance is an arc.", ("sphere", "flat"))),
-    optional(
+    codec.field("kind", codec.choice("A bar with role `scale`.", ("bar",))),
+    codec.field("bar", codec.name("The bar's id.")),
+)
+_SPACING = codec.record(
+    "",
+    Scale,
+    codec.field("kind", codec.choice("The spacing of two dots of each target.", ("target_spacing",))),
+    codec.field("from", codec.name("The first dot."), "from_point"),
+    codec.field("to", codec.name("The second dot."), "to_point"),
+    codec.field("distance_mm", codec.positive("Their distance as printed.", "mm")),
+    codec.field(
+        "surface", codec.choice("`sphere`: bent onto the ball, so that the distance is an arc.", ("sphere", "flat"))
+    ),
+    codec.optional(
         "expanded_uncertainty_mm",
-        number("Of the distance as measured on the print; absent: not measured.", 0),
+        codec.number("Of the distance as measured on the print; absent: not measured.", 0),
         omit=None,
     ),
-    optional(
+    codec.optional(
         "coverage_factor",
-        positive("The factor k of that; 2 where absent."),
+        codec.positive("The factor k of that; 2 where absent."),
         lambda scale: None if scale.expanded_uncertainty_mm is None else scale.coverage_factor,
         "coverage_factor",
         omit=None,
     ),
     check=_check_spacing,
 )
-_NO_SCALE = record("", Scale, field("kind", choice("Lengths do not matter, by choice.", ("none",))))
+_NO_SCALE = codec.record("", Scale, codec.field("kind", codec.choice("Lengths do not matter, by choice.", ("none",))))
 
 
 _SCALES = {"target_spacing": _SPACING, "bar": _BAR_SCALE, "none": _NO_SCALE}
 SCALE = replace(
-    one_of("Where the scale comes from.", _BAR_SCALE, _SPACING, _NO_SCALE),
+    codec.one_of("Where the scale comes from.", _BAR_SCALE, _SPACING, _NO_SCALE),
     read=lambda value: _SCALES[value.fields(("kind",))["kind"].choice(*_SCALES)].read(value),
     entry=lambda scale: _SCALES[scale.kind].entry(scale),
 )
@@ -222,44 +214,44 @@ SCALE = replace(
 # --- board -----------------------------------------------------------------------------------------------------------
 
 
-_BOARD_POINT = record(
+_BOARD_POINT = codec.record(
     "",
     BoardPoint,
-    field("target", integer("The target.")),
-    field("point", name("Its point.")),
-    field("xyz_mm", numbers("Its position on the board.", 3)),
+    codec.field("target", codec.integer("The target.")),
+    codec.field("point", codec.name("Its point.")),
+    codec.field("xyz_mm", codec.numbers("Its position on the board.", 3)),
 )
-_POINTS = items("The board's points, for observations.", _BOARD_POINT, least=1).checked(
+_POINTS = codec.items("The board's points, for observations.", _BOARD_POINT, least=1).checked(
     lambda points, value: unique(value.items(), [f"{one.target} {one.point}" for one in points], "target and point")
 )
-_RING = items("", integer("", 0, MOST_BOARD_ROWS - 1), length=2)
-_BOARD = record(
+_RING = codec.items("", codec.integer("", 0, MOST_BOARD_ROWS - 1), length=2)
+_BOARD = codec.record(
     "The board of `--method board`: `points`, or `rows`, `columns` and `pitch_mm`; for images `kind` as well.",
     dict,
-    optional("points", _POINTS),
-    optional("kind", choice("What is printed.", BOARD_KINDS)),
-    optional("rows", integer("Rows of dots, inner corners or tags.", 2, MOST_BOARD_ROWS)),
-    optional("columns", integer("Columns.", 2, MOST_BOARD_ROWS)),
-    optional("pitch_mm", positive("Distance of neighbours.", "mm")),
-    optional(
+    codec.optional("points", _POINTS),
+    codec.optional("kind", codec.choice("What is printed.", BOARD_KINDS)),
+    codec.optional("rows", codec.integer("Rows of dots, inner corners or tags.", 2, MOST_BOARD_ROWS)),
+    codec.optional("columns", codec.integer("Columns.", 2, MOST_BOARD_ROWS)),
+    codec.optional("pitch_mm", codec.positive("Distance of neighbours.", "mm")),
+    codec.optional(
         "polarity",
-        choice(
+        codec.choice(
             "The colour of dots; `light-on-dark`: another board in inverted colours. `dark-on-light` where absent.",
             ("dark-on-light", "light-on-dark"),
         ),
     ),
-    optional("rings", items("`[row, column]` of the dots that have a hole.", _RING)),
-    optional("rows_upward", boolean("Whether rows count from the bottom.")),
-    optional("dot_diameter_mm", positive("Diameter of a dot.", "mm")),
-    optional("marker_mm", positive("Side of a marker, smaller than `pitch_mm`.", "mm")),
-    optional("dictionary", text("OpenCV's name of the markers' dictionary.")),
-    optional("first_id", integer("The id of its first marker; 0 where absent.", 0, 100_000)),
-    optional("legacy", boolean("Whether a ChArUco board was printed before OpenCV 4.6.")),
-    optional("border_bits", integer("Black bits around a tag.", 1, 2)),
-    optional("relative_uncertainty", number("Relative standard uncertainty of the pitch.", 0, 0.05)),
-    optional(
+    codec.optional("rings", codec.items("`[row, column]` of the dots that have a hole.", _RING)),
+    codec.optional("rows_upward", codec.boolean("Whether rows count from the bottom.")),
+    codec.optional("dot_diameter_mm", codec.positive("Diameter of a dot.", "mm")),
+    codec.optional("marker_mm", codec.positive("Side of a marker, smaller than `pitch_mm`.", "mm")),
+    codec.optional("dictionary", codec.text("OpenCV's name of the markers' dictionary.")),
+    codec.optional("first_id", codec.integer("The id of its first marker; 0 where absent.", 0, 100_000)),
+    codec.optional("legacy", codec.boolean("Whether a ChArUco board was printed before OpenCV 4.6.")),
+    codec.optional("border_bits", codec.integer("Black bits around a tag.", 1, 2)),
+    codec.optional("relative_uncertainty", codec.number("Relative standard uncertainty of the pitch.", 0, 0.05)),
+    codec.optional(
         "shape",
-        choice(
+        codec.choice(
             "Whether the points are estimated; where absent, if the data show that they are not where they should be.",
             ("nominal", "estimated"),
         ),

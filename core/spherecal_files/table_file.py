@@ -114,19 +114,14 @@ def read_table(
     body = np.frombuffer(data, np.uint8, offset=end + 1)
     line_end = body == ord("\n")
     stop = np.flatnonzero(line_end | (body == ord(",")))
-    _check_shape(path, len(header), np.flatnonzero(line_end[stop]) + 1)
-    start = np.concatenate([[0], stop[:-1] + 1]) if len(stop) else stop
     n = len(header)
-    return Table(path, {name: _fields(path, body, start[k::n], stop[k::n]) for k, name in enumerate(header)})
-
-
-def _check_shape(path: Path, width: int, fields_until: IntArray) -> None:
-    """`fields_until[i]` counts the fields up to the end of row i."""
-    fields = np.diff(fields_until, prepend=0)
-    if (fields != width).any():
-        row = int(np.argmax(fields != width))
-        values = {"file": path, "line": row + 2, "found": int(fields[row]), "n": width}
+    fields = np.diff(np.flatnonzero(line_end[stop]) + 1, prepend=0)  # of each row
+    if (fields != n).any():
+        row = int(np.argmax(fields != n))
+        values = {"file": path, "line": row + 2, "found": int(fields[row]), "n": n}
         raise InputError(Phrase("error-empty-line" if fields[row] == 1 else "error-field-count", values))
+    start = np.concatenate([[0], stop[:-1] + 1]) if len(stop) else stop
+    return Table(path, {name: _fields(path, body, start[k::n], stop[k::n]) for k, name in enumerate(header)})
 
 
 def _fields(path: Path, body: NDArray[np.uint8], start: IntArray, stop: IntArray) -> Bytes:

@@ -12,24 +12,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import Polarity, TargetSet
+from spherecal_files import codec
 from spherecal_files.atomic import write_file_whole
-from spherecal_files.codec import (
-    FileFormat,
-    Kind,
-    Schema,
-    choice,
-    entries,
-    field,
-    integer,
-    items,
-    name,
-    number,
-    numbers,
-    optional,
-    positive,
-    record,
-    text,
-)
 from spherecal_files.json_file import JsonValue
 from spherecal_files.marker_targets import FAMILY as MARKERS
 from spherecal_files.marker_targets import make_marker_set
@@ -97,54 +81,59 @@ def write_target_set(path: Path, target_set: TargetSet) -> None:
     write_file_whole(path, TARGETS.bytes(target_set))
 
 
-def given(*keys: str, **others: Schema) -> Schema:
+def given(*keys: str, **others: codec.Schema) -> codec.Schema:
     """That these fields are there and not null, and what others must be."""
-    known: Schema = {key: {"not": {"type": "null"}} for key in keys}
+    known: codec.Schema = {key: {"not": {"type": "null"}} for key in keys}
     return {"required": list(keys), "properties": known | others}
 
 
-_PLACE = numbers("", 2).mapped(np.array, lambda xy: np.asarray(xy, dtype=float).tolist())
-_DOTS = entries("Places of the dots by name: mm from the sticker's centre, x right, y down as printed.", _PLACE).that(
-    len, Phrase("problem-no-dots"), minProperties=1
+_PLACE = codec.numbers("", 2).mapped(np.array, lambda xy: np.asarray(xy, dtype=float).tolist())
+_DOTS = codec.entries(
+    "Places of the dots by name: mm from the sticker's centre, x right, y down as printed.", _PLACE
+).that(len, Phrase("problem-no-dots"), minProperties=1)
+_TARGET = codec.record(
+    "", _Target, codec.field("id", codec.integer("The number that the target carries.")), codec.field("dots", _DOTS)
 )
-_TARGET = record("", _Target, field("id", integer("The number that the target carries.")), field("dots", _DOTS))
-_LAYOUTS = items(
+_LAYOUTS = codec.items(
     "The targets. For `aruco` they may be absent: all markers of the dictionary.", _TARGET, least=1, differ="id"
 ).mapped(
     lambda targets: {target.id: target.dots for target in targets},
     lambda layouts: [_Target(int(i), dots) for i, dots in layouts.items()],
 )
-_SET = record(
+_SET = codec.record(
     "",
     dict,
-    field("family", name("`dots8`: the eight-dot targets of this program; `aruco`: ArUco or AprilTag markers.")),
-    optional(
+    codec.field(
+        "family", codec.name("`dots8`: the eight-dot targets of this program; `aruco`: ArUco or AprilTag markers.")
+    ),
+    codec.optional(
         "polarity",
-        choice(
+        codec.choice(
             "The brightness of dots or markers and of their background; may be absent for `aruco`: `dark-on-light`.",
             _POLARITIES,
         ),
     ),
-    field("size_mm", positive("Side of a sticker, or of a marker's black square.", "mm")),
-    optional(
-        "dot_diameter_mm", number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0, unit="mm")
+    codec.field("size_mm", codec.positive("Side of a sticker, or of a marker's black square.", "mm")),
+    codec.optional(
+        "dot_diameter_mm",
+        codec.number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0, unit="mm"),
     ),
-    optional(
+    codec.optional(
         "dictionary",
-        text("OpenCV's name of the markers' dictionary, such as `DICT_4X4_250`; needed for `aruco`."),
+        codec.text("OpenCV's name of the markers' dictionary, such as `DICT_4X4_250`; needed for `aruco`."),
         omit=None,
     ),
-    optional("targets", _LAYOUTS, "layouts"),
+    codec.optional("targets", _LAYOUTS, "layouts"),
 )
 _FORMS = [
-    given("polarity", "targets", "dot_diameter_mm", dot_diameter_mm=positive("").schema),
+    given("polarity", "targets", "dot_diameter_mm", dot_diameter_mm=codec.positive("").schema),
     given("dictionary", family={"const": "aruco"}, dot_diameter_mm={"enum": [0, None]}),
 ]
-TARGETS = FileFormat(
+TARGETS = codec.FileFormat(
     "spherecal/targets",
     "targets.json",
     "The stickers: the places of the dots of every target.",
-    Kind(_SET.schema | {"anyOf": _FORMS}, _read_set, _SET.entry),  # what is needed depends on the family
+    codec.Kind(_SET.schema | {"anyOf": _FORMS}, _read_set, _SET.entry),  # what is needed depends on the family
     ("Ids differ.", "Every dot is on the sticker.", "Dots of a marker are its corners 0 to 3."),
     more="#markers",
     lines="targets",

@@ -9,27 +9,8 @@ from typing import Any, get_args
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding
 from spherecal.data.session import BarPose
+from spherecal_files import codec
 from spherecal_files.bar_registry import CERTIFICATE, LENGTH
-from spherecal_files.codec import (
-    FileFormat,
-    Kind,
-    choice,
-    field,
-    group,
-    integer,
-    items,
-    name,
-    number,
-    numbers,
-    optional,
-    prose,
-    record,
-    serial,
-    software,
-    text,
-    time,
-    unread,
-)
 from spherecal_files.findings_file import FINDING
 from spherecal_files.json_file import finite
 from spherecal_files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
@@ -165,226 +146,236 @@ def _poses(verification: Verification) -> list[MeasuredLength]:
     return list(poses.values())
 
 
-def _mm(about: str, least: float = 0) -> Kind[float]:
-    return number(about, least, _MOST_MM)
+def _mm(about: str, least: float = 0) -> codec.Kind[float]:
+    return codec.number(about, least, _MOST_MM)
 
 
 _ENDS = (
-    field("bar", name("The bar.")),
-    field("from", name("The mark at which the length begins."), "from_mark"),
-    field("to", name("The mark at which it ends."), "to_mark"),
+    codec.field("bar", codec.name("The bar.")),
+    codec.field("from", codec.name("The mark at which the length begins."), "from_mark"),
+    codec.field("to", codec.name("The mark at which it ends."), "to_mark"),
 )
-_LENGTH = record(
+_LENGTH = codec.record(
     "",
     LengthStatistics,
     *_ENDS,
-    field("n", integer("How often it was measured.", 0)),
-    optional("mean_error_mm", number("Mean error.")),
-    optional("sd_mm", number("Standard deviation of the errors.", 0)),
-    optional("max_abs_error_mm", number("Largest error, without its sign.", 0)),
-    optional("expanded_uncertainty_mm", number("Expanded uncertainty of an error.", 0)),
-    optional("coverage_factor", number("The factor k.", 0)),
-    optional(
+    codec.field("n", codec.integer("How often it was measured.", 0)),
+    codec.optional("mean_error_mm", codec.number("Mean error.")),
+    codec.optional("sd_mm", codec.number("Standard deviation of the errors.", 0)),
+    codec.optional("max_abs_error_mm", codec.number("Largest error, without its sign.", 0)),
+    codec.optional("expanded_uncertainty_mm", codec.number("Expanded uncertainty of an error.", 0)),
+    codec.optional("coverage_factor", codec.number("The factor k.", 0)),
+    codec.optional(
         "standard_uncertainties_mm",
-        record(
+        codec.record(
             "Standard uncertainties by source.",
             dict,
-            optional("repeatability", number("", 0), "repeatability_mm"),
-            *(optional(part, number("", 0), f"budget.{part}_mm") for part in _PARTS),
+            codec.optional("repeatability", codec.number("", 0), "repeatability_mm"),
+            *(codec.optional(part, codec.number("", 0), f"budget.{part}_mm") for part in _PARTS),
         ),
         lambda length: length,
     ),
 )
-_OVERALL = group(
+_OVERALL = codec.group(
     "overall",
     "All lengths together.",
-    field("n", integer("The number of measured lengths.", 0), "overall.n"),
-    optional("mean_error_mm", number("Mean error."), "overall.mean_error_mm"),
-    optional("sd_mm", number("Standard deviation of the errors.", 0), "overall.sd_mm"),
-    unread("rms_error_mm", "Root mean square error.", lambda of: finite(of.overall.rms_error_mm)),
-    optional("max_abs_error_mm", number("Largest error, without its sign.", 0), "overall.max_abs_error_mm"),
-    unread(
+    codec.field("n", codec.integer("The number of measured lengths.", 0), "overall.n"),
+    codec.optional("mean_error_mm", codec.number("Mean error."), "overall.mean_error_mm"),
+    codec.optional("sd_mm", codec.number("Standard deviation of the errors.", 0), "overall.sd_mm"),
+    codec.unread("rms_error_mm", "Root mean square error.", lambda of: finite(of.overall.rms_error_mm)),
+    codec.optional("max_abs_error_mm", codec.number("Largest error, without its sign.", 0), "overall.max_abs_error_mm"),
+    codec.unread(
         "expanded_uncertainty_mm",
         "That of the mean error, with what the lengths have in common (95.45 %).",
         lambda of: finite(of.overall.expanded_uncertainty_mm),
     ),
 )
-_BROKEN = record(
+_BROKEN = codec.record(
     "",
     lambda pose, start, end: (pose, start, end),
-    field("pose", name("The pose."), itemgetter(0), "pose"),
-    field("from", name("The mark."), itemgetter(1), "start"),
-    field("to", name("The mark."), itemgetter(2), "end"),
+    codec.field("pose", codec.name("The pose."), itemgetter(0), "pose"),
+    codec.field("from", codec.name("The mark."), itemgetter(1), "start"),
+    codec.field("to", codec.name("The mark."), itemgetter(2), "end"),
 )
-_DECISION = group(
+_DECISION = codec.group(
     "decision",
     "Whether the errors agree with their uncertainty.",
     *sentence_fields("rule", "The rule in words.", lambda of: of.decision.rule),
-    field("verdict", prose("`consistent`, `inconsistent` ..."), "decision.verdict"),
-    optional("coverage_factor", number("The factor k.", 0), "decision.coverage_factor"),
-    unread("chi_square", "Of all errors together, on `n` degrees of freedom.", lambda of: of.decision.chi_square),
-    unread("most_chi_square", "The most that agrees (99.9 %).", lambda of: of.decision.most_chi_square),
-    optional("exceeding", items("Lengths that break the rule.", _BROKEN), "decision.exceeding"),
-    optional(
-        "cameras", items("Cameras that contradict the calibration.", name("")), "decision.cameras", "contradicting"
+    codec.field("verdict", codec.prose("`consistent`, `inconsistent` ..."), "decision.verdict"),
+    codec.optional("coverage_factor", codec.number("The factor k.", 0), "decision.coverage_factor"),
+    codec.unread("chi_square", "Of all errors together, on `n` degrees of freedom.", lambda of: of.decision.chi_square),
+    codec.unread("most_chi_square", "The most that agrees (99.9 %).", lambda of: of.decision.most_chi_square),
+    codec.optional("exceeding", codec.items("Lengths that break the rule.", _BROKEN), "decision.exceeding"),
+    codec.optional(
+        "cameras",
+        codec.items("Cameras that contradict the calibration.", codec.name("")),
+        "decision.cameras",
+        "contradicting",
     ),
 )
-_CAMERA = record(
+_CAMERA = codec.record(
     "",
     CameraViews,
-    field("id", name("Its id.")),
-    field("views", integer("Views of marks.", 0), "seen"),
-    field("used", integer("Views that were used.", 0)),
-    optional("rms_px", number("Root mean square of their residuals.", 0)),
-    field("state", choice("Its state.", get_args(State))),
+    codec.field("id", codec.name("Its id.")),
+    codec.field("views", codec.integer("Views of marks.", 0), "seen"),
+    codec.field("used", codec.integer("Views that were used.", 0)),
+    codec.optional("rms_px", codec.number("Root mean square of their residuals.", 0)),
+    codec.field("state", codec.choice("Its state.", get_args(State))),
 )
-_CERTIFICATE = record(
+_CERTIFICATE = codec.record(
     "",
     dict,
-    field("number", text("Its number.")),
-    optional("laboratory", text("Who issued it.")),
-    optional("date", text("When it was issued.")),
-    optional("valid_until", text("Until when it is valid.")),
+    codec.field("number", codec.text("Its number.")),
+    codec.optional("laboratory", codec.text("Who issued it.")),
+    codec.optional("date", codec.text("When it was issued.")),
+    codec.optional("valid_until", codec.text("Until when it is valid.")),
 )
-_CERTIFIED = record(
+_CERTIFIED = codec.record(
     "",
     _certified,
-    field("from", name("The mark at which it begins."), "from_mark"),
-    field("to", name("The mark at which it ends."), "to_mark"),
-    field("length_mm", _mm("The length.")),
-    optional("expanded_uncertainty_mm", _mm("Its expanded uncertainty.")),
-    optional("coverage_factor", _mm("The factor k.")),
-    unread("nominal_mm", "Its nominal length."),
+    codec.field("from", codec.name("The mark at which it begins."), "from_mark"),
+    codec.field("to", codec.name("The mark at which it ends."), "to_mark"),
+    codec.field("length_mm", _mm("The length.")),
+    codec.optional("expanded_uncertainty_mm", _mm("Its expanded uncertainty.")),
+    codec.optional("coverage_factor", _mm("The factor k.")),
+    codec.unread("nominal_mm", "Its nominal length."),
 )
-_BAR = record(
+_BAR = codec.record(
     "A bar and its certificate.",
     _artefact,
-    field("id", name("Its id.")),
-    optional("serial", serial("Its serial number.")),
-    optional("certificate", replace(_CERTIFICATE, entry=CERTIFICATE.entry)),
-    field("expansion_per_kelvin", number("Coefficient of linear expansion.", -1, 1)),
-    field("reference_temperature_c", number("The temperature that the lengths refer to.", -300, 1000)),
-    unread("assumed", "Which of these were assumed."),
-    field("lengths", items("The certified lengths, as in session.json.", replace(_CERTIFIED, entry=LENGTH.entry))),
+    codec.field("id", codec.name("Its id.")),
+    codec.optional("serial", codec.serial("Its serial number.")),
+    codec.optional("certificate", replace(_CERTIFICATE, entry=CERTIFICATE.entry)),
+    codec.field("expansion_per_kelvin", codec.number("Coefficient of linear expansion.", -1, 1)),
+    codec.field("reference_temperature_c", codec.number("The temperature that the lengths refer to.", -300, 1000)),
+    codec.unread("assumed", "Which of these were assumed."),
+    codec.field(
+        "lengths", codec.items("The certified lengths, as in session.json.", replace(_CERTIFIED, entry=LENGTH.entry))
+    ),
 )
-_POSE = record(
+_POSE = codec.record(
     "",
     BarPose,
-    field("id", name("Its id."), "pose", "id"),
-    field("bar", name("The bar.")),
-    optional("temperature_c", number("The bar's temperature.", -300, 1000)),
-    unread("from", "The mark at one end of the longest length.", "from_mark"),
-    unread("to", "The mark at its other end.", "to_mark"),
-    unread(
+    codec.field("id", codec.name("Its id."), "pose", "id"),
+    codec.field("bar", codec.name("The bar.")),
+    codec.optional("temperature_c", codec.number("The bar's temperature.", -300, 1000)),
+    codec.unread("from", "The mark at one end of the longest length.", "from_mark"),
+    codec.unread("to", "The mark at its other end.", "to_mark"),
+    codec.unread(
         "ends_mm",
         "Positions of both marks in the world.",
         lambda m: None if m.ends_mm is None else finite(m.ends_mm.round(3)),
     ),
 )
-_CONFORMITY = record(
+_CONFORMITY = codec.record(
     "",
     LengthConformity,
     *_ENDS,
-    field("worst_pose", name("The pose with the largest error.")),
-    field("worst_error_mm", _mm("That error.", -_MOST_MM)),
-    field("limit_mm", _mm("The limit of this length.")),
-    field("expanded_uncertainty_mm", _mm("Expanded uncertainty of an error.")),
-    field("verdict", choice("The decision.", get_args(Conformity))),
+    codec.field("worst_pose", codec.name("The pose with the largest error.")),
+    codec.field("worst_error_mm", _mm("That error.", -_MOST_MM)),
+    codec.field("limit_mm", _mm("The limit of this length.")),
+    codec.field("expanded_uncertainty_mm", _mm("Expanded uncertainty of an error.")),
+    codec.field("verdict", codec.choice("The decision.", get_args(Conformity))),
 )
-_LIMIT = record(
+_LIMIT = codec.record(
     "The limit.",
     LengthLimit,
-    field("words", text("The limit as a formula."), LengthLimit.words),
-    field("constant_mm", _mm("A.")),
-    optional("divisor", number("K; absent: A alone.", 1e-9)),
+    codec.field("words", codec.text("The limit as a formula."), LengthLimit.words),
+    codec.field("constant_mm", _mm("A.")),
+    codec.optional("divisor", codec.number("K; absent: A alone.", 1e-9)),
 )
-_ACCEPTANCE = record(
+_ACCEPTANCE = codec.record(
     "The limit E = A + L/K and the decision.",
     Acceptance,
-    field("rule", prose("The decision rule in words."), lambda _: RULE),
-    field("limit", _LIMIT),
-    optional("verdict", choice("The decision; absent where nothing was measured.", get_args(Conformity))),
-    optional("doubts", items("Doubts that prevent a pass.", text(""))),
-    field("lengths", items("Each certified length.", _CONFORMITY)),
+    codec.field("rule", codec.prose("The decision rule in words."), lambda _: RULE),
+    codec.field("limit", _LIMIT),
+    codec.optional("verdict", codec.choice("The decision; absent where nothing was measured.", get_args(Conformity))),
+    codec.optional("doubts", codec.items("Doubts that prevent a pass.", codec.text(""))),
+    codec.field("lengths", codec.items("Each certified length.", _CONFORMITY)),
 )
-_CONTRIBUTION = record(
+_CONTRIBUTION = codec.record(
     "",
     Contribution,
-    field("name", text("What it is.")),
-    field("evaluation", choice("Type of evaluation (GUM).", ("A", "B"))),
-    field("distribution", text("Its distribution.")),
-    field("standard_uncertainty_mm", _mm("Standard uncertainty."), "standard_mm"),
-    optional("degrees_of_freedom", number("Absent: infinite.", 0), "freedom"),
-    field("share", number("Share of the combined variance.", 0, 1.0001)),
-    optional("contained_in_repeatability_mm", _mm("The part that is included in the repeatability."), lambda _: None),
+    codec.field("name", codec.text("What it is.")),
+    codec.field("evaluation", codec.choice("Type of evaluation (GUM).", ("A", "B"))),
+    codec.field("distribution", codec.text("Its distribution.")),
+    codec.field("standard_uncertainty_mm", _mm("Standard uncertainty."), "standard_mm"),
+    codec.optional("degrees_of_freedom", codec.number("Absent: infinite.", 0), "freedom"),
+    codec.field("share", codec.number("Share of the combined variance.", 0, 1.0001)),
+    codec.optional(
+        "contained_in_repeatability_mm", _mm("The part that is included in the repeatability."), lambda _: None
+    ),
 )
-_BUDGET = record(
+_BUDGET = codec.record(
     "The uncertainty budget of a length's error.",
     Budget,
     *_ENDS,
-    field("combined_mm", _mm("Combined standard uncertainty.")),
-    optional("effective_degrees_of_freedom", number("Absent: infinite.", 0), "freedom"),
-    field("coverage_factor", number("The factor k.", 0, 100)),
-    field("expanded_uncertainty_mm", _mm("Expanded uncertainty."), "expanded_mm"),
-    optional("remedy", prose("What would reduce it; empty where nothing would."), _remedy),
-    optional("remedy_phrase", PHRASE, Budget.remedy),
-    field("contributions", items("The contributions.", _CONTRIBUTION)),
+    codec.field("combined_mm", _mm("Combined standard uncertainty.")),
+    codec.optional("effective_degrees_of_freedom", codec.number("Absent: infinite.", 0), "freedom"),
+    codec.field("coverage_factor", codec.number("The factor k.", 0, 100)),
+    codec.field("expanded_uncertainty_mm", _mm("Expanded uncertainty."), "expanded_mm"),
+    codec.optional("remedy", codec.prose("What would reduce it; empty where nothing would."), _remedy),
+    codec.optional("remedy_phrase", PHRASE, Budget.remedy),
+    codec.field("contributions", codec.items("The contributions.", _CONTRIBUTION)),
 )
-_VOLUME = record(
+_VOLUME = codec.record(
     "The measuring volume.",
     lambda sides, diagonal: (sides, diagonal),
-    field("sides", numbers("Its sides.", 3), itemgetter(0), "sides"),
-    field("diagonal", _mm(""), itemgetter(1), "diagonal"),
+    codec.field("sides", codec.numbers("Its sides.", 3), itemgetter(0), "sides"),
+    codec.field("diagonal", _mm(""), itemgetter(1), "diagonal"),
 )
-PROCEDURE = record(
+PROCEDURE = codec.record(
     "The procedure, its limit and budgets.",
     _procedure,
-    field("title", text("Its title."), "procedure.title"),
-    field(
+    codec.field("title", codec.text("Its title."), "procedure.title"),
+    codec.field(
         "departures",
-        replace(items("Departures from the guideline.", prose("")), entry=lambda said: [phrase(one) for one in said]),
+        replace(
+            codec.items("Departures from the guideline.", codec.prose("")),
+            entry=lambda said: [phrase(one) for one in said],
+        ),
         "procedure.departures",
     ),
-    optional(
+    codec.optional(
         "departure_phrases",
-        items("The departures for other languages, in their order.", PHRASE),
+        codec.items("The departures for other languages, in their order.", PHRASE),
         "procedure.departures",
         "departure_phrases",
     ),
-    optional("volume_mm", _VOLUME, "procedure.volume_mm", "volume"),
-    field("bars", items("The bars.", _BAR), "procedure.bars"),
-    field("poses", items("The poses.", _POSE), _poses, "poses"),
-    optional("acceptance", _ACCEPTANCE, "procedure.acceptance"),
-    field("budgets", items("A budget for each length.", _BUDGET), "procedure.budgets"),
-    optional(
+    codec.optional("volume_mm", _VOLUME, "procedure.volume_mm", "volume"),
+    codec.field("bars", codec.items("The bars.", _BAR), "procedure.bars"),
+    codec.field("poses", codec.items("The poses.", _POSE), _poses, "poses"),
+    codec.optional("acceptance", _ACCEPTANCE, "procedure.acceptance"),
+    codec.field("budgets", codec.items("A budget for each length.", _BUDGET), "procedure.budgets"),
+    codec.optional(
         "cameras_moved",
-        items("Cameras that moved since the calibration.", name("")),
+        codec.items("Cameras that moved since the calibration.", codec.name("")),
         lambda of: [] if of.consistency is None else [camera.id for camera in of.consistency.moved],
         "cameras_moved",
     ),
 )
-OVERRIDE = record(
+OVERRIDE = codec.record(
     "Who uses the rig although this verification failed; `spherecal override` writes it.",
     Override,
-    field("by", text("The name.")),
-    field("reason", text("The reason.")),
-    field("at", time("Since when.")),
+    codec.field("by", codec.text("The name.")),
+    codec.field("reason", codec.text("The reason.")),
+    codec.field("at", codec.time("Since when.")),
 )
-VERIFICATION = FileFormat(
+VERIFICATION = codec.FileFormat(
     "spherecal/verification",
     "verification.json",
     "The verification of a rig with check bars; single lengths are in bars.csv.",
-    record(
+    codec.record(
         "",
         _bar_report,
-        field("lengths", items("Each certified length over its poses.", _LENGTH)),
+        codec.field("lengths", codec.items("Each certified length over its poses.", _LENGTH)),
         _OVERALL,
         _DECISION,
-        optional("cameras", items("The cameras.", _CAMERA)),
-        optional("findings", items("What was found.", FINDING)),
-        optional("procedure", PROCEDURE, lambda of: None if of.procedure is None else of, "procedure", omit=None),
-        optional("override", OVERRIDE, lambda _: None, "override", omit=None),
-        software(),
+        codec.optional("cameras", codec.items("The cameras.", _CAMERA)),
+        codec.optional("findings", codec.items("What was found.", FINDING)),
+        codec.optional("procedure", PROCEDURE, lambda of: None if of.procedure is None else of, "procedure", omit=None),
+        codec.optional("override", OVERRIDE, lambda _: None, "override", omit=None),
+        codec.software(),
     ),
     more="verification.md",
 )

@@ -1,8 +1,6 @@
 """The result folder of a verification: bars.csv, verification.json and findings.json beside the verified rig."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.file_reading import read_file
@@ -11,7 +9,7 @@ from spherecal.data.findings import Finding
 from spherecal_files.atomic import RESULT, check_folder, write_folder_whole
 from spherecal_files.filesystem import create, read_below
 from spherecal_files.findings_file import FINDINGS_FILE, findings_document, read_findings
-from spherecal_files.json_file import json_bytes, software_entry
+from spherecal_files.json_file import json_bytes
 from spherecal_files.verification_file import VERIFICATION
 from spherecal_files.write_result import place_cell, small_cell, write_table
 from spherecal_verify.verification import MeasuredLength, Verification
@@ -21,9 +19,7 @@ _OURS = ("bars.csv", "verification.json", FINDINGS_FILE)
 _MOST_BYTES = 1 << 30
 
 
-def write_verification(
-    verification: Verification, folder: Path, rig_path: Path, software: Mapping[str, Any] | None = None
-) -> None:
+def write_verification(verification: Verification, folder: Path, rig_path: Path) -> None:
     """Write a result folder whole: a copy of the rig's file and the verification's, with the findings of both.
 
     A folder that already holds the result of this very rig (the same rig.json) keeps its other files: the verification
@@ -40,7 +36,7 @@ def write_verification(
                 create(new / name, read_below(older, name, _MOST_BYTES))
         create(new / RESULT.file, rig)
         write_table(new / "bars.csv", BAR_COLUMNS, map(_bar_row, verification.measured))
-        create(new / "verification.json", VERIFICATION.bytes(verification, software=software_entry(software)))
+        create(new / "verification.json", VERIFICATION.bytes(verification))
         if (values := findings_document(findings)) is not None:
             create(new / FINDINGS_FILE, json_bytes(values))
 

@@ -28,16 +28,13 @@ PHRASE = replace(
 )
 
 
-def sentence_fields(
-    key: str, about: str, of: Callable[[Any], Phrase | None], is_needed: bool = True
-) -> tuple[Field, ...]:
+def sentence_fields(key: str, about: str, of: Callable[[Any], Phrase | None]) -> tuple[Field, ...]:
     """The fields of a sentence: `key` with its words, empty for none, and `key`_phrase."""
 
     def words(one: object) -> str:
         return "" if (said := of(one)) is None else phrase(said)
 
-    said = (field if is_needed else optional)(key, prose(about), words, key)
-    return said, optional(f"{key}_phrase", PHRASE, of, f"{key}_phrase")
+    return field(key, prose(about), words, key), optional(f"{key}_phrase", PHRASE, of, f"{key}_phrase")
 
 
 def sentence(words: str, written: Mapping[str, Any] | None) -> Sentence:

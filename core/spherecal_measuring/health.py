@@ -74,7 +74,14 @@ class RigHealth:
         good = take & np.isfinite(checked.points.points[:, 0])
         good &= np.bincount(views.feature, minlength=views.n_features) >= 3
         self._fast.append(_sample(views, good, _FAST_POINTS))
-        new = good & self._is_elsewhere(key, checked.points.points, good)
+        # points that the long test has not seen where they are now; they are remembered
+        new = np.zeros(len(key), dtype=bool)
+        for i in np.flatnonzero(good).tolist():
+            before = self._placed.get(int(key[i]))
+            if before is None or float(np.abs(checked.points.points[i] - before).max()) > _MOVED_MM:
+                new[i] = True
+                self._placed[int(key[i])] = checked.points.points[i]
+        new = good & new
         self._slow.append(_sample(views, new, _SLOW_POINTS))
         if self.sets % FAST_SETS == 0:
             self._test(number, "fast", list(self._fast), views, expected_noise)
@@ -82,26 +89,21 @@ class RigHealth:
             self._test(number, "slow", self._slow, views, expected_noise)
             self._slow, self._placed = [], {}
 
-    def _is_elsewhere(self, key: IntArray, place: FloatArray, good: BoolArray) -> BoolArray:
-        """Points that the long test has not seen where they are now; they are remembered."""
-        new = np.zeros(len(key), dtype=bool)
-        for i in np.flatnonzero(good).tolist():
-            before = self._placed.get(int(key[i]))
-            if before is None or float(np.abs(place[i] - before).max()) > _MOVED_MM:
-                new[i] = True
-                self._placed[int(key[i])] = place[i]
-        return new
-
     def _test(self, number: int, kind: str, samples: Sequence[_Sample], views: Views, expected_noise: float) -> None:
-        joined = _joined(samples, views)
+        # all samples as views of one set of points
+        first = np.cumsum([0, *(one.n for one in samples)])
+        joined = replace(
+            views,
+            n_features=int(first[-1]),
+            feature=np.concatenate([one.feature + at for one, at in zip(samples, first[:-1], strict=True)]),
+            camera=np.concatenate([one.camera for one in samples]),
+            uv=np.concatenate([one.uv for one in samples]),
+            sigma=np.concatenate([one.sigma for one in samples]),
+        )
         if not joined.n_features:
             return
         found = examine_cameras(joined, self._rig, expected_noise, _FALSE_ALARM)
         self._learn(number, kind, found)
-
-    def _moved_now(self, camera: str) -> CameraTest | None:
-        """The last test that named a camera, where that kind of test has not cleared it since."""
-        return self._moved["fast"].get(camera) or self._moved["slow"].get(camera)
 
     def _learn(self, number: int, kind: str, found: Consistency) -> None:
         for test in found.cameras:
@@ -130,7 +132,8 @@ class RigHealth:
                     rms,
                     camera.rms_px,
                     int(self._out[i]),
-                    self._moved_now(camera.id),
+                    # the last test that named it, where that kind of test has not cleared it since
+                    self._moved["fast"].get(camera.id) or self._moved["slow"].get(camera.id),
                     self._named_at.get(camera.id),
                 )
             )
@@ -147,19 +150,6 @@ def _sample(views: Views, good: BoolArray, most: int) -> _Sample:
     index[chosen] = np.arange(len(chosen))
     rows = np.flatnonzero(index[views.feature] >= 0)
     return _Sample(index[views.feature[rows]], views.camera[rows], views.uv[rows], views.sigma[rows], len(chosen))
-
-
-def _joined(samples: Sequence[_Sample], views: Views) -> Views:
-    """All samples as views of one set of points."""
-    first = np.cumsum([0, *(one.n for one in samples)])
-    return replace(
-        views,
-        n_features=int(first[-1]),
-        feature=np.concatenate([one.feature + at for one, at in zip(samples, first[:-1], strict=True)]),
-        camera=np.concatenate([one.camera for one in samples]),
-        uv=np.concatenate([one.uv for one in samples]),
-        sigma=np.concatenate([one.sigma for one in samples]),
-    )
 
 
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")

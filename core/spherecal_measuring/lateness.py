@@ -171,7 +171,10 @@ class _Adjustment:
         m, b = weighted @ a, weighted @ (uv - self.uv)[:, :, None]
         by_z = velocity[:, :, None] * (sd_s * self.timing.spread[camera])[:, None, :]
         by_off = late_s[:, None, None] * np.eye(3)
-        cofactor = _inverses(self._by_point(m))
+        matrices = self._by_point(m)
+        cofactor = np.zeros_like(matrices)  # for points that nobody sees
+        there = np.linalg.det(matrices) > 0
+        cofactor[there] = np.linalg.inv(matrices[there])
         x_by_off, x_by_z = -cofactor @ self._by_point(m @ by_off), -cofactor @ self._by_point(m @ by_z)
         own_by_off = by_off + x_by_off[feature]
         turned = np.swapaxes(own_by_off, 1, 2)
@@ -242,7 +245,13 @@ def at_one_moment(
     x = rough.points.points
     motion, groups = motion_of(x), int(adjustment.target.max(initial=-1)) + 1
     state = _State(x, np.zeros((groups, 3)), np.zeros(timing.spread.shape[1]))
-    sd = _sd_of_velocities(motion, adjustment.target, groups)
+    # as their points'; where nothing is known they may be as fast as the fastest, either way
+    speed = np.linalg.norm(motion.now, axis=1)
+    known = np.isfinite(speed)
+    square = np.bincount(adjustment.target[known], motion.sd[known] ** 2, groups)
+    count = np.bincount(adjustment.target[known], minlength=groups)
+    fastest = float(speed[known].max(initial=0.0))
+    sd = np.maximum(np.where(count > 0, np.sqrt(square / np.maximum(count, 1)), fastest), _LEAST_SD)
     sd_s = 0.0 if timing.exact else _sd_of_moments(adjustment, state, motion, sd, rough, rig)
     if not timing.exact and sd_s == 0.0:
         checked = reject_views(plain, expected_noise)
@@ -257,16 +266,6 @@ def at_one_moment(
     state = replace(state, x=checked.points.points)
     final = _Adjustment(checked, plain, target, timing, checked.noise)
     return checked, _errors(final, state, motion, sd, sd_s, point_errors(checked, rig)), motion
-
-
-def _sd_of_velocities(motion: Motion, target: IntArray, groups: int) -> FloatArray:
-    """Of targets (t,): as their points'; where nothing is known they may be as fast as the fastest, either way."""
-    speed = np.linalg.norm(motion.now, axis=1)
-    known = np.isfinite(speed)
-    square = np.bincount(target[known], motion.sd[known] ** 2, groups)
-    count = np.bincount(target[known], minlength=groups)
-    fastest = float(speed[known].max(initial=0.0))
-    return np.maximum(np.where(count > 0, np.sqrt(square / np.maximum(count, 1)), fastest), _LEAST_SD)
 
 
 def _sd_of_moments(
@@ -327,14 +326,6 @@ def _project(views: Views, at: FloatArray) -> FloatArray:
     seen = np.einsum("nij,nj->ni", views.rotation[views.camera], at) + views.translation[views.camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return project(seen, views.intrinsics[views.camera])
-
-
-def _inverses(matrices: FloatArray) -> FloatArray:
-    """Of matrices (m, 3, 3), 0 for those of points that nobody sees."""
-    found = np.zeros_like(matrices)
-    there = np.linalg.det(matrices) > 0
-    found[there] = np.linalg.inv(matrices[there])
-    return found
 
 
 def _sums(of_rows: FloatArray, group: IntArray, groups: int) -> FloatArray:

@@ -147,7 +147,14 @@ class LiveSets:
     def _search(self, number: int, taken: FrameSet, pool: ThreadPoolExecutor, began: float) -> ObservedSet:
         frames = [(serial, frame) for serial, frame in taken.frames.items() if serial in self._searches]
         for serial, frame in frames:
-            _check_size(self._cameras[serial], frame)
+            camera = self._cameras[serial]
+            height, width = frame.image.shape
+            if (width, height) != camera.image_size:
+                values = {
+                    "camera": camera.id, "width": width, "height": height, "rig_width": camera.image_size[0],
+                    "rig_height": camera.image_size[1],
+                }  # fmt: skip
+                raise InputError(Phrase("error-sends-size", values))
         jobs = [pool.submit(self._search_one, serial, frame) for serial, frame in frames]
         found = [job.result() for job in jobs]
         index = {serial: i for i, serial in enumerate(self._cameras)}
@@ -167,16 +174,6 @@ def known_of(camera: RigCamera) -> DetectionSettings:
     """What the rig says of a camera, for detection: focal length, principal point and image size."""
     k = camera.intrinsics
     return DetectionSettings(float(k[0]), (float(k[2]), float(k[3])), camera.image_size)
-
-
-def _check_size(camera: RigCamera, frame: Frame) -> None:
-    height, width = frame.image.shape
-    if (width, height) != camera.image_size:
-        values = {
-            "camera": camera.id, "width": width, "height": height, "rig_width": camera.image_size[0],
-            "rig_height": camera.image_size[1],
-        }  # fmt: skip
-        raise InputError(Phrase("error-sends-size", values))
 
 
 def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...]) -> Observations:

@@ -17,7 +17,7 @@ from spherecal_files.capture_file import read_captured_sets
 from spherecal_measuring.measured_sets import MeasuredSet, ObservedSet
 from spherecal_measuring.measurer import Measurer, measure_sets
 from spherecal_measuring.series_file import TableKind, write_series
-from spherecal_verify.rig_cameras import cameras_in_rig
+from spherecal_verify.participation import cameras_in_rig
 
 
 def sets_of_session(session: Session, rig: Rig, context: Context | None = None) -> Iterator[ObservedSet]:

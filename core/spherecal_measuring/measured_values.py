@@ -70,10 +70,7 @@ def _angle(at: FloatArray) -> tuple[float, FloatArray] | None:
 def measure_bar(
     bar: Bar, places: LocatedPoints, errors: PointErrors, rig: Rig, temperature_c: float | None
 ) -> list[MeasuredValue | Unmeasured]:
-    """Every certified length of a bar in mm, its deviation from the certificate at the bar's temperature.
-
-    A length whose marks were not both measured is Unmeasured, with the reason.
-    """
+    """Every certified length of a bar in mm and its deviation at its temperature; or why it was not measured."""
     found: list[MeasuredValue | Unmeasured] = []
     for certified in bar.lengths:
         ends = []

@@ -20,7 +20,7 @@ from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_place
 from spherecal_measuring.pose import measure_body
 from spherecal_measuring.rejection import reject_views
 from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
-from spherecal_verify.rig_cameras import lens_corrected
+from spherecal_verify.participation import lens_corrected
 from spherecal_verify.uncertainty import PointErrors, point_errors
 
 _POINTS = 1024  # names of points on a target; a key is target * _POINTS + point
@@ -116,7 +116,11 @@ class Measurer:
         of_view = key[plain.feature] * len(self.rig.cameras) + plain.camera
         seen = self._image_motion.of(of_view, plain.uv, at_s)
         self._image_motion.keep(of_view, plain.uv, at_s, seen)
-        room = _room(seen.now, _ROOM_S if timing.exact else max(timing.sd_s, _ROOM_S))
+        # where nothing is known of a motion, that of the fastest is assumed
+        speed = np.linalg.norm(seen.now, axis=1)
+        fastest = float(np.nanmax(speed, initial=0.0))
+        room_s = _ROOM_S if timing.exact else max(timing.sd_s, _ROOM_S)
+        room = np.where(np.isfinite(speed), speed, fastest)[:, None] * room_s
         moves = bool((room > _MATTERS * plain.sigma * expected).any())
         checked = reject_views(replace(plain, sigma=np.hypot(plain.sigma, room)) if moves else plain, expected)
         time_s, target = np.full(len(key), observed.time_s), key // _POINTS
@@ -207,13 +211,6 @@ def measure_sets(
     for observed in sets:
         context.check()
         yield measurer.measure(observed)
-
-
-def _room(velocity: FloatArray, late_s: float) -> FloatArray:
-    """What views (n, 1) px may be shifted by; where nothing is known of a motion, that of the fastest is assumed."""
-    speed = np.linalg.norm(velocity, axis=1)
-    fastest = float(np.nanmax(speed, initial=0.0))
-    return np.where(np.isfinite(speed), speed, fastest)[:, None] * late_s
 
 
 def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple[measured_sets.Contradiction, ...]:

@@ -20,7 +20,7 @@ from spherecal.data.rig_camera import last_axis, posed
 from spherecal_rigs.framed_rig import in_frame
 from spherecal_rigs.user_frame import UserFrame
 from spherecal_verify.outlying_views import Views, triangulate_checked, weighted_noise
-from spherecal_verify.rig_cameras import lens_corrected
+from spherecal_verify.participation import lens_corrected
 from spherecal_verify.uncertainty import PointErrors, point_errors
 
 # What the detector reaches on clean prints is better, a laser dot or a feature matcher worse; the points' covariance

@@ -43,7 +43,16 @@ def reject_views(views: Views, expected_noise: float) -> CheckedPoints:
         if not doubtful.any():
             break
         found = _without_each(views, points, kept & doubtful[views.feature], sigma)
-        wrong, hopeless = _wrong_views(found)
+        order = np.lexsort((found.cost_without, found.feature))
+        feature, cost, count = found.feature[order], found.cost_without[order], found.views[order]
+        first = np.flatnonzero(np.diff(feature, prepend=-1))
+        freedom = np.maximum(2 * (count[first] - 1) - 3, 1)
+        limit = chdtri(freedom, _CHANCE)
+        agrees = cost[first] <= limit
+        second = np.minimum(first + 1, len(cost) - 1)
+        rival = (cost[second] <= limit) & (feature[second] == feature[first])
+        enough = (count[first] > 3) | ((count[first] == 3) & agrees & ~rival)
+        wrong, hopeless = found.rows[order[first[enough]]], feature[first[~enough]]
         kept[wrong] = False
         given_up[hopeless] = True
         points = views.triangulate(kept)
@@ -79,17 +88,3 @@ def _without_each(views: Views, points: Triangulation, take: BoolArray, sigma: F
     cost = np.bincount(feature, (v**2).sum(axis=1), views.n_features)
     count = np.bincount(feature, minlength=views.n_features)
     return _Suspects(rows, feature, cost[feature] - gain, count[feature])
-
-
-def _wrong_views(found: _Suspects) -> tuple[IntArray, IntArray]:
-    """Rows to leave out, and points to give up."""
-    order = np.lexsort((found.cost_without, found.feature))
-    feature, cost, views = found.feature[order], found.cost_without[order], found.views[order]
-    first = np.flatnonzero(np.diff(feature, prepend=-1))
-    freedom = np.maximum(2 * (views[first] - 1) - 3, 1)
-    limit = chdtri(freedom, _CHANCE)
-    agrees = cost[first] <= limit
-    second = np.minimum(first + 1, len(cost) - 1)
-    rival = (cost[second] <= limit) & (feature[second] == feature[first])
-    enough = (views[first] > 3) | ((views[first] == 3) & agrees & ~rival)
-    return found.rows[order[first[enough]]], feature[first[~enough]]

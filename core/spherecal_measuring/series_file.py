@@ -88,7 +88,7 @@ def quaternion(body: BodyPose) -> np.ndarray:
     return np.array([w, x, y, z])
 
 
-def set_json(measured: MeasuredSet, health: Health | None = None) -> dict[str, Any]:
+def set_json(measured: MeasuredSet, health: Health | None) -> dict[str, Any]:
     """One set as the stream has it."""
     upper = np.triu_indices(3)
     document: dict[str, Any] = {

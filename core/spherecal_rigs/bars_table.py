@@ -118,7 +118,10 @@ class _Column:
 def read_bars_table(path: Path) -> BarsTable:
     """The bars of a CSV file."""
     text = _text_of(read_file(path, _MOST_BYTES), path)
-    delimiter = _delimiter(text)
+    # semicolon or tab where the heading has one: then numbers may have a decimal comma
+    heading = next((line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")
+    counts = {mark: heading.count(mark) for mark in (";", "\t", ",")}
+    delimiter = max(counts, key=lambda mark: counts[mark]) if any(counts.values()) else ","
     try:
         rows = [(number, row) for number, row in _rows(text, delimiter) if any(cell.strip() for cell in row)]
     except csv.Error as error:
@@ -170,13 +173,6 @@ def _looks_chinese(data: bytes) -> bool:
         return False
     high = [c for c in text if ord(c) > 127]
     return bool(high) and all("\u3000" <= c <= "\u9fff" or "\uff00" <= c <= "\uffef" for c in high)
-
-
-def _delimiter(text: str) -> str:
-    """Semicolon or tab where the heading has one: then numbers may have a decimal comma."""
-    heading = next((line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")
-    counts = {mark: heading.count(mark) for mark in (";", "\t", ",")}
-    return max(counts, key=lambda mark: counts[mark]) if any(counts.values()) else ","
 
 
 def _columns(headings: Sequence[str], path: Path) -> list[_Column | None]:

@@ -24,7 +24,7 @@ from spherecal_rigs.result_folder import read_csv
 from spherecal_verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
 from spherecal_verify.limit import LengthLimit
 from spherecal_verify.outlying_views import triangulate_checked
-from spherecal_verify.rig_cameras import cameras_in_rig
+from spherecal_verify.participation import cameras_in_rig
 from spherecal_verify.uncertainty import PointErrors, calibration_variance, point_errors
 from spherecal_verify.verification import MeasuredLength
 from spherecal_verify.verify_bars import VerifySettings, verify, views_of
@@ -193,7 +193,16 @@ def check(
     context = context or Context()
     session = observed(session, context)
     context.report("check", 0.0, Phrase("comparing"))
-    own, camera = _of_rig(session, rig)
+    o = session.observations
+    assert o is not None
+    in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
+    for spec in session.cameras:
+        placed = rig.camera(spec.id)
+        if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
+            values = {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial}
+            raise InputError(Phrase("error-other-serial", values))
+    own = o.select(in_rig[o.camera] >= 0)
+    camera = in_rig[own.camera]
     features = find_features(own)
     views, expected = views_of(own, features, camera, rig)
     consistency = examine_cameras(views, rig, expected)
@@ -204,7 +213,14 @@ def check(
     balls = [] if known is None else _check_balls(session, rig, known, own, camera, consistency)
     if known is not None and not balls and not lengths:
         findings = (*findings, Finding("ball-not-known", "info"))
-    return _judged(rig, consistency, balls, lengths, findings, limit)
+    tolerance = None if rig.length_map is None else rig.length_map.typical_mm
+    cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
+    cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
+    found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
+    by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
+    words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
+    worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
+    return Check(worst, tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths, tuple(found))
 
 
 def _check_balls(
@@ -225,20 +241,6 @@ def _check_balls(
     return [ball for ball in balls if ball is not None]
 
 
-def _of_rig(session: Session, rig: Rig) -> tuple[Observations, IntArray]:
-    """The observations by the rig's cameras, and each one's camera in the rig."""
-    o = session.observations
-    assert o is not None
-    in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
-    for spec in session.cameras:
-        placed = rig.camera(spec.id)
-        if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
-            values = {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial}
-            raise InputError(Phrase("error-other-serial", values))
-    own = o.select(in_rig[o.camera] >= 0)
-    return own, in_rig[own.camera]
-
-
 def _measure_bars(
     session: Session, rig: Rig, limit: LengthLimit | None, context: Context
 ) -> tuple[tuple[MeasuredLength, ...], tuple[Finding, ...]]:
@@ -252,24 +254,6 @@ def _measure_bars(
     spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ",
               "camera-contradicts", "bar-assumed", "length-without-uncertainty")  # fmt: skip
     return done.measured, tuple(f for f in done.findings if f.code in spoken)
-
-
-def _judged(
-    rig: Rig,
-    consistency: Consistency,
-    balls: Sequence[BallCheck],
-    lengths: tuple[MeasuredLength, ...],
-    findings: tuple[Finding, ...],
-    limit: LengthLimit | None,
-) -> Check:
-    tolerance = None if rig.length_map is None else rig.length_map.typical_mm
-    cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
-    cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
-    found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
-    by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
-    words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
-    worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
-    return Check(worst, tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths, tuple(found))
 
 
 def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:

@@ -265,7 +265,14 @@ class _Effect:
 
 def _effect(true: list[RigCamera], used: list[RigCamera], lengths: _Lengths) -> _Effect:
     """The largest error of a point and of a length when images that `true` makes are measured with `used`."""
-    feature, camera, uv = _seen_by(true, lengths.points)
+    features, owners, images = [], [], []
+    for i, camera in enumerate(true):
+        inside, uv = sights(MatchedCamera(camera.id, camera, camera), lengths.points)
+        rows = np.flatnonzero(inside)
+        features.append(rows)
+        owners.append(np.full(len(rows), i))
+        images.append(uv[rows])
+    feature, camera, uv = np.concatenate(features), np.concatenate(owners), np.concatenate(images)
     measured = triangulate(feature, camera, uv, np.ones(len(uv)), len(lengths.points), posed(used)).points
     off = np.linalg.norm(measured - lengths.points, axis=1)
     if not np.isfinite(off).any():
@@ -275,17 +282,6 @@ def _effect(true: list[RigCamera], used: list[RigCamera], lengths: _Lengths) -> 
         return _Effect(float(np.nanmax(off)))
     worst = int(np.nanargmax(np.abs(change)))
     return _Effect(float(np.nanmax(off)), float(change[worst]), float(lengths.length[worst]))
-
-
-def _seen_by(cameras: list[RigCamera], points: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
-    features, owners, images = [], [], []
-    for i, camera in enumerate(cameras):
-        inside, uv = sights(MatchedCamera(camera.id, camera, camera), points)
-        rows = np.flatnonzero(inside)
-        features.append(rows)
-        owners.append(np.full(len(rows), i))
-        images.append(uv[rows])
-    return np.concatenate(features), np.concatenate(owners), np.concatenate(images)
 
 
 def _change(

@@ -39,13 +39,16 @@ def _kept(
     checked_at: datetime, calibration: str, check: Mapping[str, Any], temperature_c: float | None = None
 ) -> KeptCheck:
     cameras = check["cameras"]
+    # of all cameras' residuals together
+    known = [(c["rms_px"], c["points"]) for c in cameras if "rms_px" in c and "points" in c]
+    total = sum(points for _, points in known)
     return KeptCheck(
         at=checked_at,
         calibration=calibration,
         verdict=check["verdict"],
         sentence=check["sentence"],
         point_mm={c["id"]: c["point_mm"] for c in cameras if "point_mm" in c},
-        rms_px=_rms(cameras),
+        rms_px=(sum(points * rms**2 for rms, points in known) / total) ** 0.5 if total else None,
         scale_ppm=_mean([ball["scale_ppm"] for ball in check["balls"]]),
         bar_error_mm=_mean([length["error_mm"] for length in check["lengths"]]),
         temperature_c=temperature_c,
@@ -143,13 +146,6 @@ def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
     """The newest check, if it was of this calibration; None as well where it cannot be read."""
     found, _ = read_checks(folder, 1)
     return found[0] if found and found[0].calibration == calibration else None
-
-
-def _rms(cameras: Sequence[Mapping[str, Any]]) -> float | None:
-    """Of all cameras' residuals together."""
-    known = [(c["rms_px"], c["points"]) for c in cameras if "rms_px" in c and "points" in c]
-    total = sum(points for _, points in known)
-    return (sum(points * rms**2 for rms, points in known) / total) ** 0.5 if total else None
 
 
 def _mean(values: list[float]) -> float | None:

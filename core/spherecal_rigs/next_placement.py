@@ -99,7 +99,10 @@ def advise(
         return None
     context.report(STAGE, 0.0)
     volume = _volume(known)
-    tests = _test_lengths(volume)
+    # all over the volume in seven directions
+    half = LENGTH_MM / 2 * DIRECTIONS @ volume.axes
+    middles = volume.grid(3)
+    tests = np.stack([middles[:, None] - half, middles[:, None] + half], axis=2).reshape(-1, 2, 3)
     now = _expanded(known, known.state, None, tests)
     ghosts = _with_far_side(known)
     found = []
@@ -116,7 +119,7 @@ def advise(
 
 
 @on_one_blas_thread
-def first_guess(session: Session, calibration: Calibration, enough_dots: int = ENOUGH_DOTS) -> Guidance | None:
+def first_guess(session: Session, calibration: Calibration, enough_dots: int) -> Guidance | None:
     """A place that enough cameras see, turned about the volume's thin axis: by geometry alone, at once."""
     known = what_is_known(session, calibration)
     if known is None:
@@ -176,13 +179,6 @@ def _candidate_places(known: KnownNetwork, volume: Volume) -> FloatArray:
         chosen.append(grid[best])
         taken = np.vstack([taken, grid[best]])
     return np.array(chosen).reshape(-1, 3)
-
-
-def _test_lengths(volume: Volume) -> FloatArray:
-    """Lengths (m,2,3) all over the volume in seven directions."""
-    half = LENGTH_MM / 2 * DIRECTIONS @ volume.axes
-    places = volume.grid(3)
-    return np.stack([places[:, None] - half, places[:, None] + half], axis=2).reshape(-1, 2, 3)
 
 
 @dataclass(frozen=True)

@@ -46,10 +46,7 @@ class BarMarks:
 
     @staticmethod
     def of(bar: str, lengths: Sequence[BarLength]) -> "BarMarks":
-        """The marks as the certified lengths place them, each length running towards its second mark.
-
-        Marks that no chain of lengths joins to the longest one are left out.
-        """
+        """The marks as the certified lengths that join them to the longest place them, running to their second mark."""
         longest = max(lengths, key=lambda x: x.length_mm)
         place = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
         for _ in lengths:
@@ -217,7 +214,11 @@ def _pose(
     best: PlannedPose | None = None
     for inward in _TOWARDS_MIDDLE:
         offset = np.zeros(3) if line >= 3 else inward * np.array(_EDGES[line][1])
-        room = max(_room(box, box.point(offset), direction) - bar.span_mm / 2, 0.0)
+        # to the edge of the box along the direction, on the nearer side
+        at, step = box.unit(box.point(offset)), direction @ box.axes.T / box.half
+        with np.errstate(divide="ignore"):
+            reach = np.minimum((1 - at) / np.abs(step), (1 + at) / np.abs(step))
+        room = max(float(reach[np.abs(step) > 1e-9].min()) - bar.span_mm / 2, 0.0)
         if room < _LITTLE_ROOM * bar.span_mm and before % 2:
             offset = -offset  # the bar fills the line: the opposite edge instead of the same place again
         through = box.point(offset)
@@ -228,14 +229,6 @@ def _pose(
             return pose
         best = best or pose
     return best
-
-
-def _room(box: MeasuringVolume, through: FloatArray, direction: FloatArray) -> float:
-    """The distance from `through` to the edge of the box along the direction, on the nearer side."""
-    at, step = box.unit(through), direction @ box.axes.T / box.half
-    with np.errstate(divide="ignore"):
-        reach = np.minimum((1 - at) / np.abs(step), (1 + at) / np.abs(step))
-    return float(reach[np.abs(step) > 1e-9].min())
 
 
 def _shift(number: int) -> float:

@@ -10,9 +10,9 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, solve_free
+from spherecal.ball.fit import solve_free
 from spherecal.ball.selection import ModelChoice
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -135,7 +135,10 @@ def recalibrate(
         return build_failed_result(recording, local, settings.method, watch.seconds)
     reference = next(i for i, camera in enumerate(session.cameras) if camera.id == rig.reference_camera)
     network = replace(describe_network(recording, settings), sizes=None)  # the rig's fields hold
-    network = _locked(network, selected, selection.what)
+    free = network.free & selected[:, None] & (selection.what != "pose")
+    # a locked camera's intrinsics are its own, whatever group it was calibrated in
+    group = np.where(selected, network.group, network.group.max() + 1 + np.arange(len(selected)))
+    network = replace(network, free=free, group=group, locked=~selected | (selection.what == "intrinsics"))
     start = _start(network, before, selected, selection.what, local)
     watch.lap("start values")
 
@@ -146,7 +149,11 @@ def recalibrate(
         ball = ball_network(recording, network, local, fit)
         fit, choice = select_ball_model(recording, fit, ball, settings, run)
     watch.lap("bundle adjustment")
-    solution = _in_the_rigs_scale(session, rig, features.placement, fit)
+    # the locked cameras are in millimetres; their own uncertainty is not part of the result
+    state, cofactors = fit.by_features.state, fit.cofactors
+    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    cameras = None if cofactors is None else fit.adjusted.variance * cofactors.all_cameras()
+    solution = Solution(state, cofactors, 1.0, rig.scale, 0.0, spheres, cameras)
     done = build_result(recording, local, MetricFit(fit, choice, solution), "selected", run)
     done = replace(done, rig=_with_uncertainties(session, done.rig, rig, selection))
     return with_fields(done, rig)
@@ -236,13 +243,6 @@ def _state(session: Session, rig: Rig) -> State:
     )
 
 
-def _locked(network: Network, selected: BoolArray, what: What) -> Network:
-    free = network.free & selected[:, None] & (what != "pose")
-    # a locked camera's intrinsics are its own, whatever group it was calibrated in
-    group = np.where(selected, network.group, network.group.max() + 1 + np.arange(len(selected)))
-    return replace(network, free=free, group=group, locked=~selected | (what == "intrinsics"))
-
-
 def _start(network: Network, before: State, selected: BoolArray, what: What, local: LocalNetwork) -> InitialPoses:
     """The rig before; selected cameras are resected from the points of the locked ones, where possible."""
     rows = local.keep & ~selected[network.camera]
@@ -255,11 +255,3 @@ def _start(network: Network, before: State, selected: BoolArray, what: What, loc
         if pose is not None:
             rotation[camera], translation[camera] = pose
     return InitialPoses(replace(state, rotation=rotation, translation=translation), np.ones(len(selected), dtype=bool))
-
-
-def _in_the_rigs_scale(session: Session, rig: Rig, placement: IntArray, fit: BallFit) -> Solution:
-    """The network as it is: the locked cameras are in millimetres. Their own uncertainty is not part of the result."""
-    state, cofactors = fit.by_features.state, fit.cofactors
-    spheres = fit_spheres(state.points, placement, len(session.placements))
-    cameras = None if cofactors is None else fit.adjusted.variance * cofactors.all_cameras()
-    return Solution(state, cofactors, 1.0, rig.scale, 0.0, spheres, cameras)

@@ -275,7 +275,17 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
     written = {**files, ENTRY_FILE: entry_bytes(replace(entry, files=hashes))}
     try:
         with locked(root / PROFILE_FILE):
-            _sweep(root / HISTORY)
+            # what crashed processes have left half written, older than an hour (or so far ahead: a clock put back)
+            for left in (root / HISTORY).glob(f".*{filesystem.PARTIAL}"):
+                try:
+                    state = left.lstat()
+                    if (
+                        not filesystem.is_link(state)
+                        and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS
+                    ):
+                        filesystem.remove_own_folder(left)
+                except OSError:
+                    continue
             filesystem.make_folder_below(root, new)
             for name, data in written.items():
                 filesystem.write_new(root, f"{new}/{name}", data, durable=True)
@@ -289,20 +299,6 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
         raise _refused(root, error) from error
     finally:
         filesystem.remove_own_folder(root / new)
-
-
-def _sweep(history: Path) -> None:
-    """Remove what crashed processes have left half written, older than an hour (or so far ahead: a clock put back)."""
-    for path in history.glob(f".*{filesystem.PARTIAL}"):
-        try:
-            state = path.lstat()
-            if (
-                not filesystem.is_link(state)
-                and abs(datetime.now(UTC).timestamp() - state.st_mtime) > _LEFT_OVER_SECONDS
-            ):
-                filesystem.remove_own_folder(path)
-        except OSError:
-            continue
 
 
 def apply(profile: Profile, calibration: str, note: str = "", despite_findings: bool = False) -> Profile:

@@ -120,7 +120,11 @@ def user_frame(
     distance, angle = _checked(definition, places_mm, unit)
 
     def made(places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        axes = _axes(places)
+        x = places[1] - places[0]
+        x = x / np.linalg.norm(x)
+        z = np.asarray(np.cross(x, places[2] - places[0]), dtype=float)
+        z = z / np.linalg.norm(z)
+        axes = np.array([x, np.cross(z, x), z], dtype=float)
         return turn @ axes, turn @ (offset - axes @ places[0])
 
     rotation, translation = made(places_mm)
@@ -136,15 +140,6 @@ def user_frame(
         origin_sigma_mm=origin_sigma,
         axes_sigma_deg=axes_sigma,
     )
-
-
-def _axes(places: FloatArray) -> FloatArray:
-    """X, Y, Z as rows (3, 3) in the world."""
-    x = places[1] - places[0]
-    x = x / np.linalg.norm(x)
-    z = np.asarray(np.cross(x, places[2] - places[0]), dtype=float)
-    z = z / np.linalg.norm(z)
-    return np.array([x, np.cross(z, x), z], dtype=float)
 
 
 def _checked(definition: FrameDefinition, places: FloatArray, unit: str) -> tuple[float, float]:

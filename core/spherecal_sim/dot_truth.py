@@ -141,7 +141,17 @@ def see_dots(dots: TrueDots, outlines: Outlines, scene: TracedScene, station: St
     keep = (view_deg < _STEEPEST_DEG) & ((uv > -0.5) & (uv < last)).all(axis=1)
     dot, uv, outline = outlines.dot[keep], uv[keep], outlines.uv[keep]
     rims = dots.rims[dot]
-    uv_cen, moments = _centroids_and_moments(outline)
+    # centroids and central moments per area of the polygons
+    middle = outline.mean(axis=1, keepdims=True)
+    p = outline - middle
+    q = np.roll(p, -1, axis=1)
+    cross = p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+    area = cross.sum(axis=1) / 2
+    centroid = ((p + q) * cross[..., None]).sum(axis=1) / (6 * area[:, None])
+    products = p[..., :, None] * p[..., None, :] + q[..., :, None] * q[..., None, :]
+    products += (p[..., :, None] * q[..., None, :] + q[..., :, None] * p[..., None, :]) / 2
+    moments = (products * cross[..., None, None]).sum(axis=1) / (12 * area[:, None, None])
+    uv_cen, moments = middle[:, 0] + centroid, moments - centroid[:, :, None] * centroid[:, None, :]
     spread = np.clip(np.linalg.eigvalsh(moments)[:, ::-1], 0.0, None)
     return DotTruth(
         dots.target[dot],
@@ -164,20 +174,6 @@ def _view_angles(dots: TrueDots, centre: FloatArray) -> FloatArray:
     ray = centre - dots.places
     cosine = (ray * dots.normals).sum(axis=1) / np.linalg.norm(ray, axis=1)
     return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
-
-
-def _centroids_and_moments(outlines: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Centroids (n, 2) and central moments per area (n, 2, 2) of polygons (n, m, 2)."""
-    middle = outlines.mean(axis=1, keepdims=True)
-    p = outlines - middle
-    q = np.roll(p, -1, axis=1)
-    cross = p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
-    area = cross.sum(axis=1) / 2
-    centroid = ((p + q) * cross[..., None]).sum(axis=1) / (6 * area[:, None])
-    products = p[..., :, None] * p[..., None, :] + q[..., :, None] * q[..., None, :]
-    products += (p[..., :, None] * q[..., None, :] + q[..., :, None] * p[..., None, :]) / 2
-    moments = (products * cross[..., None, None]).sum(axis=1) / (12 * area[:, None, None])
-    return middle[:, 0] + centroid, moments - centroid[:, :, None] * centroid[:, None, :]
 
 
 def _gaps(uv: FloatArray, outlines: FloatArray) -> FloatArray:

@@ -124,7 +124,14 @@ def _facing(
 ) -> np.ndarray:
     """Whether the view angle is below the limit, (cameras, points); cameras that cannot see the body are skipped."""
     centres = view.centres
-    near = _may_see(view, points)
+    # any of the points may be in a camera's field of view, by their enclosing sphere
+    middle = points.mean(axis=0)
+    radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max())
+    x = view.rotations @ middle + view.translations
+    distance = np.linalg.norm(x, axis=1)
+    axis_angle = np.arctan2(np.hypot(x[:, 0], x[:, 1]), x[:, 2])
+    widening = np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1.0))
+    near = (distance <= radius) | (axis_angle < np.arctan(view.reach) + widening)
     facing = np.zeros((len(centres), len(points)), dtype=bool)
     if normals is None:
         facing[near] = True
@@ -135,14 +142,3 @@ def _facing(
     cosine = np.cos(np.deg2rad(view_limit_deg))
     facing[near] = (along_normal > 0) & (along_normal**2 > cosine**2 * distance2)
     return facing
-
-
-def _may_see(view: ObservingCameras, points: FloatArray) -> np.ndarray:
-    """Whether any of the points may be in each camera's field of view, (cameras,), by their enclosing sphere."""
-    middle = points.mean(axis=0)
-    radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max())
-    x = view.rotations @ middle + view.translations
-    distance = np.linalg.norm(x, axis=1)
-    axis_angle = np.arctan2(np.hypot(x[:, 0], x[:, 1]), x[:, 2])
-    widening = np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1.0))
-    return (distance <= radius) | (axis_angle < np.arctan(view.reach) + widening)

@@ -42,7 +42,7 @@ _FINE = 8  # fine samples a cell when a kernel is made
 def pixel_kernel(psf: Psf) -> FloatArray:
     """Weights (k, k) of the cells around a pixel's centre: point-spread function times pixel area, sum 1, k even."""
     cell = 1.0 / CELLS
-    half = int(np.ceil((_psf_reach_px(psf) + 0.5) / cell))
+    half = int(np.ceil(({"gaussian": 4.5, "disc": 1.1, "coma": 10.0}[psf.kind] * psf.size_px + 0.5) / cell))
     fine = (np.arange(2 * half * _FINE) + 0.5) * cell / _FINE - half * cell
     x, y = np.meshgrid(fine, fine)
     values = _psf_values(psf, x, y)
@@ -54,10 +54,6 @@ def pixel_kernel(psf: Psf) -> FloatArray:
         values = (pair[0] + pair[1]) / 2
     kernel = values.reshape(2 * half, _FINE, 2 * half, _FINE).sum(axis=(1, 3))
     return kernel / kernel.sum()
-
-
-def _psf_reach_px(psf: Psf) -> float:
-    return {"gaussian": 4.5, "disc": 1.1, "coma": 10.0}[psf.kind] * psf.size_px
 
 
 def _psf_values(psf: Psf, x: FloatArray, y: FloatArray) -> FloatArray:

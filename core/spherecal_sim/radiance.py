@@ -27,10 +27,7 @@ _SAMPLES = 4  # a side of a cell of a dot: 16 x 16 a pixel
 
 @njit(nogil=True, cache=True)
 def ideal_place(intrinsics, u, v, x, y):
-    """Normalised ideal coordinates (x, y) of an image point, by Newton's method.
-
-    `intrinsics`: intrinsics, (16,); `u`, `v`: the image point, px.
-    """
+    """Normalised ideal coordinates (x, y) of an image point (u, v) px, by Newton's method."""
     if intrinsics[15] == FISHEYE_MARK:
         return _fisheye_place(intrinsics, u, v, x, y)
     fu, fv, u0, v0, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = intrinsics
@@ -103,10 +100,7 @@ def place_along(scene, code, rotation, centre, x, y):
 
 @njit(nogil=True, cache=True)
 def bilinear(a, b, c, d, s, t):
-    """The value between four corners.
-
-    `a`, `b`, `c`, `d`: values at (0, 0), at s = 1, at t = 1, and at (1, 1).
-    """
+    """The value between four corners: at (0, 0), at s = 1, at t = 1, and at (1, 1)."""
     return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
 
 
@@ -121,10 +115,7 @@ def trace_band(
     v_first: int,
     cells: NDArray[np.float32],
 ) -> None:
-    """Fill `cells` with the radiance of the pixels from (u_first, v_first) on.
-
-    `marks` (rows, columns).
-    """
+    """Fill `cells` with the radiance of the pixels from (u_first, v_first) on; `marks` (rows, columns)."""
     scene, rotation, centre, intrinsics = unowned((scene, rotation, centre, intrinsics))
     rows, columns = marks.shape
     n_v, n_u = rows // TILE, columns // TILE
@@ -155,11 +146,7 @@ def trace_band(
 
 @njit(nogil=True, cache=True)
 def is_plain(code, i, j):
-    """Whether tile (i, j) shows one surface only.
-
-    What is convex fills a tile whose corners it fills; for a wall the neighbours must show it too, so that nothing can
-    begin inside the tile.
-    """
+    """Whether tile (i, j) shows one surface only; for a wall its neighbours must too: nothing can begin inside."""
     first = code[i, j]
     if first >= ARM:
         return code[i, j + 1] == first and code[i + 1, j] == first and code[i + 1, j + 1] == first
@@ -172,10 +159,7 @@ def is_plain(code, i, j):
 
 @njit(nogil=True, cache=True)
 def fill_bilinear(block, a, b, c, d, n):
-    """Fill n x n cells from the values at the corners.
-
-    `block`: the cells, (n, n).
-    """
+    """Fill the n x n cells of a block from the values at the corners."""
     for k in range(n):
         t = (k + 0.5) / n
         for m in range(n):
@@ -220,19 +204,13 @@ def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, 
 
 @njit(nogil=True, cache=True)
 def corners(grid, k, m):
-    """The four values of a grid around the square (k, m).
-
-    `grid`: values, (rows, columns).
-    """
+    """The four values of a grid (rows, columns) around the square (k, m)."""
     return grid[k, m], grid[k, m + 1], grid[k + 1, m], grid[k + 1, m + 1]
 
 
 @njit(nogil=True, cache=True)
 def edge_pixel(scene, rotation, centre, x4, y4, samples, pixel):
-    """Fill a pixel across an edge, by rays through each cell.
-
-    `x4`, `y4`: normalised coordinates of the pixel's corners, (4,).
-    """
+    """Fill a pixel across an edge, by rays through each cell; `x4`, `y4`: its corners, normalised, (4,)."""
     n = CELLS * samples
     for k in range(CELLS):
         for m in range(CELLS):

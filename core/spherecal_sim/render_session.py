@@ -54,7 +54,27 @@ def render_session(
     session = replace(session, observations=None)
 
     def build(partial_folder: Path) -> None:
-        recorded = _render_all(session, truth, settings, partial_folder, context)
+        context.report("Rendering images", 0.0, Phrase("preparing"))  # compiling takes 15 s the first time
+        shots = list(_shots(session, truth, settings, partial_folder, context))
+        seen: dict[int, DotTruth] = {}
+        with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+            waiting = {pool.submit(_take, shot): i for i, shot in enumerate(shots)}
+            try:
+                for done in as_completed(waiting):
+                    seen[waiting[done]] = done.result()
+                    where = Phrase("some-of-all", {"number": len(seen), "all": len(shots)})
+                    context.report("Rendering images", len(seen) / len(shots), where)
+            finally:
+                pool.shutdown(cancel_futures=True)
+        _write_dot_truth(partial_folder / DOT_TRUTH_FILE, shots, seen, truth.ball.points)
+        images: dict[str, dict[str, Path]] = {}
+        for shot in shots:
+            images.setdefault(shot.group, {})[shot.camera.id] = shot.path
+        recorded = replace(
+            session,
+            placements=tuple(Placement(p.id, images[p.id]) for p in session.placements),
+            bar_poses=tuple(BarPose(p.id, p.bar, p.temperature_c, images[p.id]) for p in session.bar_poses),
+        )
         fill_session_folder(recorded, truth, partial_folder)
 
     write_folder_whole(folder, build, SESSION)
@@ -88,31 +108,6 @@ class _Shot:
     camera: TrueCamera
     path: Path
     render: Callable[[], Rendered]
-
-
-def _render_all(session: Session, truth: Truth, settings: RenderSettings, folder: Path, context: Context) -> Session:
-    """Render all images into the folder; returns the session that names them."""
-    context.report("Rendering images", 0.0, Phrase("preparing"))  # compiling takes 15 s the first time
-    shots = list(_shots(session, truth, settings, folder, context))
-    seen: dict[int, DotTruth] = {}
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        waiting = {pool.submit(_take, shot): i for i, shot in enumerate(shots)}
-        try:
-            for done in as_completed(waiting):
-                seen[waiting[done]] = done.result()
-                where = Phrase("some-of-all", {"number": len(seen), "all": len(shots)})
-                context.report("Rendering images", len(seen) / len(shots), where)
-        finally:
-            pool.shutdown(cancel_futures=True)
-    _write_dot_truth(folder / DOT_TRUTH_FILE, shots, seen, truth.ball.points)
-    images: dict[str, dict[str, Path]] = {}
-    for shot in shots:
-        images.setdefault(shot.group, {})[shot.camera.id] = shot.path
-    return replace(
-        session,
-        placements=tuple(Placement(p.id, images[p.id]) for p in session.placements),
-        bar_poses=tuple(BarPose(p.id, p.bar, p.temperature_c, images[p.id]) for p in session.bar_poses),
-    )
 
 
 def _shots(session: Session, truth: Truth, settings: RenderSettings, folder: Path, context: Context) -> Iterator[_Shot]:

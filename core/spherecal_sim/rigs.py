@@ -211,7 +211,15 @@ def look_at(place: FloatArray, aim: FloatArray, up: FloatArray) -> FloatArray:
 def _true_intrinsics(kind: CameraKind, n: int, rng: np.random.Generator) -> FloatArray:
     """Lenses as built, (n, 16): focal length +-1.5 %, principal point sd 10 px, -2.3 % distortion at rig A's corner."""
     if kind.fisheye:
-        return _true_fisheye(kind, n, rng)
+        # between equidistant and stereographic ones, as most on the market are
+        lenses = np.zeros((n, N_INTRINSICS))
+        wide, high = kind.image_size
+        lenses[:, 0] = kind.focal_length_px * (1 + rng.uniform(-0.015, 0.015, n))
+        lenses[:, 1] = lenses[:, 0] * (1 + rng.normal(0.0, 5e-5, n))
+        lenses[:, 2:4] = (np.array([wide, high]) - 1) / 2 + rng.normal(0.0, 10.0, (n, 2))
+        lenses[:, 4:8] = rng.normal([0.03, 0.004, -0.002, 0.0], [0.01, 0.003, 0.001, 0.0003], (n, 4))
+        lenses[:, 15] = FISHEYE_MARK
+        return lenses
     c = np.zeros((n, N_INTRINSICS))
     width, height = kind.image_size
     c[:, 0] = kind.focal_length_px * (1 + rng.uniform(-0.015, 0.015, n))
@@ -222,18 +230,6 @@ def _true_intrinsics(kind: CameraKind, n: int, rng: np.random.Generator) -> Floa
     c[:, 5] = rng.normal(0.09, 0.005, n)  # k2
     c[:, 6:8] = rng.normal(0.0, 3e-4, (n, 2))  # p1, p2
     c[:, 8] = rng.normal(-0.02, 0.005, n)  # k3
-    return c
-
-
-def _true_fisheye(kind: CameraKind, n: int, rng: np.random.Generator) -> FloatArray:
-    """Wide lenses as built, (n, 16): between equidistant and stereographic ones, as most on the market are."""
-    c = np.zeros((n, N_INTRINSICS))
-    width, height = kind.image_size
-    c[:, 0] = kind.focal_length_px * (1 + rng.uniform(-0.015, 0.015, n))
-    c[:, 1] = c[:, 0] * (1 + rng.normal(0.0, 5e-5, n))
-    c[:, 2:4] = (np.array([width, height]) - 1) / 2 + rng.normal(0.0, 10.0, (n, 2))
-    c[:, 4:8] = rng.normal([0.03, 0.004, -0.002, 0.0], [0.01, 0.003, 0.001, 0.0003], (n, 4))
-    c[:, 15] = FISHEYE_MARK
     return c
 
 

@@ -8,10 +8,7 @@ from spherecal_sim.tracing import ARM, ARM_SKIN, BALL, BALL_SKIN, BAR, BAR_SKIN,
 
 @njit(nogil=True, cache=False, forceinline=True)
 def light(scene, eye, place, normal):
-    """Diffuse irradiance and gloss at a place as seen from `eye`, of all ring lights, falling off with distance.
-
-    The gloss is Blinn's, exponent 64: a highlight some 10 degrees wide, like that of a satin film.
-    """
+    """Diffuse irradiance and gloss (Blinn's, exponent 64, as of a satin film) of all ring lights as seen from `eye`."""
     (px, py, pz), (nx, ny, nz) = place, normal
     vx, vy, vz = eye[0] - px, eye[1] - py, eye[2] - pz
     q = 1.0 / np.sqrt(vx * vx + vy * vy + vz * vz)
@@ -40,10 +37,7 @@ def light(scene, eye, place, normal):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def albedo(scene, code, x, y):
-    """Albedo of a surface at a place on it, hard edges.
-
-    `x`, `y`: the place on it, mm.
-    """
+    """Albedo of a surface at a place (x, y) mm on it, hard edges."""
     if code >= STICKER:
         return sticker_albedo(scene, scene.sticker_dots[code - STICKER], code - STICKER, x, y)
     if code >= MARK:
@@ -60,10 +54,7 @@ def albedo(scene, code, x, y):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def sticker_albedo(scene, dots, dirt_index, x, y):
-    """Albedo of a sticker: paper, dots, and dirt on top.
-
-    `dots`: places of the sticker's dots, (n, 2) mm; `x`, `y`: the place on the sticker, mm.
-    """
+    """Albedo of a sticker at (x, y) mm: paper, dots (n, 2) mm, and dirt on top."""
     value = scene.albedos[PAPER]
     for k in range(len(dots)):
         if (x - dots[k, 0]) ** 2 + (y - dots[k, 1]) ** 2 <= scene.dot_radius**2:
@@ -76,10 +67,7 @@ def sticker_albedo(scene, dots, dirt_index, x, y):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def dirt_distance(dirt, x, y):
-    """Distance in mm from the edge of a speck or scratch, negative inside; no dirt has half width 0.
-
-    `dirt`: segment ends, half width, albedo, (6,).
-    """
+    """Distance in mm from the edge of a speck or scratch (ends, half width, albedo), negative inside."""
     if dirt[4] <= 0.0:
         return 1.0
     ax, ay = dirt[2] - dirt[0], dirt[3] - dirt[1]
@@ -90,10 +78,7 @@ def dirt_distance(dirt, x, y):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def wall_albedo(scene, wall, x, y):
-    """Albedo of the room's walls with their white blobs.
-
-    `x`, `y`: the two coordinates on it, mm.
-    """
+    """Albedo of the room's walls, with their white blobs, at two coordinates in mm."""
     g = scene.blob_grid.shape[1]
     first = 1 if wall < 2 else 0
     second = 1 if wall >= 4 else 2

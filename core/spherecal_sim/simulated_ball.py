@@ -95,26 +95,24 @@ def make_ball(
     if print_sd_mm:
         layouts = layouts + rng.normal(0.0, print_sd_mm, layouts.shape)
     bumps = random_bumps(bump_mm, rng)
-    frames = _sticker_frames(len(targets), radius_mm, rng)
-    directions, dots = wrap(radius_mm, bumps, np.repeat(frames, len(points), axis=0), layouts.reshape(-1, 2))
-    return Ball(
-        radius_mm, bumps, points, np.array(targets), frames, layouts,
-        dot_target=np.repeat(np.array(targets), len(points)), dot_point=np.tile(np.arange(len(points)), len(targets)),
-        dots_mm=dots, normals=_surface_normals(radius_mm, bumps, directions),
-    )  # fmt: skip
-
-
-_JITTER_MM = 3.0  # stickers are put on by hand; 200 of 28 mm are 60 mm apart on a 500 mm ball
-
-
-def _sticker_frames(count: int, radius_mm: float, rng: np.random.Generator) -> FloatArray:
-    """Sticker axes (count, 3, 3): centres on a jittered Fibonacci lattice, in-plane rotation at random."""
+    # centres on a jittered Fibonacci lattice, in-plane rotation at random
+    count = len(targets)
     n = _even_directions(count) + rng.normal(0.0, _JITTER_MM / radius_mm, (count, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     seed = rng.normal(size=(count, 3))
     x = np.cross(seed, n)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(-n, x), -n], axis=1)
+    frames = np.stack([x, np.cross(-n, x), -n], axis=1)
+    directions, dots = wrap(radius_mm, bumps, np.repeat(frames, len(points), axis=0), layouts.reshape(-1, 2))
+    normal = directions - bumps.slope(directions) / (radius_mm + bumps.height(directions))[:, None]
+    return Ball(
+        radius_mm, bumps, points, np.array(targets), frames, layouts,
+        dot_target=np.repeat(np.array(targets), len(points)), dot_point=np.tile(np.arange(len(points)), len(targets)),
+        dots_mm=dots, normals=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+    )  # fmt: skip
+
+
+_JITTER_MM = 3.0  # stickers are put on by hand; 200 of 28 mm are 60 mm apart on a 500 mm ball
 
 
 def _even_directions(count: int) -> FloatArray:
@@ -155,9 +153,3 @@ def _arc_rate(radius_mm: float, bumps: Bumps, frames: FloatArray, tangent: Float
     n, dn = _section(frames, tangent, angle)
     r = radius_mm + bumps.height(n)
     return np.hypot(r, (bumps.slope(n) * dn).sum(axis=1))
-
-
-def _surface_normals(radius_mm: float, bumps: Bumps, n: FloatArray) -> FloatArray:
-    """Outward unit normals (m, 3) of the surface r(n) n in unit directions n (m, 3)."""
-    normal = n - bumps.slope(n) / (radius_mm + bumps.height(n))[:, None]
-    return normal / np.linalg.norm(normal, axis=1, keepdims=True)

@@ -129,15 +129,16 @@ class StudyBars:
 
 
 STUDY_LENGTHS_MM = (100.0, 200.0, 300.0, 400.0, 500.0)
+_STUDY_POSES = 8  # of each
 
 
-def study_bars(truth: Truth, rng: np.random.Generator, per_length: int = 8) -> StudyBars:
+def study_bars(truth: Truth, rng: np.random.Generator) -> StudyBars:
     """Random bars of 100 to 500 mm in the volume, both ends in at least 3 views, with the noise of the session."""
     view = look(truth.cameras)
     ends = []
     for length in STUDY_LENGTHS_MM:
         x = np.array([0.0, length])
-        rotations, places = _fitting_poses(x, per_length, view, truth.volume_mm, None, rng)
+        rotations, places = _fitting_poses(x, _STUDY_POSES, view, truth.volume_mm, None, rng)
         ends.append(places[:, None] + x[:, None] * rotations[:, None, :, 0])
     ends_mm = np.concatenate(ends)
     seen = observe(view, ends_mm.reshape(-1, 3), None)

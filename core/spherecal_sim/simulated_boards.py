@@ -12,6 +12,7 @@ from spherecal.geometry.rotation import exp_rotation
 from spherecal_sim.observe import Seen, look, observe
 from spherecal_sim.rigs import TrueCamera, build_cameras, nominal_intrinsics, random_rotations, rig_design
 
+_CERTIFICATE_MM = 0.004  # of a waved bar's lengths, k = 2
 _MOST_TILT_DEG = 40.0
 _VIEW_LIMIT_DEG = 65.0  # beyond, dots are too slender to be measured
 
@@ -78,7 +79,6 @@ def simulate_waved_bar(
     *,
     marks_mm: tuple[float, ...] = (0.0, 300.0),
     sigma_px: float = 0.04,
-    certificate_mm: float = 0.004,
 ) -> SimulatedRecording:
     """A bar of marks waved all over the volume, seen from all around."""
     design = rig_design(preset)
@@ -99,7 +99,7 @@ def simulate_waved_bar(
     observations = _observations(seen, names, cameras, np.arange(1, len(x) + 1), sigma_px, of_noise)
     marks = {f"M{i + 1}": Mark(i + 1, "centre") for i in range(len(x))}
     lengths = tuple(
-        BarLength(f"M{i + 1}", f"M{i + 2}", step + of_bar.normal(0.0, certificate_mm / 2), certificate_mm, 2.0)
+        BarLength(f"M{i + 1}", f"M{i + 2}", step + of_bar.normal(0.0, _CERTIFICATE_MM / 2), _CERTIFICATE_MM, 2.0)
         for i, step in enumerate(np.diff(x).tolist())
     )
     bar = Bar("W", "scale", marks, lengths, 1.15e-5, 20.0)

@@ -61,10 +61,7 @@ class TracedScene(NamedTuple):
 # Fast sums let the loop run four lobes at a time; no cache and inlined as in adjust/kernel.py.
 @njit(nogil=True, cache=False, forceinline=True, fastmath={"reassoc", "contract"})
 def bump(axes, c, nx, ny, nz):
-    """Height of the ball's bumps in mm and its gradient (not yet tangential) at a unit direction.
-
-    `axes`: axes of the lobes, (3, k); `c`: their coefficients, (6, k) mm.
-    """
+    """Height of the ball's bumps in mm and its gradient (not yet tangential); lobes (3, k), coefficients (6, k) mm."""
     h = gx = gy = gz = 0.0
     for k in range(axes.shape[1]):
         t = nx * axes[0, k] + ny * axes[1, k] + nz * axes[2, k]
@@ -82,11 +79,7 @@ _LAST_STEP_MM = 5e-3
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_ball(scene, ray):
-    """Distance along a ray to the ball's surface, or -1; and the bumps' gradient there.
-
-    Newton's method from the sphere that encloses the ball: seen from outside the distance from the surface falls along
-    a convex curve, so the steps never overshoot.
-    """
+    """Distance to the ball or -1, and the bumps' gradient there; from outside Newton's steps never overshoot."""
     ox, oy, oz, dx, dy, dz = ray
     b = ox * dx + oy * dy + oz * dz
     disc = b * b - (ox * ox + oy * oy + oz * oz - scene.ball_reach**2)
@@ -205,10 +198,7 @@ def in_ball_frame(scene, ray):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def hit_arm(arm, ray):
-    """Distance along a ray to a capsule, or -1.
-
-    `arm`: ends and radius of the capsule, (7,) mm.
-    """
+    """Distance along a ray to a capsule (ends and radius, (7,) mm), or -1."""
     ox, oy, oz, dx, dy, dz = ray
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
     px, py, pz = ox - arm[0], oy - arm[1], oz - arm[2]
@@ -325,10 +315,7 @@ def trace(scene, ray):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def arm_normal(arm, px, py, pz):
-    """Outward unit normal of a capsule at a point of its surface.
-
-    `arm`: ends and radius of the capsule, (7,) mm; `px`, `py`, `pz`: the point, mm.
-    """
+    """Outward unit normal of a capsule (ends and radius, (7,) mm) at a point of its surface, mm."""
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
     s = ((px - arm[0]) * ax + (py - arm[1]) * ay + (pz - arm[2]) * az) / (ax * ax + ay * ay + az * az)
     s = min(max(s, 0.0), 1.0)
@@ -339,10 +326,7 @@ def arm_normal(arm, px, py, pz):
 
 @njit(nogil=True, cache=False, forceinline=True)
 def wall_place(wall, px, py, pz):
-    """Inward normal of a wall and the two coordinates of a point on it.
-
-    `px`, `py`, `pz`: the point, mm.
-    """
+    """Inward normal of a wall and the two coordinates of a point (mm) on it."""
     side = -1.0 if wall % 2 else 1.0
     if wall < 2:
         return side, 0.0, 0.0, py, pz

@@ -23,7 +23,7 @@ from spherecal_documents.report.style import BAD, CAUTION, GOOD, NONE, report_st
 from spherecal_files.atomic import RESULT, SESSION
 from spherecal_files.cells import cell
 from spherecal_files.filesystem import read_below, remove_below, shown_name, write_together
-from spherecal_files.json_file import json_bytes
+from spherecal_files.json_file import json_bytes, plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
@@ -115,19 +115,14 @@ def find_sessions(folder: Path, output: Path) -> list[Path]:
     return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
 
 
-def _check_output(output: Path) -> None:
-    """Raise OutputError for a folder that has something else than an earlier batch in it."""
+def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
+    """Calibrate all sessions below a folder into `output/results`, but for those done and unchanged; page and CSV."""
+    sessions = find_sessions(folder, output)
     if output.is_dir() and (others := sorted(one.name for one in output.iterdir() if one.name not in _OURS)):
         raise OutputError(
             f"{output}: holds something else than an earlier batch ({shown_name(others[0])}) and is left as it is.",
             "Name a new or empty output folder.",
         )
-
-
-def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
-    """Calibrate all sessions below a folder into `output/results`, but for those done and unchanged; page and CSV."""
-    sessions = find_sessions(folder, output)
-    _check_output(output)
     names = [path.relative_to(folder).as_posix() for path in sessions]
     names = [folder.resolve().name if name == "." else name for name in names]
     listed = [
@@ -219,14 +214,10 @@ def _verified(session: Session, calibration: Calibration, output: Path) -> Resul
 
 
 def _figures(verification: Verification | None) -> Result:
-    overall = verification.overall if verification else None
-    return {
-        "lengths": overall.n if overall else 0,
-        "mean_error_mm": overall.mean_error_mm if overall else None,
-        "sd_mm": overall.sd_mm if overall else None,
-        "max_abs_error_mm": overall.max_abs_error_mm if overall else None,
-        "verification": verification.decision.verdict if verification else None,
-    }
+    if verification is None:
+        return {"lengths": 0, **dict.fromkeys(("mean_error_mm", "sd_mm", "max_abs_error_mm", "verification"))}
+    overall = plain_fields(verification.overall, "mean_error_mm sd_mm max_abs_error_mm")
+    return {"lengths": verification.overall.n, **overall, "verification": verification.decision.verdict}
 
 
 def _failed(message: str) -> Result:

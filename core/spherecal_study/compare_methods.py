@@ -198,16 +198,14 @@ def _compared(found: _Found) -> list[PaperComparison]:
         return "; ".join(f"{_SHORT[n]} {sd[n].words(4)}" for n in names if n in sd) + " mm"
 
     rows = []
-    for name in ("tao", "tao-print", "free", "free-print", "rigid", "rigid-print"):
+    balls = ("tao", "tao-print", "free", "free-print", "rigid", "rigid-print")
+    rivals = (("board-chained-print", 0.2), ("board-chained", 0.2), ("bar-chained", 0.175))
+    papers = (*((name, "below ", below, 0.125) for name in balls), *((name, "", like, value) for name, value in rivals))
+    for name, side, judge, value in papers:
         if name in found:
-            ours, why = f"{sd[name].words(4)} mm", _WHY.get(name, "")
-            judged = below(sd[name], 0.125)
-            rows.append(PaperComparison(f"bars, sd: {_ROWS[name].text}", "below 0.125 mm", ours, judged, why))
-    for name, value in (("board-chained-print", 0.2), ("board-chained", 0.2), ("bar-chained", 0.175)):
-        if name in found:
-            ours, why = f"{sd[name].words(4)} mm", _WHY.get(name, "")
-            judged = like(sd[name], value)
-            rows.append(PaperComparison(f"bars, sd: {_ROWS[name].text}", f"{value:g} mm", ours, judged, why))
+            what, ours = f"bars, sd: {_ROWS[name].text}", f"{sd[name].words(4)} mm"
+            judged, why = judge(sd[name], value), _WHY.get(name, "")
+            rows.append(PaperComparison(what, f"{side}{value:g} mm", ours, judged, why))
     if {"tao", "board-chained-print", "bar-chained"} <= found.keys():
         steps = [
             _difference(found["bar-chained"], found["tao"]),

@@ -9,7 +9,6 @@ import numpy as np
 
 from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
@@ -65,7 +64,7 @@ def path_length(local: LocalNetwork, path: Path, settings: CalibrationSettings) 
 
 
 def displaced_cases(
-    session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int] = PERCENT
+    session: Session, truth: Truth, seed: int, settings: CalibrationSettings, percents: Sequence[int]
 ) -> dict[str, Any]:
     """How adjustments end from the paper's start, in mm, displaced by shares of the radius, SPO and none (22)."""
     recording = Recording.of(session)
@@ -91,14 +90,26 @@ def _displaced(
     points = start.poses.state.points
     for percent in percents:
         rng = np.random.default_rng([seed, percent * 100])
-        displaced = tao2021.with_points(start, points + percent / 100 * radius * _within_one(rng, points.shape))
+        # standard normal numbers, drawn again where they are not in (-1, 1)
+        out = rng.normal(size=points.shape)
+        while (wide := np.abs(out) >= 1).any():
+            out[wide] = rng.normal(size=int(wide.sum()))
+        displaced = tao2021.with_points(start, points + percent / 100 * radius * out)
         yield percent, "spo", tao2021.spherical_projection(recording, displaced)
         yield percent, "none", displaced
 
 
 def _optimum(start: StartValues, truth: Truth, settings: CalibrationSettings) -> dict[str, Any]:
     """Where the adjustment of the same observations ends from the true cameras."""
-    state = _true_state(start.network, truth)
+    # the true cameras, with points triangulated from them: nothing can go wrong
+    state = State(
+        np.array([c.rotation for c in truth.cameras]),
+        np.array([c.translation_mm for c in truth.cameras]),
+        np.array([c.intrinsics for c in truth.cameras]),
+        np.zeros((start.network.n_features, 3)),
+    )
+    triangulated = start.network.triangulated(state, np.ones(len(start.network.uv), dtype=bool))
+    state = replace(state, points=np.nan_to_num(triangulated.points))
     points = np.where(np.isfinite(start.poses.state.points), state.points, np.nan)
     known = tao2021.with_points(replace(start, poses=replace(start.poses, state=state)), points)
     return _figures(tao2021.bundle_adjustment(known, replace(settings, damping="diagonal"), Context()))
@@ -145,23 +156,3 @@ def _radius(points: FloatArray, placement: IntArray) -> float:
         fit_sphere_geometrically(points[(placement == p) & np.isfinite(points[:, 0])]) for p in np.unique(placement)
     ]
     return float(np.median([sphere.radius for sphere in spheres if sphere is not None]))
-
-
-def _within_one(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
-    """Standard normal numbers, drawn again where they are not in (-1, 1)."""
-    out = rng.normal(size=shape)
-    while (wide := np.abs(out) >= 1).any():
-        out[wide] = rng.normal(size=int(wide.sum()))
-    return out
-
-
-def _true_state(network: Network, truth: Truth) -> State:
-    """The true cameras, with points triangulated from them: a start from which nothing can go wrong."""
-    state = State(
-        np.array([c.rotation for c in truth.cameras]),
-        np.array([c.translation_mm for c in truth.cameras]),
-        np.array([c.intrinsics for c in truth.cameras]),
-        np.zeros((network.n_features, 3)),
-    )
-    triangulated = network.triangulated(state, np.ones(len(network.uv), dtype=bool))
-    return replace(state, points=np.nan_to_num(triangulated.points))

@@ -80,7 +80,12 @@ def run_trials(
     for position, result in workers.results(todo, context):
         trial = todo[position]
         if result is None:
-            known[trial.key] = _of_the_dead(trial, instead)
+            if instead is None:
+                raise InputError(
+                    f"Worker processes died {_ATTEMPTS} times without finishing a trial ({trial.kind}).",
+                    "Is there enough memory? Try fewer workers.",
+                )
+            known[trial.key] = instead(trial)
             continue
         document = {"kind": trial.kind, "settings": dict(trial.settings), "result": result}
         write_file_whole(trial_file(folder, trial), json_bytes(document))
@@ -93,15 +98,6 @@ def run_trials(
 def trial_file(folder: Path, trial: Trial) -> Path:
     """The file in which the result of a trial is kept."""
     return folder / f"{trial.key}.json"
-
-
-def _of_the_dead(trial: Trial, instead: Callable[[Trial], Result] | None) -> Result:
-    if instead is None:
-        raise InputError(
-            f"Worker processes died {_ATTEMPTS} times without finishing a trial ({trial.kind}).",
-            "Is there enough memory? Try fewer workers.",
-        )
-    return instead(trial)
 
 
 def kept_result(folder: Path, trial: Trial) -> Result | None:

@@ -93,7 +93,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
     both = with_seeds(listed, results)
 
     def some(kind: str, rig: str, search: str, known: bool = False) -> Results:
-        return [r for t, r in both if t.kind == kind and _is(t.settings, rig, search, known or options.known)]
+        own = [(t.settings, r) for t, r in both if t.kind == kind and _is(t.settings, rig, known or options.known)]
+        return [r for settings, r in own if settings.get("search", "opt") == search]
 
     for known in _known(options):
         _starts(document, rigs, known, some)
@@ -128,7 +129,8 @@ def _ends(document: Document, both: Sequence[tuple[Trial, dict[str, Any]]], opti
     """What the paper's adjustment makes of every variant of its start, as a table and as lines."""
     lines = []
     for rig, known, more in _published(options):
-        runs = [r for t, r in both if t.kind == "published" and _is_of(t.settings, rig, more, known)]
+        own = [(t.settings, r) for t, r in both if t.kind == "published" and _is(t.settings, rig, known)]
+        runs = [r for settings, r in own if settings.get("th_pt") == more.get("th_pt")]
         if not runs:
             continue
         words = f"{rig}, {'known' if known else 'nominal'} intrinsics" + (
@@ -150,26 +152,16 @@ def _case(run: dict[str, Any], search: str, spo: bool) -> dict[str, Any]:
     return next(c for c in run["cases"] if c["search"] == search and c["spo"] == spo)
 
 
-def _is_of(settings: Mapping[str, Any], rig: str, more: Mapping[str, Any], known: bool) -> bool:
-    same = settings["preset"] == rig and settings.get("th_pt") == more.get("th_pt")
-    return same and settings.get("known", False) == known
-
-
 def _is_right(case: dict[str, Any], cameras: int) -> bool:
     return case["converged"] and case["placed"] == cameras
 
 
-def _lost(cases: _Cases, cameras: int) -> tuple[int, int, int]:
-    """How many settled in another minimum, did not settle, or have a camera without a pose."""
+def _ended(cases: _Cases, cameras: int) -> list[str]:
     wrong = [c for c in cases if c["placed"] == cameras and not c["converged"]]
     settled = sum(c["settled"] for c in wrong)
-    return settled, len(wrong) - settled, sum(c["placed"] < cameras for c in cases)
-
-
-def _ended(cases: _Cases, cameras: int) -> list[str]:
     return [
         f"{sum(_is_right(c, cameras) for c in cases)} of {len(cases)}",
-        *map(str, _lost(cases, cameras)),
+        *map(str, (settled, len(wrong) - settled, sum(c["placed"] < cameras for c in cases))),
         *(f"{np.median([c[name] for c in cases]) * factor:.0f}" for name, factor in _MEDIANS),
     ]
 
@@ -210,9 +202,8 @@ def _search_line(rig: str, opt: Results, dijkstra: Results) -> PaperComparison:
 _SAME = 1.05  # times the noise: within this an adjustment is at its optimum
 
 
-def _is(settings: Mapping[str, Any], rig: str, search: str, known: bool) -> bool:
-    same = settings["preset"] == rig and settings.get("search", "opt") == search
-    return same and settings.get("known", False) == known
+def _is(settings: Mapping[str, Any], rig: str, known: bool) -> bool:
+    return settings["preset"] == rig and settings.get("known", False) == known
 
 
 def _length(result: dict[str, Any]) -> float | None:

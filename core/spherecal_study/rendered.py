@@ -1,8 +1,4 @@
-"""Rendered recordings for the studies, kept in the user's cache folder: the ball, check bars, and the rivals' objects.
-
-Each is rendered where it is needed first. The same seed gives the same images everywhere, so a worker elsewhere has the
-same.
-"""
+"""Rendered recordings for the studies, kept in the user's cache; the same seed gives the same images everywhere."""
 
 import hashlib
 import json

@@ -1,17 +1,7 @@
 """The second system of the paper: twelve cameras on two planes."""
 
+from spherecal_study import study_agreement
 from spherecal_study.executor import Trial
-from spherecal_study.study_agreement import (
-    Estimate,
-    Judged,
-    Results,
-    alone_rms,
-    always,
-    bars_rms,
-    estimate,
-    like,
-    local_and_global_s,
-)
 from spherecal_study.study_page import Document, Options, PaperComparison, paper_line
 
 TITLE = "The second system: rig B"
@@ -29,12 +19,12 @@ def trials(options: Options) -> list[Trial]:
     ]
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> Document:
+def page(listed: list[Trial], results: study_agreement.Results, options: Options) -> Document:
     """The study's page: residuals and bars of both rigs, and the table paper / ours."""
     document = options.begin(TITLE, "rigB")
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
-    def some(rig: str, method: str) -> Results:
+    def some(rig: str, method: str) -> study_agreement.Results:
         return [r for s, r in both if s["preset"] == rig and s["method"] == method]
 
     rows, series = [], {}
@@ -42,7 +32,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
         for rig in ("rigA", "rigB"):
             chosen = some(rig, m)
             x, y, sx, sy = (f"{_coordinate(chosen, *of).mean:.4f}" for of in _COORDINATES)
-            bars, alone = bars_rms(chosen), alone_rms(chosen)
+            bars, alone = study_agreement.bars_rms(chosen), study_agreement.alone_rms(chosen)
             figures = f"{x} / {y}", f"{sx} / {sy}", bars.words(4), alone.words(4)
             rows.append([f"{rig}, {name}", len(chosen), *figures])
             series.setdefault(name, []).append(bars)
@@ -56,11 +46,11 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
 _COORDINATES = (("mean_abs_px", 0), ("mean_abs_px", 1), ("sd_px", 0), ("sd_px", 1))
 
 
-def _coordinate(chosen: Results, name: str, axis: int) -> Estimate:
-    return estimate([r[name][axis] for r in chosen])
+def _coordinate(chosen: study_agreement.Results, name: str, axis: int) -> study_agreement.Estimate:
+    return study_agreement.estimate([r[name][axis] for r in chosen])
 
 
-def _by_camera(document: Document, chosen: Results) -> None:
+def _by_camera(document: Document, chosen: study_agreement.Results) -> None:
     """Residuals of each of rig A's cameras beside the paper's figures over all ten."""
     if not chosen:
         return
@@ -71,22 +61,24 @@ def _by_camera(document: Document, chosen: Results) -> None:
         ("camera_sd_px", "standard deviation, px", {"paper, x": 0.0632, "paper, y": 0.0629}),
     ):
         series = {
-            letter: [estimate([r[name][c][axis] for r in chosen if c in r[name]]) for c in ids]
+            letter: [study_agreement.estimate([r[name][c][axis] for r in chosen if c in r[name]]) for c in ids]
             for axis, letter in enumerate("xy")
         }
         document.columns(ids, series, what, paper=paper)
     document.caption("The paper gives the means and standard deviations over its ten cameras (Fig. 16).")
 
 
-def _compared(a: Results, b: Results, options: Options) -> list[PaperComparison]:
+def _compared(a: study_agreement.Results, b: study_agreement.Results, options: Options) -> list[PaperComparison]:
     x, y, sx, sy = (_coordinate(a, *of) for of in _COORDINATES)
     noise = f"{0.0453 / x.mean * (options.sigma_px or 0.0):.3f}"
-    ratio = estimate([r["sd_px"][0] / r["mean_abs_px"][0] for r in a])
+    ratio = study_agreement.estimate([r["sd_px"][0] / r["mean_abs_px"][0] for r in a])
     placed = sum(r["cameras"] == 12 and r["valid"] for r in b)
     return [
-        paper_line("rigB", "residuals", Judged(x.n), x=x.words(4), y=y.words(4), noise=noise),
-        paper_line("rigB", "deviations", Judged(sx.n), x=sx.words(4), y=sy.words(4)),
-        paper_line("rigB", "ratio", like(ratio, 1.35), ratio=ratio.words(3)),
-        paper_line("rigB", "placed", always(placed, len(b)), placed=placed, runs=len(b)),
-        paper_line("rigB", "seconds", Judged(len(b)), seconds=sum(local_and_global_s(b))),
+        paper_line("rigB", "residuals", study_agreement.Judged(x.n), x=x.words(4), y=y.words(4), noise=noise),
+        paper_line("rigB", "deviations", study_agreement.Judged(sx.n), x=sx.words(4), y=sy.words(4)),
+        paper_line("rigB", "ratio", study_agreement.like(ratio, 1.35), ratio=ratio.words(3)),
+        paper_line("rigB", "placed", study_agreement.always(placed, len(b)), placed=placed, runs=len(b)),
+        paper_line(
+            "rigB", "seconds", study_agreement.Judged(len(b)), seconds=sum(study_agreement.local_and_global_s(b))
+        ),
     ]

@@ -1,8 +1,9 @@
 """All studies by name, how one is run and written, and the table of every figure of the paper beside ours."""
 
+import json
 import re
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,10 +20,48 @@ from spherecal_study import compare_methods as compare
 from spherecal_study import layouts, noise, rig_b, wand
 from spherecal_study import path_study as path
 from spherecal_study.executor import Trial, Workers, kept_result, run_trials
-from spherecal_study.kept_pages import KeptPage, pages
 from spherecal_study.rendered import renderings
 from spherecal_study.study_agreement import LEAST_RUNS, TESTS, Results
 from spherecal_study.study_page import Document, Options
+
+ORDER = ("compare", "layouts", "path", "noise", "cameras", "rigB", "bar")
+
+
+@dataclass(frozen=True)
+class KeptPage:
+    """One study's page: PDF, a picture of each of its pages, its table paper / ours, and its options."""
+
+    name: str
+    title: str
+    pdf: Path
+    pictures: tuple[Path, ...]
+    compared: tuple[dict[str, Any], ...]  # `what`, `paper`, `ours`, `agrees` (or None), `why`
+    options: dict[str, Any]  # `runs`, `sigma_px` (None: images), `seed`, `preset` (None: the paper's), or `session`
+
+
+def pages(folder: Path) -> tuple[KeptPage, ...]:
+    """The complete pages in a folder of `spherecal study -o FOLDER`, the comparison of methods first."""
+    found = [page for path in sorted(folder.glob("*.json")) if (page := _read(path)) is not None]
+    return tuple(sorted(found, key=lambda page: (_place(page.name), page.name)))
+
+
+def _place(name: str) -> int:
+    return ORDER.index(name) if name in ORDER else len(ORDER)
+
+
+def _read(path: Path) -> KeptPage | None:
+    try:
+        d = json.loads(path.read_bytes())
+        if d["format"] != "spherecal/study":
+            return None
+        page = KeptPage(
+            d["study"], d["title"], path.parent / d["pdf"], tuple(path.parent / name for name in d["pictures"]),
+            tuple(d["compared"]), d["options"],
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return page if all(file.is_file() for file in (page.pdf, *page.pictures)) else None
+
 
 FILE = "paper.md"
 _PLACES = {
@@ -33,10 +72,7 @@ _AGREES = {"yes": "yes", "differs": "**differs**", "cannot tell": "cannot tell",
 
 
 def write_paper(folder: Path) -> None:
-    """Write `paper.md`: every line of the tables paper / ours of the studies run so far, and which are missing.
-
-    Only studies on simulated observations of the paper's own rigs count; nothing is written where there is none.
-    """
+    """Write `paper.md`: the tables paper / ours of the studies run so far on the paper's own simulated rigs."""
     kept = {page.name: page for page in pages(folder) if _as_in_the_paper(page)}
     if kept:
         write_file_whole(folder / FILE, paper_table_text(kept).encode())
@@ -139,7 +175,13 @@ def run_study(
     name: str, options: Options, folder: Path, workers: Workers, context: Context, kept_only: bool = False
 ) -> Path:
     """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path."""
-    _check(name, options)
+    if name == "bar" and options.images:
+        raise InputError(
+            "The study of the waved bar needs thousands of frames, which are not rendered.",
+            "Leave out --images; `compare --images` has a rendered bar of forty frames.",
+        )
+    if name == "rigB" and options.preset:
+        raise InputError("The study rigB compares rigs A and B.", "Leave out --rig.")
     study = STUDIES[name]
     listed = study.trials(options)
     if kept_only:
@@ -159,16 +201,6 @@ def _kept(name: str, listed: list[Trial], folder: Path) -> tuple[list[Trial], Re
     if not both:
         raise InputError(f"{folder}: holds no results of the study {name}.", "Run it without --kept.")
     return [trial for trial, _ in both], [result for _, result in both]
-
-
-def _check(name: str, options: Options) -> None:
-    if name == "bar" and options.images:
-        raise InputError(
-            "The study of the waved bar needs thousands of frames, which are not rendered.",
-            "Leave out --images; `compare --images` has a rendered bar of forty frames.",
-        )
-    if name == "rigB" and options.preset:
-        raise InputError("The study rigB compares rigs A and B.", "Leave out --rig.")
 
 
 def write_page(

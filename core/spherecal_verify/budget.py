@@ -58,10 +58,7 @@ class Budget(OfLength):
     freedom: float = math.inf
 
     def guard_mm(self, n: int = 1) -> float:
-        """By how much n errors must all be within (n = 1), or one of n beyond its limit, to be so with 95 %.
-
-        That all are within needs no allowance for their number; that one of n is beyond does (Bonferroni).
-        """
+        """By how much n errors must all be within (n = 1), or one of n beyond its limit (Bonferroni), with 95 %."""
         level = 1 - (1 - CONFORMANCE) / n
         return self.combined_mm * float(stdtrit(self.freedom, level) if math.isfinite(self.freedom) else ndtri(level))
 
@@ -76,7 +73,7 @@ class Budget(OfLength):
 
 
 def length_budgets(
-    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], noise_share: float = 1.0
+    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], noise_share: float
 ) -> tuple[Budget, ...]:
     """The test value's uncertainty (ISO 14253-5) of each certified length, in the order they were first measured.
 
@@ -106,7 +103,13 @@ def _budget(group: Sequence[MeasuredLength], bar: Bar, noise_share: float) -> Bu
     first = group[0]
     certified = next(x for x in bar.lengths if (x.from_mark, x.to_mark) == (first.from_mark, first.to_mark))
     marks = noise_share * math.sqrt(float(np.mean([m.budget.noise_mm**2 for m in group])))
-    thermometer, expansion = _temperature(group, bar, certified)
+    # by the thermometer and by the expansion coefficient
+    by_kelvin = certified.length_mm * abs(bar.expansion_per_kelvin)
+    warmer = [0.0 if m.temperature_c is None else m.temperature_c - bar.reference_temperature_c for m in group]
+    sd_k = [temperature_sd(m.temperature_c) for m in group]
+    squares = [expansion_kelvin(bar, w, sd) ** 2 for w, sd in zip(warmer, sd_k, strict=True)]
+    thermometer = by_kelvin * math.sqrt(float(np.mean(np.square(sd_k))))
+    expansion = by_kelvin * math.sqrt(float(np.mean(squares)))
     stated, k = certified.expanded_uncertainty_mm / certified.coverage_factor, certified.coverage_factor
     contributions = (
         Contribution("certificate", "B", "normal", stated, certificate_freedom(k)),
@@ -148,13 +151,3 @@ def resolution_mm(certified: BarLength) -> float:
         return 0.0
     both = certified.length_mm, certified.expanded_uncertainty_mm  # a trailing zero in the file is lost
     return 10.0 ** -max(len(f"{value:.12f}".rstrip("0").partition(".")[2]) for value in both)
-
-
-def _temperature(group: Sequence[MeasuredLength], bar: Bar, certified: BarLength) -> tuple[float, float]:
-    """Standard uncertainties by the thermometer and by the expansion coefficient, in mm."""
-    by_kelvin = certified.length_mm * abs(bar.expansion_per_kelvin)
-    warmer = [0.0 if m.temperature_c is None else m.temperature_c - bar.reference_temperature_c for m in group]
-    sd_k = [temperature_sd(m.temperature_c) for m in group]
-    squares = [expansion_kelvin(bar, w, sd) ** 2 for w, sd in zip(warmer, sd_k, strict=True)]
-    thermometer = by_kelvin * math.sqrt(float(np.mean(np.square(sd_k))))
-    return thermometer, by_kelvin * math.sqrt(float(np.mean(squares)))

@@ -70,7 +70,13 @@ def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: 
     Points of fewer than three cameras say nothing and are left out; so are single views that contradict the others. The
     procedure is that of docs/verification.md, Quick check.
     """
-    views = _seen_by_three(views)
+    # two alone always agree across their common plane
+    cameras = np.zeros((views.n_features, len(views.rotation)), dtype=bool)
+    cameras[views.feature, views.camera] = True
+    rows = np.flatnonzero((cameras.sum(axis=1) >= 3)[views.feature])
+    views = replace(
+        views, feature=views.feature[rows], camera=views.camera[rows], uv=views.uv[rows], sigma=views.sigma[rows]
+    )
     keep = np.ones(len(views.uv), dtype=bool)
     found = _search(views, keep, rig, expected_noise, false_alarm)
     for _ in range(3):  # wrong matches can be found once the moved cameras are known
@@ -80,16 +86,6 @@ def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: 
         keep &= ~gross
         found = _search(views, keep, rig, expected_noise, false_alarm)
     return _consistency(views, keep, rig, found)
-
-
-def _seen_by_three(views: Views) -> Views:
-    """Points of three or more cameras: two alone always agree across their common plane."""
-    cameras = np.zeros((views.n_features, len(views.rotation)), dtype=bool)
-    cameras[views.feature, views.camera] = True
-    rows = np.flatnonzero((cameras.sum(axis=1) >= 3)[views.feature])
-    return replace(
-        views, feature=views.feature[rows], camera=views.camera[rows], uv=views.uv[rows], sigma=views.sigma[rows]
-    )
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,12 @@ def _search(views: Views, keep: BoolArray, rig: Rig, expected: float, false_alar
     poses = np.zeros((c, 6))
     moved: list[int] = []
     while True:
-        system, poses = _settled(views, keep, rig, poses, moved)
+        # the linear system about the moved cameras' best poses
+        system = _System.at(views, keep, rig, poses)
+        for _ in range(_STEPS if moved else 0):
+            poses = poses.copy()
+            poses[moved] += system.solve(moved)
+            system = _System.at(views, keep, rig, poses)
         noise = max(system.noise(moved), expected)
         shift, p = system.tests(moved, noise)
         candidates = np.where(np.isin(np.arange(c), moved), 1.0, p)
@@ -124,18 +125,6 @@ def _search(views: Views, keep: BoolArray, rig: Rig, expected: float, false_alar
         # of the most significant cameras, the one that leaves the smallest residuals when it is freed
         doubtful = np.flatnonzero(candidates <= max(candidates[best], 1e-12)).tolist()
         moved.append(min(doubtful, key=lambda i: system.noise([*moved, i])) if len(doubtful) > 1 else best)
-
-
-def _settled(
-    views: Views, keep: BoolArray, rig: Rig, poses: FloatArray, moved: list[int]
-) -> tuple["_System", FloatArray]:
-    """The linear system about the moved cameras' best poses."""
-    system = _System.at(views, keep, rig, poses)
-    for _ in range(_STEPS if moved else 0):
-        poses = poses.copy()
-        poses[moved] += system.solve(moved)
-        system = _System.at(views, keep, rig, poses)
-    return system, poses
 
 
 @dataclass(frozen=True)

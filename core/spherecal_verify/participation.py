@@ -1,4 +1,4 @@
-"""Which cameras a verification has verified: how many views of marks each had, how many were used, how they fit."""
+"""Which cameras of a rig a session has, what each saw of the marks, and image points without what lenses do more."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,14 @@ from typing import Literal
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.errors import InputError, Words
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
+from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig
+from spherecal.data.rig_camera import RigCamera
+from spherecal.data.session import Session
 from spherecal_verify.outlying_views import CheckedPoints
 
 State = Literal["verified", "not seen", "rejected"]
@@ -73,3 +79,34 @@ def many_outlying(cameras: Sequence[CameraViews]) -> bool:
     seen, used = sum(c.seen for c in cameras), sum(c.used for c in cameras)
     most = max((c.seen - c.used for c in cameras if c.seen - c.used > MANY_OF_ONE * c.seen), default=0)
     return seen - used > max(1, MANY_VIEWS * seen) or most >= LEAST_VIEWS
+
+
+def cameras_in_rig(session: Session, observations: Observations, rig: Rig, advice: Words) -> IntArray:
+    """Index in the rig of each camera (c,) that the observations name, -1 where the rig has none of that id."""
+    for spec in session.cameras:
+        placed = rig.camera(spec.id)
+        if placed is not None and placed.image_size != spec.image_size:
+            values = {"folder": session.where, "camera": spec.id, "width": spec.image_size[0]}
+            values |= {"height": spec.image_size[1], "rig_width": placed.image_size[0]}
+            values |= {"rig_height": placed.image_size[1]}
+            raise InputError(Phrase("error-other-image-size", values), advice)
+    index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+    in_rig = np.array([index.get(camera, -1) for camera in observations.cameras], dtype=np.int64)
+    if (in_rig < 0).all():
+        raise InputError(Phrase("error-cameras-not-in-rig", {"folder": session.where}))
+    return in_rig
+
+
+def lens_corrected(
+    cameras: Sequence[RigCamera], camera: IntArray, uv: FloatArray, sigma: FloatArray, noise: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels (n,2) as the lens models predict them, and sigmas (n,2), in units of `noise` px, with the fields'."""
+    if all(one.field is None for one in cameras):
+        return uv, sigma
+    uv, sigma = uv.copy(), np.array(np.broadcast_to(sigma, uv.shape))
+    for c, one in enumerate(cameras):
+        rows = np.flatnonzero(camera == c)
+        if one.field is not None and len(rows):
+            sigma[rows] = np.hypot(sigma[rows], one.field.sd_at(uv[rows])[:, None] / noise)
+            uv[rows] -= one.field.at(uv[rows])
+    return uv, sigma

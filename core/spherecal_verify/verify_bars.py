@@ -37,8 +37,13 @@ from spherecal_verify.limit import LengthLimit, judge_against, with_doubts
 from spherecal_verify.marks import MarkFinder, MarkPlace
 from spherecal_verify.measuring_volume import volume_box
 from spherecal_verify.outlying_views import Views, triangulate_checked
-from spherecal_verify.participation import many_outlying, participation, participation_doubts
-from spherecal_verify.rig_cameras import cameras_in_rig, lens_corrected
+from spherecal_verify.participation import (
+    cameras_in_rig,
+    lens_corrected,
+    many_outlying,
+    participation,
+    participation_doubts,
+)
 from spherecal_verify.uncertainty import (
     PointErrors,
     camera_gradient,

@@ -14,7 +14,7 @@ from spherecal_files import bar_registry
 from spherecal_files.json_file import JsonValue, plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
-from spherecal_rigs.pose_plan import LINE_NAMES, BarMarks, PosePlan, plan_poses
+from spherecal_rigs.pose_plan import LINE_NAMES, BarMarks, plan_poses
 from spherecal_rigs.rig_source import read_source, volume_of
 from spherecal_verify.expiry import expiry
 from spherecal_verify.measuring_volume import LEAST_LENGTHS
@@ -187,11 +187,6 @@ def plan(options: argparse.Namespace) -> int:
     box = volume_of(source)
     plan = plan_poses(source.rig, marks, (box.low_mm, box.high_mm))
     answer(options, plan.as_json())
-    say(*_plan_text(plan))
-    return DONE
-
-
-def _plan_text(plan: PosePlan) -> list[str]:
     half = 2 * plan.box.half
     lines = [f"Volume {half[0]:.0f} x {half[1]:.0f} x {half[2]:.0f} mm, space diagonal {plan.box.diagonal_mm:.0f} mm."]
     for pose in plan.poses:
@@ -209,7 +204,8 @@ def _plan_text(plan: PosePlan) -> list[str]:
         lines.append(f"No place in the volume shows a whole bar to {names} and another camera.")
     if plan.missing:
         lines.append(f"No place seen by two cameras on: {', '.join(plan.missing)}.")
-    return lines
+    say(*lines)
+    return DONE
 
 
 def import_table(options: argparse.Namespace) -> int:

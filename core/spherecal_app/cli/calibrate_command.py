@@ -17,17 +17,8 @@ from spherecal.data.verdict_words import WORDS, named
 from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
+from spherecal_app.cli import console
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import (
-    answer,
-    check_output_folder,
-    figures,
-    log_findings,
-    number,
-    out,
-    say,
-    show_findings,
-)
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.options import search_of
 from spherecal_app.cli.progress import shown_progress
@@ -42,8 +33,12 @@ from spherecal_files.write_result import write_result
 
 def calibrate(options: argparse.Namespace) -> int:
     """`spherecal calibrate`."""
-    _check_forms(options)
-    check_output_folder(options.output, RESULT)
+    if options.ball is not None and options.method not in ("auto", "rigid"):
+        raise InputError(Phrase("error-ball-method", {"method": options.method}))
+    if options.shape_sd is not None and (options.method != "soft" or not 0 < options.shape_sd < 10):
+        key = "error-shape-sd-method" if options.method != "soft" else "error-shape-sd-range"
+        raise InputError(Phrase(key, {"value": options.shape_sd}))
+    console.check_output_folder(options.output, RESULT)
     xi1, xi2 = options.path_weights
     settings = CalibrationSettings(
         method=options.method,
@@ -73,8 +68,8 @@ def calibrate(options: argparse.Namespace) -> int:
             calibration = run(session, settings, context)
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
-    log_findings(calibration.rig.quality.findings)
-    answer(options, calibration_summary(calibration))
+    console.log_findings(calibration.rig.quality.findings)
+    console.answer(options, calibration_summary(calibration))
     show_calibration(calibration, options.output, time.perf_counter() - began)
     return DONE if calibration.rig.quality.valid else NOT_VALID
 
@@ -88,27 +83,18 @@ def _session_of(path: Path) -> AbstractContextManager[Path]:
     return unpacked_session(path)
 
 
-def _check_forms(options: argparse.Namespace) -> None:
-    """Raise InputError for options that do not go with the method."""
-    if options.ball is not None and options.method not in ("auto", "rigid"):
-        raise InputError(Phrase("error-ball-method", {"method": options.method}))
-    if options.shape_sd is not None and (options.method != "soft" or not 0 < options.shape_sd < 10):
-        key = "error-shape-sd-method" if options.method != "soft" else "error-shape-sd-range"
-        raise InputError(Phrase(key, {"value": options.shape_sd}))
-
-
 def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:
     """Print the result in words and a table, verdict first."""
     rig = calibration.rig
     quality = rig.quality
     colour = {"valid": "bold green", "use-with-care": "bold yellow", "not-valid": "bold red"}[quality.verdict]
     word, cameras = f"[{colour}]{WORDS[quality.verdict]}[/]", len(calibration.observations.cameras)
-    out.print(f"{word}: {len(rig.cameras)} of {counted(cameras, 'camera')} placed", end="")
-    out.print("" if quality.rms_px is None else f", rms {quality.rms_px:.4f} px, {seconds:.1f} s.")
+    console.out.print(f"{word}: {len(rig.cameras)} of {counted(cameras, 'camera')} placed", end="")
+    console.out.print("" if quality.rms_px is None else f", rms {quality.rms_px:.4f} px, {seconds:.1f} s.")
     if quality.verdict == "use-with-care":
-        say(f"With care: {named(quality.affected)}.")
+        console.say(f"With care: {named(quality.affected)}.")
     if rig.cameras:
-        table = figures("camera", "points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg")
+        table = console.figures("camera", "points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg")
         for c in rig.cameras:
             sd = (
                 ("-", "-", "-")
@@ -120,15 +106,15 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
                 )
             )
             name = f"{c.id} (reference)" if c.id == rig.reference_camera else c.id
-            table.add_row(escape(name), str(c.observations), number(c.rms_px, 4), f"{c.intrinsics[0]:.2f}", *sd)
-        out.print(table)
+            table.add_row(escape(name), str(c.observations), console.number(c.rms_px, 4), f"{c.intrinsics[0]:.2f}", *sd)
+        console.out.print(table)
     for sphere in calibration.spheres:
-        out.print(
+        console.out.print(
             f"  ball at {escape(sphere.placement)}: radius {sphere.radius_mm:.3f} mm, "
             f"out of round by {sphere.radial_sd_mm:.3f} mm"
         )
-    show_findings(quality.findings)
-    out.print(f"Result in {escape(str(folder))}.")
+    console.show_findings(quality.findings)
+    console.out.print(f"Result in {escape(str(folder))}.")
 
 
 def calibration_summary(calibration: Calibration) -> dict[str, object]:

@@ -14,7 +14,7 @@ from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import SETTINGS, CameraProfile, write_profile
 from spherecal_cameras.new_recording import camera_name
-from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, SetupReport, features_of
+from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, features_of
 from spherecal_files.json_file import plain_fields
 
 
@@ -54,7 +54,21 @@ def list_cameras(options: argparse.Namespace) -> int:
     else:
         out.print("No camera found.")
     if source.kind == "genicam":
-        _list_producers(discovery)
+        for line in advice_for(discovery):
+            say(line)
+        if not discovery.producers:
+            out.print(
+                "No driver (.cti file) was found. Install the driver of the cameras' maker, "
+                "or name its folder in GENICAM_GENTL64_PATH or with --producer."
+            )
+        for verdict in discovery.producers:
+            mark = "[green]ok[/]" if verdict.usable else "[red]bad[/]"
+            out.print(f"{mark} {escape(verdict.file)}: ", end="")
+            say(f"{verdict.message} {verdict.hint}".strip())
+        for double in discovery.doubles:
+            out.print(
+                f"   {escape(double.serial)} is seen by {escape(double.producer)} as well; the first driver has it."
+            )
     return DONE if discovery.cameras else NOT_VALID
 
 
@@ -68,22 +82,6 @@ def _tell_alike(profile: CameraProfile, discovery: Discovery) -> None:
     for info in discovery.cameras:
         if info.address and info.serial.endswith(f" ({info.address})"):
             say(f"{info.serial}: another camera has this serial number too; its address {info.address} tells it apart.")
-
-
-def _list_producers(discovery: Discovery) -> None:
-    for line in advice_for(discovery):
-        say(line)
-    if not discovery.producers:
-        out.print(
-            "No driver (.cti file) was found. Install the driver of the cameras' maker, "
-            "or name its folder in GENICAM_GENTL64_PATH or with --producer."
-        )
-    for verdict in discovery.producers:
-        mark = "[green]ok[/]" if verdict.usable else "[red]bad[/]"
-        out.print(f"{mark} {escape(verdict.file)}: ", end="")
-        say(f"{verdict.message} {verdict.hint}".strip())
-    for double in discovery.doubles:
-        out.print(f"   {escape(double.serial)} is seen by {escape(double.producer)} as well; the first driver has it.")
 
 
 def show(options: argparse.Namespace) -> int:
@@ -147,7 +145,12 @@ def set_up(options: argparse.Namespace) -> int:
     record = {"profile": options.profile, "cameras": serials, "set_up": reports, "not_reached": unreachable}
     answer(options, record)
     for report in reports:
-        _show_setup(report, profile.entry(report.serial).name or report.serial)
+        size = f"{report.image_size[0]} x {report.image_size[1]} px" if report.image_size else "size unknown"
+        out.print(f"{escape(profile.entry(report.serial).name or report.serial)}: set up, {size}.")
+        for feature in report.problems:
+            say(f"  {feature.feature}: wanted {feature.wanted}, has {feature.got or '-'}: {feature.problem}")
+        if report.missing:
+            out.print(f"  not on this camera: {', '.join(report.missing)}")
     for serial, status in unreachable.items():
         out.print(f"{serial}: kept, but not applied. {status.cause} {status.remedy}", markup=False)
     return DONE if all(not report.problems for report in reports) and not unreachable else NOT_VALID
@@ -179,12 +182,3 @@ def _keep(
         profile = profile.with_entry(entry)
     write_profile(options.profile, profile)
     return profile
-
-
-def _show_setup(report: SetupReport, name: str) -> None:
-    size = f"{report.image_size[0]} x {report.image_size[1]} px" if report.image_size else "size unknown"
-    out.print(f"{escape(name)}: set up, {size}.")
-    for feature in report.problems:
-        say(f"  {feature.feature}: wanted {feature.wanted}, has {feature.got or '-'}: {feature.problem}")
-    if report.missing:
-        out.print(f"  not on this camera: {', '.join(report.missing)}")

@@ -88,20 +88,16 @@ def trust(options: argparse.Namespace) -> int:
         if options.forget:
             say(f"{file}: {'forgotten' if store.forget(file) else 'was not on the list'}.")
         else:
-            _allow(store, file)
+            if not Path(file).is_file():
+                raise InputError(Phrase("error-no-driver-file", {"file": file}))
+            driver = store.look(file)
+            if driver.state == "unreadable":
+                raise InputError(Phrase("error-driver-unreadable", {"file": file}))
+            if driver.state == "unsafe":
+                values = {"file": file, "who": who_may_change(driver.file), "driver": str(driver.file)}
+                raise InputError(Phrase("error-driver-unsafe", values))
+            if driver.state != "own":
+                store.allow(driver)
             say(f"{file}: allowed.")
     answer(options, {"allowed": store.allowed()})
     return 0
-
-
-def _allow(store: TrustStore, file: str) -> None:
-    if not Path(file).is_file():
-        raise InputError(Phrase("error-no-driver-file", {"file": file}))
-    driver = store.look(file)
-    if driver.state == "unreadable":
-        raise InputError(Phrase("error-driver-unreadable", {"file": file}))
-    if driver.state == "unsafe":
-        values = {"file": file, "who": who_may_change(driver.file), "driver": str(driver.file)}
-        raise InputError(Phrase("error-driver-unsafe", values))
-    if driver.state != "own":
-        store.allow(driver)

@@ -90,7 +90,23 @@ def _show(found: Check, chip: str | None) -> None:
     if chip is not None:
         say(f"The calibration in use is {chip}.")
     if found.cameras:
-        _print_cameras(found)
+        table = figures(
+            "camera", "points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance", ""
+        )
+        for one in found.cameras:
+            t = one.test
+            table.add_row(
+                escape(t.id), str(t.points), f"{t.rms_px:.4f}",
+                "-" if one.before_px is None else f"{one.before_px:.4f}", f"{t.move_px:.3f}",
+                f"{np.linalg.norm(t.shift_mm):.3f}", f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
+                f"{t.point_mm:.3f}", f"{t.p:.2g}", f"[{_COLOURS[one.verdict]}]{_WORDS[one.verdict]}[/]",
+            )  # fmt: skip
+        out.print(table)
+        if found.tolerance_mm is not None:
+            out.print(
+                f"point mm: how far a point is measured wrong by this move; above {found.tolerance_mm:.3f} mm (the "
+                "rig's uncertainty of 500 mm, k = 2) the camera must be recalibrated."
+            )
     for ball in found.balls:
         out.print(
             f"Ball at {escape(ball.placement)}: size {ball.scale_ppm:+.0f} ± {ball.scale_sd_ppm:.0f} ppm against the "
@@ -104,25 +120,6 @@ def _show(found: Check, chip: str | None) -> None:
     show_findings(found.findings)
     if found.to_repair:
         out.print(f"To repair: spherecal check ... --repair RESULT, or recalibrate --only {','.join(found.to_repair)}")
-
-
-def _print_cameras(found: Check) -> None:
-    table = figures(
-        "camera", "points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance", ""
-    )
-    for one in found.cameras:
-        t = one.test
-        table.add_row(
-            escape(t.id), str(t.points), f"{t.rms_px:.4f}", "-" if one.before_px is None else f"{one.before_px:.4f}",
-            f"{t.move_px:.3f}", f"{np.linalg.norm(t.shift_mm):.3f}", f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
-            f"{t.point_mm:.3f}", f"{t.p:.2g}", f"[{_COLOURS[one.verdict]}]{_WORDS[one.verdict]}[/]",
-        )  # fmt: skip
-    out.print(table)
-    if found.tolerance_mm is not None:
-        out.print(
-            f"point mm: how far a point is measured wrong by this move; above {found.tolerance_mm:.3f} mm (the rig's "
-            "uncertainty of 500 mm, k = 2) the camera must be recalibrated."
-        )
 
 
 def _repair(options: argparse.Namespace, session: Session, rig: Rig, found: Check) -> None:

@@ -21,12 +21,6 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
     """The script for a shell."""
     if shell == "fish":
         return _fish(parser)
-    made = _BASH.format(shell=shell, tables="\n".join(_tables(parser)))
-    # zsh splits neither unquoted words nor counts from 0 unless an option asks for it
-    return made if shell == "bash" else _ZSH + made.replace("_spherecal() {", "_spherecal() {\n  emulate -L ksh", 1)
-
-
-def _tables(parser: argparse.ArgumentParser) -> list[str]:
     lines = []
     for words, one in parsers_below(parser):
         at = "_" + " ".join(words)
@@ -45,7 +39,9 @@ def _tables(parser: argparse.ArgumentParser) -> list[str]:
         lines.append(f'  options["{at}"]="{" ".join(options)}"')
         if below:
             lines.append(f'  words["{at}"]="{" ".join(below)}"')
-    return lines
+    made = _BASH.format(shell=shell, tables="\n".join(lines))
+    # zsh splits neither unquoted words nor counts from 0 unless an option asks for it
+    return made if shell == "bash" else _ZSH + made.replace("_spherecal() {", "_spherecal() {\n  emulate -L ksh", 1)
 
 
 def _fish(parser: argparse.ArgumentParser) -> str:

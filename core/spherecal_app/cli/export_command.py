@@ -9,7 +9,6 @@ from spherecal.data.findings import counted
 from spherecal.data.verdict_words import WORDS, named
 from spherecal_app.cli.console import answer, check_output_folder, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_documents.export.import_rig import Imported
 from spherecal_documents.export.import_rig import import_rig as run
 from spherecal_documents.export.priors import matched, read_cameras, write_with_priors
 from spherecal_documents.export.refit import Loss
@@ -21,7 +20,7 @@ from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig, rig_bytes
 from spherecal_rigs.framed_rig import FRAME, define_frame, frame_entry, write_frame
 from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
-from spherecal_rigs.user_frame import FrameDefinition, UserFrame
+from spherecal_rigs.user_frame import FrameDefinition
 
 
 def export(options: argparse.Namespace) -> int:
@@ -114,13 +113,6 @@ def frame(options: argparse.Namespace) -> int:
     with output_file(options.output) as place:
         write_frame(made, place)
     answer(options, {"output": options.output, **frame_entry(made)})
-    for line in _said(made):
-        say(line)
-    say(f"Frame in {options.output}.")
-    return DONE
-
-
-def _said(made: UserFrame) -> list[str]:
     lines = [f"User's frame: {made.definition.words()}."]
     if made.distance_mm is not None:
         lines.append(
@@ -129,7 +121,10 @@ def _said(made: UserFrame) -> list[str]:
     if made.origin_sigma_mm is not None and made.axes_sigma_deg is not None:
         origin, axes = (", ".join(f"{s:.2g}" for s in v) for v in (made.origin_sigma_mm, made.axes_sigma_deg))
         lines.append(f"Standard uncertainty: origin {origin} mm along X, Y, Z; axes {axes} degrees about X, Y, Z.")
-    return lines
+    for line in lines:
+        say(line)
+    say(f"Frame in {options.output}.")
+    return DONE
 
 
 def import_rig(options: argparse.Namespace) -> int:
@@ -152,23 +147,18 @@ def import_rig(options: argparse.Namespace) -> int:
     if str(output) != "-":
         names = ", ".join(cameras[:8]) + (", ..." if len(cameras) > 8 else "")
         say(f"{counted(len(cameras), 'camera')} ({names}) in {output}.")
-        _say_taken(done)
+        apart = ""
+        if done.nearest_mm is not None and done.farthest_mm is not None:
+            apart = f"; the cameras are {done.nearest_mm:.4g} to {done.farthest_mm:.4g} mm apart"
+        say(f"Lengths in the file are {done.unit} (from {done.unit_from}){apart}.".replace("from given", "given"))
+        for words, own in done.lenses.items():
+            say(f"Lens: {words}, of {counted(len(own), 'camera')}.")
+        for camera, why in done.left_out.items():
+            say(f"Left out: {camera} {why}.")
+        for warning in done.warnings:
+            say(f"Warning: {warning}.")
         say("How accurate they are is not known: verify the rig with a bar.")
     return DONE
-
-
-def _say_taken(done: Imported) -> None:
-    """What was taken for the rig, and what was not."""
-    apart = ""
-    if done.nearest_mm is not None and done.farthest_mm is not None:
-        apart = f"; the cameras are {done.nearest_mm:.4g} to {done.farthest_mm:.4g} mm apart"
-    say(f"Lengths in the file are {done.unit} (from {done.unit_from}){apart}.".replace("from given", "given"))
-    for words, own in done.lenses.items():
-        say(f"Lens: {words}, of {counted(len(own), 'camera')}.")
-    for camera, why in done.left_out.items():
-        say(f"Left out: {camera} {why}.")
-    for warning in done.warnings:
-        say(f"Warning: {warning}.")
 
 
 def import_priors(options: argparse.Namespace) -> int:

@@ -1,6 +1,5 @@
 """The command line: `spherecal COMMAND`. Exit codes: 0 done, 2 bad input, 3 done but not valid, 130 cancelled."""
 
-import argparse
 import io
 import logging
 import os
@@ -69,11 +68,6 @@ def entry() -> int:
         code = end.code if isinstance(end.code, int) else DONE if end.code is None else BAD_INPUT
     except KeyboardInterrupt:  # between two lines of ours
         code = _cancelled()
-    return _flushed(code)
-
-
-def _flushed(code: int) -> int:
-    """The exit code after all output was handed over; whoever closed the other end has had enough."""
     try:
         sys.stdout.flush()
     except BrokenPipeError:
@@ -126,36 +120,28 @@ def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
             raise MissingPackage(Phrase("error-no-window"))
         return subprocess.call(own_program("spherecal_gui"))
     if options.command == "help":
-        return _help(parser, options.words)
+        # `spherecal help [COMMAND ...]`: what `--help` prints; an unknown command ends as if it were given
+        found = {known: one for known, one in parsers_below(parser)}.get(tuple(options.words))
+        if found is None:
+            parser.parse_args([*options.words, "--help"])  # it says which word is not known, and ends the program
+        else:
+            found.print_help()
+        return DONE
     _check_address_space()
     beside = any(is_standard_output(value) for value in vars(options).values())
     as_json = getattr(options, "json", False)
     with _speaking(options.verbose, options.quiet, as_json, beside):
         logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
         with needing("matplotlib", Phrase("documents")), needing("typst", Phrase("documents")):
-            return _told(command_of(options)(options), options)
+            code = command_of(options)(options)
+            from spherecal_app.cli.console import out
 
-
-def _told(code: int, options: argparse.Namespace) -> int:
-    """The exit code, with a word about it where standard output could not be written: what was computed is in place."""
-    from spherecal_app.cli.console import out
-
-    lost, out.lost = out.lost, None
-    if lost is None:
-        return code
-    _complain(OutputError(Phrase("error-output-lost", {"why": reason(lost)}), Phrase("error-output-lost-hint")))
-    printed = getattr(options, "json", False) or TABLE["commands"][words_of(options)].get("shows", False)
-    return BAD_INPUT if printed else code  # what gives nothing but what it prints has failed
-
-
-def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:
-    """`spherecal help [COMMAND ...]`: what `--help` prints; an unknown command ends as if it were given."""
-    found = {known: one for known, one in parsers_below(parser)}.get(tuple(words))
-    if found is None:
-        parser.parse_args([*words, "--help"])  # it says which word is not known, and ends the program
-    else:
-        found.print_help()
-    return DONE
+            lost, out.lost = out.lost, None
+            if lost is None:
+                return code
+            _complain(OutputError(Phrase("error-output-lost", {"why": reason(lost)}), Phrase("error-output-lost-hint")))
+            printed = getattr(options, "json", False) or TABLE["commands"][words_of(options)].get("shows", False)
+            return BAD_INPUT if printed else code  # what gives nothing but what it prints has failed
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.rig import Rig
-from spherecal.data.session import Bar, Session
+from spherecal.data.session import Session
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.cameras_source import discovered, open_asking
 from spherecal_app.cli.console import check_output_folder, figures, kept_in_profile, out, say
@@ -91,11 +91,18 @@ def _task(options: argparse.Namespace, session: Session | None) -> Task:
         targets = read_target_set(options.targets)
     else:
         targets = make_target_set() if session is None else session.target_set
+    own = () if session is None else session.bars
+    known = BAR_REGISTRY.read() if options.bar else {}
+    if unknown := [serial for serial in options.bar if serial not in known]:
+        raise InputError(
+            Phrase("error-bar-not-registered", {"bar": unknown[0], "names": list(known) or Phrase("nothing")})
+        )
+    there = {bar.serial for bar in own}
     return Task(
         targets,
         tuple(parse_point(text) for text in options.point),
         (*(parse_ruler(text, 2) for text in options.distance), *(parse_ruler(text, 3) for text in options.angle)),
-        _bars(options.bar, session),
+        (*own, *(registered(known[serial]) for serial in options.bar if serial not in there)),
         tuple(read_body(path) for path in options.body),
         options.temperature,
         _exposure_sd(options),
@@ -111,18 +118,6 @@ def _exposure_sd(options: argparse.Namespace) -> float | None:
         return None
     settings = read_profile(options.camera_profile or default_profile_path()).settings().values()
     return 0.0 if settings and all(one.trigger == "hardware" for one in settings) else None
-
-
-def _bars(serials: list[str], session: Session | None) -> tuple[Bar, ...]:
-    """The session's bars, and those of the owner's registry."""
-    own = () if session is None else session.bars
-    known = BAR_REGISTRY.read() if serials else {}
-    if unknown := [serial for serial in serials if serial not in known]:
-        raise InputError(
-            Phrase("error-bar-not-registered", {"bar": unknown[0], "names": list(known) or Phrase("nothing")})
-        )
-    there = {bar.serial for bar in own}
-    return (*own, *(registered(known[serial]) for serial in serials if serial not in there))
 
 
 def _live_sets(

@@ -2,7 +2,7 @@
 
 import argparse
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import date, datetime
 from importlib import import_module
 from pathlib import Path
@@ -37,7 +37,16 @@ def make_parser() -> Parser:
         command = add[above](name, about["help"])
         if "below" in about:
             add[words] = commands_below(command, about["below"])
-        _add_options(command, about.get("options", ()))
+        # options after a `group` belong to it, `use` takes those that commands share
+        to: argparse._ActionsContainer = command
+        for row in about.get("options", ()):
+            if "group" in row:
+                to = command.add_argument_group(row["group"]) if row["group"] else command
+            elif "use" in row:
+                for one in TABLE["shared"][row["use"]]:
+                    _add_option(to, one)
+            else:
+                _add_option(to, row)
         if "brief" in about:
             command.show_only(*about["brief"])
     add_common(parser)
@@ -63,19 +72,6 @@ def search_of(options: argparse.Namespace) -> "Search":
 
 
 # --- rows of the table -----------------------------------------------------------------------------------------------
-
-
-def _add_options(command: Parser, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Add the options of a command; those after a `group` belong to it, `use` takes those that commands share."""
-    to: argparse._ActionsContainer = command
-    for row in rows:
-        if "group" in row:
-            to = command.add_argument_group(row["group"]) if row["group"] else command
-        elif "use" in row:
-            for one in TABLE["shared"][row["use"]]:
-                _add_option(to, one)
-        else:
-            _add_option(to, row)
 
 
 def _add_option(to: argparse._ActionsContainer, row: Mapping[str, Any]) -> None:

@@ -121,7 +121,7 @@ def main_parser(program: str, description: str, epilog: str) -> Parser:
 
 
 def commands_below(
-    parser: argparse.ArgumentParser, metavar: str = "ACTION", dest: str = "action", *, required: bool = True
+    parser: argparse.ArgumentParser, metavar: str, dest: str = "action", *, required: bool = True
 ) -> Add:
     """The function that adds a command below this one."""
     commands = parser.add_subparsers(dest=dest, required=required, metavar=metavar, parser_class=Parser)

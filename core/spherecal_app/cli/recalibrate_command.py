@@ -21,7 +21,7 @@ from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
 from spherecal_rigs.cross_validate import cross_validate as run_without
-from spherecal_rigs.next_placement import Guidance, advise
+from spherecal_rigs.next_placement import advise
 from spherecal_rigs.recalibrate import Selection
 from spherecal_rigs.recalibrate import recalibrate as run
 
@@ -59,7 +59,24 @@ def guide(options: argparse.Namespace) -> int:
         from spherecal_documents.report.trend_chart import save_guidance_picture  # here, since it loads matplotlib
 
         save_guidance_picture(calibration.rig, guidance, calibration.spheres[0].radius_mm, options.picture)
-    answer(options, _as_json(guidance))
+    answer(
+        options,
+        {
+            "length_mm": 500.0,
+            "coverage_factor": 2.0,
+            "now_mm": guidance.now_mm,
+            "words": guidance.words(),
+            "candidates": [
+                {
+                    "centre_mm": [round(float(x), 3) for x in c.centre_mm],
+                    "turn_deg": c.turn_deg,
+                    "axis": None if c.axis is None else [round(float(x), 6) for x in c.axis],
+                    **plain_fields(c, "expanded_mm cameras nearest fewest_dots"),
+                }
+                for c in guidance.candidates
+            ],
+        },
+    )
     out.print(escape(guidance.words()))
     table = Table("place (mm, rig frame)", "turn", "towards", "cameras", "500 mm, k = 2", box=None)
     for c in guidance.candidates[:6]:
@@ -68,24 +85,6 @@ def guide(options: argparse.Namespace) -> int:
         table.add_row(place, turn, c.nearest, str(c.cameras), f"{c.expanded_mm:.3f} mm")
     out.print(table)
     return DONE
-
-
-def _as_json(guidance: Guidance) -> dict[str, object]:
-    return {
-        "length_mm": 500.0,
-        "coverage_factor": 2.0,
-        "now_mm": guidance.now_mm,
-        "words": guidance.words(),
-        "candidates": [
-            {
-                "centre_mm": [round(float(x), 3) for x in c.centre_mm],
-                "turn_deg": c.turn_deg,
-                "axis": None if c.axis is None else [round(float(x), 6) for x in c.axis],
-                **plain_fields(c, "expanded_mm cameras nearest fewest_dots"),
-            }
-            for c in guidance.candidates
-        ],
-    }
 
 
 def cross_validate(options: argparse.Namespace) -> int:

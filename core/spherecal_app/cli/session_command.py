@@ -1,7 +1,6 @@
 """`spherecal session new`: a session folder of images or videos that another program recorded."""
 
 import argparse
-from pathlib import Path
 
 from rich.markup import escape
 
@@ -10,7 +9,6 @@ from spherecal_app.api import new_session
 from spherecal_app.cli.console import answer, figures, out, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
-from spherecal_app.recordings.new_session import NewSession
 from spherecal_files.json_file import plain_fields
 
 
@@ -22,31 +20,25 @@ def new(options: argparse.Namespace) -> int:
             sphere_diameter_mm=options.sphere, spacing_mm=options.spacing, focal_length_mm=options.focal_length,
             pixel_pitch_um=options.pixel_pitch, lens_model=options.lens, frames=options.frames, context=context,
         )  # fmt: skip
-    answer(options, _summary(made))
-    _show(made, options.folder)
-    return DONE
-
-
-def _summary(made: NewSession) -> dict[str, object]:
-    return {
-        "layout": made.layout,
-        "pattern": made.pattern,
-        "cameras": [
-            {
-                **plain_fields(camera, "id images image_size"),
-                "focal_px": round(camera.focal_px, 3),
-                **plain_fields(camera, "focal_from model serial"),
-            }
-            for camera in made.cameras
-        ],
-        "placements": [placement.id for placement in made.session.placements],
-        "assumed": list(made.assumed),
-        "missing": list(made.missing),
-        "left_out": list(made.left_out),
-    }
-
-
-def _show(made: NewSession, folder: Path) -> None:
+    answer(
+        options,
+        {
+            "layout": made.layout,
+            "pattern": made.pattern,
+            "cameras": [
+                {
+                    **plain_fields(camera, "id images image_size"),
+                    "focal_px": round(camera.focal_px, 3),
+                    **plain_fields(camera, "focal_from model serial"),
+                }
+                for camera in made.cameras
+            ],
+            "placements": [placement.id for placement in made.session.placements],
+            "assumed": list(made.assumed),
+            "missing": list(made.missing),
+            "left_out": list(made.left_out),
+        },
+    )
     places = [placement.id for placement in made.session.placements]
     span = places[0] if len(places) == 1 else f"{places[0]} ... {places[-1]}"
     say(
@@ -67,4 +59,5 @@ def _show(made: NewSession, folder: Path) -> None:
     if made.left_out:
         shown = ", ".join(made.left_out[:4]) + (", ..." if len(made.left_out) > 4 else "")
         say(f"Left out: {counted(len(made.left_out), 'file')} ({shown}).")
-    say(f"Session in {folder}.")
+    say(f"Session in {options.folder}.")
+    return DONE

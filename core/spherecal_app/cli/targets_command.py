@@ -49,7 +49,10 @@ def sheet(options: argparse.Namespace) -> int:
 def _wanted(options: argparse.Namespace) -> TargetSet:
     """The targets or markers that were asked for, in the size that the printed rulers have."""
     if options.markers is not None:
-        made = _markers(options)
+        first_marker = options.first_id or 0
+        many = marker_count(options.markers) - first_marker if options.count is None else options.count
+        ids = range(first_marker, first_marker + many)
+        made = make_marker_set(options.markers, options.size, ids, options.polarity or "dark-on-light")
     else:
         count = 200 if options.count is None else options.count
         first = 1 if options.first_id is None else options.first_id
@@ -63,14 +66,6 @@ def _done(options: argparse.Namespace, made: TargetSet) -> int:
     answer(options, record)
     out.print(f"{counted(len(made.layouts), 'target')} in {escape(str(options.output))}.")
     return DONE
-
-
-def _markers(options: argparse.Namespace) -> TargetSet:
-    """The markers that `--markers` names: from the first id, as many as asked for."""
-    first = options.first_id or 0
-    count = marker_count(options.markers) - first if options.count is None else options.count
-    ids = range(first, first + count)
-    return make_marker_set(options.markers, options.size, ids, options.polarity or "dark-on-light")
 
 
 def detect(options: argparse.Namespace) -> int:

@@ -45,13 +45,20 @@ def verify(options: argparse.Namespace) -> int:
         verification = run(session, rig, context, VerifySettings(limit, None, corners_beside(options.rig)))
         write_verification(verification, options.output, options.rig)
     log_findings(verification.findings)
-    answer(options, _verification_summary(verification))
+    answer(
+        options,
+        {
+            "verdict": verification.decision.verdict,
+            "failed": verification.failed,
+            **plain_fields(verification.decision, "chi_square most_chi_square"),
+            **plain_fields(verification.overall, "n mean_error_mm sd_mm max_abs_error_mm"),
+            "acceptance": _accepted(verification),
+            "cameras": {c.id: c.state for c in verification.cameras},
+            "findings": [FINDING.entry(finding) for finding in verification.findings],
+        },
+    )
     show_verification(verification, options.output)
-    return _code(verification)
-
-
-def _code(verification: Verification) -> int:
-    """3: not as the rig states; 4: beyond its limit; 5: both; 6: neither, and nothing proves the limit."""
+    # 3: not as the rig states; 4: beyond its limit; 5: both; 6: neither, and nothing proves the limit
     judged = _accepted(verification)
     own = any(f.severity == "error" and f.code != "limit-exceeded" for f in verification.findings)
     wrong = own or verification.decision.verdict == "inconsistent"
@@ -136,18 +143,6 @@ def show_procedure(verification: Verification) -> None:
     out.print(f"{procedure.title}. Departures:")
     for departure in procedure.departures:
         say(f"  - {phrase(departure)}")
-
-
-def _verification_summary(verification: Verification) -> dict[str, object]:
-    return {
-        "verdict": verification.decision.verdict,
-        "failed": verification.failed,
-        **plain_fields(verification.decision, "chi_square most_chi_square"),
-        **plain_fields(verification.overall, "n mean_error_mm sd_mm max_abs_error_mm"),
-        "acceptance": _accepted(verification),
-        "cameras": {c.id: c.state for c in verification.cameras},
-        "findings": [FINDING.entry(finding) for finding in verification.findings],
-    }
 
 
 def _accepted(verification: Verification) -> str | None:

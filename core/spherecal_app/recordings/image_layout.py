@@ -76,7 +76,10 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
         }  # fmt: skip
         raise InputError(Phrase("error-images-and-videos", values))
     words, chosen, rest = _known_program(found)
-    overlays = _overlays(chosen)
+    # files whose name is that of another one beside it and a word, such as 0001_annot.png beside 0001.png
+    stems = {path.rpartition(".")[0] for path in chosen}
+    made = {path: re.sub(r"[ _.-]+[^\W\d_]{2,}$", "", path.rpartition(".")[0]) for path in chosen}
+    overlays = {path for path, stem in made.items() if stem != path.rpartition(".")[0] and stem in stems}
     chosen, rest = [path for path in chosen if path not in overlays], [*rest, *sorted(overlays, key=natural)]
     regex = _anipose_regex(folder)
     if regex is not None:
@@ -84,7 +87,9 @@ def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
         return replace(layout, left_out=(*layout.left_out, *rest))
     proposed = _proposed(chosen, videos=not kinds[0])
     if len(proposed) != 1:
-        raise _ambiguous(folder, chosen, proposed)
+        said = {"folder": folder, "files": _shown(chosen), "example": _EXAMPLE}
+        given = Phrase("error-give-pattern", {"patterns": [f'--pattern "{one}"' for one in proposed]})
+        raise InputError(Phrase("error-camera-part", said), given if proposed else "")
     layout = _by_pattern(folder, chosen, proposed[0], words or _said(proposed[0]))
     return replace(layout, left_out=(*layout.left_out, *rest))
 
@@ -111,13 +116,6 @@ def _listed(folder: Path) -> list[str]:
         if len(found) > _MOST_FILES:
             raise InputError(Phrase("error-many-images", {"folder": folder, "most": _MOST_FILES}))
     return sorted(found, key=natural)
-
-
-def _overlays(found: Sequence[str]) -> set[str]:
-    """Files whose name is that of another one beside it and a word, such as 0001_annot.png beside 0001.png."""
-    stems = {path.rpartition(".")[0] for path in found}
-    made = {path: re.sub(r"[ _.-]+[^\W\d_]{2,}$", "", path.rpartition(".")[0]) for path in found}
-    return {path for path, stem in made.items() if stem != path.rpartition(".")[0] and stem in stems}
 
 
 # --- what other programs write ---------------------------------------------------------------------------------------
@@ -449,9 +447,3 @@ def _said(pattern: str) -> str:
 def _shown(paths: Sequence[str]) -> Words:
     names = ", ".join(paths[:_SHOWN])
     return Phrase("and-more", {"names": names, "more": len(paths) - _SHOWN}) if len(paths) > _SHOWN else names
-
-
-def _ambiguous(folder: Path, found: Sequence[str], proposed: Sequence[str]) -> InputError:
-    values = {"folder": folder, "files": _shown(found), "example": _EXAMPLE}
-    given = Phrase("error-give-pattern", {"patterns": [f'--pattern "{one}"' for one in proposed]})
-    return InputError(Phrase("error-camera-part", values), given if proposed else "")

@@ -240,7 +240,11 @@ def _document(
             assumed.setdefault(one, []).append(camera)
     if isinstance(maker, _OfVideos):
         assumed[maker.moments] = []
-    _refuse_one_serial(cameras)
+    serials = [camera.serial for camera in cameras if camera.serial is not None]
+    for serial in serials:
+        own = [camera.id for camera in cameras if camera.serial == serial]
+        if len(own) > 1:
+            raise InputError(Phrase("error-serial-of-two", {"serial": serial, "cameras": own}))
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "cameras": entries}
     if contents.targets is not None:
         document["target_set"] = TARGETS_FILE
@@ -258,14 +262,6 @@ def _document(
     document["placements"] = [{"id": place} for place in maker.places]
     said = tuple(f"{one} ({', '.join(who)})" if who else one for one, who in assumed.items())
     return document, tuple(cameras), said
-
-
-def _refuse_one_serial(cameras: Sequence[NewCamera]) -> None:
-    serials = [camera.serial for camera in cameras if camera.serial is not None]
-    for serial in serials:
-        own = [camera.id for camera in cameras if camera.serial == serial]
-        if len(own) > 1:
-            raise InputError(Phrase("error-serial-of-two", {"serial": serial, "cameras": own}))
 
 
 def _printed_scale(contents: Contents) -> dict[str, Any] | None:

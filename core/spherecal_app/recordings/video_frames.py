@@ -67,7 +67,7 @@ class _Watched:
 
 
 def choose_frames(
-    videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None = None
+    videos: Mapping[str, Path], most: int, context: Context, times: Mapping[str, FloatArray] | None
 ) -> ChosenFrames:
     """Frames of common moments: of each stretch the sharpest of the stillest, unless like the one before."""
     watched = {}
@@ -152,13 +152,6 @@ def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
         video.release()
 
 
-def _rate(path: Path) -> float:
-    """Frames a second as the file says; 0 where it does not, or says what no camera does."""
-    with _opened(path) as video:
-        rate = float(video.get(cv2.CAP_PROP_FPS))
-    return rate if 0 < rate < 1000 else 0.0
-
-
 def _frames(path: Path) -> Iterator[NDArray[np.uint8]]:
     """The frames as grey images."""
     with _opened(path) as video:
@@ -189,7 +182,11 @@ def _watch(path: Path, context: Context) -> _Watched:
     if len(sharpness) < 2:
         raise InputError(Phrase("error-short-video", {"file": path, "frames": len(sharpness)}))
     motion[0] = motion[1]
-    return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size, _rate(path))
+    # frames a second as the file says; 0 where it does not, or says what no camera does
+    with _opened(path) as video:
+        said = float(video.get(cv2.CAP_PROP_FPS))
+    rate = said if 0 < said < 1000 else 0.0
+    return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size, rate)
 
 
 def _chosen(watched: Sequence[_Watched], moments: IntArray, most: int) -> list[int]:

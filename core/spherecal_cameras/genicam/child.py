@@ -12,7 +12,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from spherecal_cameras.genicam import messages, words
@@ -21,7 +21,7 @@ from spherecal_cameras.genicam.features import FeatureError, plain
 from spherecal_cameras.genicam.hub import Producer, access_of
 from spherecal_cameras.genicam.rings import TouchMark
 from spherecal_cameras.genicam.slots import SLOW_S, LateAnswers, Slot, assess, attach, why_not_opened
-from spherecal_cameras.genicam.wire import Inbox, Waiter, pack
+from spherecal_cameras.genicam.wire import Inbox, pack
 from spherecal_cameras.matching import TRIGGERED
 from spherecal_cameras.protocol import CameraSettings, CameraState, SetupReport
 
@@ -103,7 +103,6 @@ class _Service:
     def __init__(self, connection: Connection, touch: TouchMark) -> None:
         self._connection, self._touch = connection, touch
         self._inbox = Inbox(connection, messages.COMMANDS)
-        self._waiter = Waiter([connection])
         self._producers: dict[str, Producer] = {}
         self._slots: dict[str, Slot] = {}
         self._acquiring = False
@@ -120,7 +119,7 @@ class _Service:
         gc.freeze()
         while self._running:
             busy = False
-            while self._waiter.ready(0.0):
+            while wait([self._connection], 0.0):
                 for command in self._inbox.messages():
                     self._obey(command)
                 busy = True
@@ -129,7 +128,7 @@ class _Service:
             self._live_trigger()
             self._look_after()
             if not busy:
-                self._waiter.ready(_IDLE_S)  # sleeps without Python's lock, wakes at a command
+                wait([self._connection], _IDLE_S)  # sleeps without Python's lock, wakes at a command
 
     def close(self) -> None:
         """Close cameras and producers, as far as they let themselves be closed."""
@@ -197,7 +196,10 @@ class _Service:
     def _open(self, slot: Slot) -> list[SetupReport]:
         """Try to open a camera; says what came out, and the report if it worked."""
         self._send(messages.Working(f"opening camera {slot.serial}", _OPEN_S))
-        producer = self._producer(slot)
+        if slot.producer not in self._producers or self._producers[slot.producer].problem:
+            self._touch.set(slot.number, LOADING)
+            self._producers[slot.producer] = Producer(slot.producer, slot.load, slot.sha256)
+        producer = self._producers[slot.producer]
         if producer.problem:
             return self._cannot(slot, words.state_in_words("no producer", file=producer.file, why=producer.problem))
         self._touch.set(slot.number, OPENING)
@@ -250,12 +252,6 @@ class _Service:
         slot.wait_longer()
         self._say(slot, *state)
         return []
-
-    def _producer(self, slot: Slot) -> Producer:
-        if slot.producer not in self._producers or self._producers[slot.producer].problem:
-            self._touch.set(slot.number, LOADING)
-            self._producers[slot.producer] = Producer(slot.producer, slot.load, slot.sha256)
-        return self._producers[slot.producer]
 
     def _lost(self, slot: Slot, error: Exception) -> None:
         if slot.device is not None:
@@ -414,13 +410,27 @@ class _Service:
                 break
         if now >= self._next_heartbeat_s:
             self._next_heartbeat_s = now + _HEARTBEAT_S
-            self._heartbeat()
+            faulthandler.dump_traceback_later(_HUNG_S, exit=True)
+            open_slots = [slot for slot in self._slots.values() if slot.device is not None]
+            counters = {
+                s.serial: replace(s.device.counters(self._wanted_hz(s)), late=s.late)
+                for s in open_slots
+                if s.device is not None
+            }
+            self._send(
+                messages.Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None})
+            )
 
     def _check(self, slot: Slot, device: Device, now: float) -> None:
         self._touch.set(slot.number, CHECKING)
         try:
             device.check()
-            self._note_slowness(slot, time.perf_counter() - now)
+            # a camera that answers slowly delays all others: check it less often, and report it now and then
+            after = time.perf_counter()
+            seconds = after - now
+            slot.next_check_s = after + max(_CHECK_S, _SLOW_SHARE * seconds)
+            slot.slowness_s = seconds
+            self._note_late(slot, seconds)
             if now >= slot.next_temperature_s:
                 slot.next_temperature_s = now + _TEMPERATURE_S
                 device.read_temperature()
@@ -435,30 +445,11 @@ class _Service:
         if device.outgrown:
             self._set_up(slot, slot.settings)  # with a larger ring
 
-    def _note_slowness(self, slot: Slot, seconds: float) -> None:
-        """A camera that answers slowly delays all others: check it less often, and report it now and then."""
-        now = time.perf_counter()
-        slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
-        slot.slowness_s = seconds
-        self._note_late(slot, seconds)
-
     def _note_late(self, slot: Slot, seconds: float) -> None:
         if seconds > SLOW_S:
             slot.late += 1
             if (said := self._late.note(slot.serial, seconds, time.perf_counter())) is not None:
                 self._send(said)
-
-    def _heartbeat(self) -> None:
-        faulthandler.dump_traceback_later(_HUNG_S, exit=True)
-        open_slots = [slot for slot in self._slots.values() if slot.device is not None]
-        counters = {
-            s.serial: replace(s.device.counters(self._wanted_hz(s)), late=s.late)
-            for s in open_slots
-            if s.device is not None
-        }
-        self._send(
-            messages.Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None})
-        )
 
     def _wanted_hz(self, slot: Slot) -> float | None:
         if slot.settings.trigger == "free":

@@ -124,16 +124,12 @@ class Device:
 
     def describe(self) -> tuple[FeatureReport, ...]:
         """All features with their present values."""
-        return (*describe(self.features), *self._packets())
-
-    def _packets(self) -> tuple[FeatureReport, ...]:
-        """What the driver counted of packets since the last start; empty where it does not say."""
         found = []
         for label, names in _PACKETS.items():
             value = self._stream_features.first(names)
             if value is not None:
                 found.append(FeatureReport(label, value, got=str(self._stream_features.read(value))))
-        return tuple(found)
+        return (*describe(self.features), *found)
 
     def indicate(self, on: bool) -> tuple[FeatureReport, ...]:
         """Switch the camera's own light on or off; the report is empty where it has none that can be switched now."""

@@ -176,7 +176,9 @@ class _Probe:
             answer = ProducerVerdict(self.file, False, f"The driver does not work ({error}).", "Install it again.")
         except EOFError:
             self._process.join(_PATIENCE_S)
-            answer = _crashed(self.file, self._process.exitcode)
+            ended = end_word(self._process.exitcode)
+            said = f"The driver crashed while it was loaded or searched for cameras ({ended})."
+            answer = ProducerVerdict(self.file, False, said, "Update or remove it; other drivers are not affected.")
         if answer is None:
             return None
         self.end()
@@ -202,11 +204,6 @@ def _check_file(file: str) -> ProducerVerdict | None:
     if path.stat().st_size == 0:
         return ProducerVerdict(file, False, "The file is empty.", "Install the driver again.")
     return None
-
-
-def _crashed(file: str, code: int | None) -> ProducerVerdict:
-    said = f"The driver crashed while it was loaded or searched for cameras ({end_word(code)})."
-    return ProducerVerdict(file, False, said, "Update or remove it; other drivers are not affected.")
 
 
 def end_word(code: int | None) -> str:

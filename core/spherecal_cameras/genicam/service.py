@@ -9,6 +9,7 @@ import time
 from collections import Counter as Tally
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from spherecal_cameras.genicam import child, messages, words
 from spherecal_cameras.genicam.discovery import end_word
 from spherecal_cameras.genicam.rings import FrameStore, TouchMark, remove_orphans, shared_memory_name
 from spherecal_cameras.genicam.trust import Admitted, Refusal, TrustStore, admit_again
-from spherecal_cameras.genicam.wire import Inbox, Waiter, WireError, pack
+from spherecal_cameras.genicam.wire import Inbox, WireError, pack
 from spherecal_cameras.status_log import StatusLog
 
 # Silence of the process that is not announced (`Working`): heartbeats come every 0.1 s, and the slowest register read
@@ -86,7 +87,17 @@ class CameraService:
             self._crashes.clear()
             self.status_log.keep_only(self._wanted)
             self.frames.keep_only(self._wanted)
-            self._start()
+            if self._closing:
+                raise protocol.CameraError(Phrase("error-cameras-closed"))
+            if self._thread is None:
+                remove_orphans()
+                self._touch = TouchMark(shared_memory_name(), create=True)
+                # this thread starts every process: Linux ends a child with the thread that made it (PR_SET_PDEATHSIG)
+                self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
+                self._thread.start()
+                atexit.register(self.close)  # runs before multiprocessing's own, which would end the process under us
+                while self._connection is None and not self._closing:
+                    self._changed.wait(0.1)
         return self._ask(lambda request: messages.Open(request, self._admitted())).reports
 
     def apply(self, settings: Mapping[str, protocol.CameraSettings]) -> tuple[protocol.SetupReport, ...]:
@@ -191,65 +202,46 @@ class CameraService:
             raise protocol.CameraError(Phrase("error-camera-process-version"))
         raise protocol.CameraError(Phrase("error-camera-process"))
 
-    def _start(self) -> None:
-        if self._closing:
-            raise protocol.CameraError(Phrase("error-cameras-closed"))
-        if self._thread is None:
-            remove_orphans()
-            self._touch = TouchMark(shared_memory_name(), create=True)
-            # this thread starts every process: Linux ends a child with the thread that made it (PR_SET_PDEATHSIG)
-            self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
-            self._thread.start()
-            atexit.register(self.close)  # runs before multiprocessing's own, which would end the process under us
-            while self._connection is None and not self._closing:
-                self._changed.wait(0.1)
-
     # --- the service's thread ----------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while True:
-            self._spawn()
+            context = multiprocessing.get_context("spawn")
+            ours, theirs = context.Pipe()
+            assert self._touch is not None
+            self._touch.set(-1, 0)
+            process = context.Process(
+                target=child.run, args=(theirs, self._touch.name, self._log_file), name="spherecal-cameras", daemon=True
+            )
+            process.start()
+            theirs.close()
+            with self._lock:
+                self._process, self._connection = process, ours
+                again = self._generation > 0
+                self._generation += 1
+                if again:
+                    # bring the new process to where the old one was
+                    self._tell(messages.Open(0, self._admitted()))
+                    for ring in self.frames.in_use():
+                        self._tell(ring)
+                    self._tell(messages.Acquire(self._acquiring))
+                    self._tell(messages.Live(self._live_hz))
+                self._changed.notify_all()
             reason = self._follow()
             with self._lock:
                 if self._closing:
                     return
                 self._note_loss(reason)
 
-    def _spawn(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        assert self._touch is not None
-        self._touch.set(-1, 0)
-        process = context.Process(
-            target=child.run, args=(theirs, self._touch.name, self._log_file), name="spherecal-cameras", daemon=True
-        )
-        process.start()
-        theirs.close()
-        with self._lock:
-            self._process, self._connection = process, ours
-            again = self._generation > 0
-            self._generation += 1
-            if again:
-                self._restore()
-            self._changed.notify_all()
-
-    def _restore(self) -> None:
-        """Bring a new process to where the old one was."""
-        self._tell(messages.Open(0, self._admitted()))
-        for ring in self.frames.in_use():
-            self._tell(ring)
-        self._tell(messages.Acquire(self._acquiring))
-        self._tell(messages.Live(self._live_hz))
-
     def _follow(self) -> str:
         """Obey the process's reports until it ends; how it ended."""
         process, connection = self._process, self._connection
         assert process is not None and connection is not None
-        waiter, inbox = Waiter([connection, process.sentinel]), Inbox(connection, messages.REPORTS)
+        ends, inbox = [connection, process.sentinel], Inbox(connection, messages.REPORTS)
         deadline = time.perf_counter() + _START_S
         reason = ""
         while not reason:
-            ready = waiter.ready(min(deadline - time.perf_counter(), _LOOK_S))
+            ready = wait(ends, min(deadline - time.perf_counter(), _LOOK_S))
             self._let_in_again()
             try:
                 while connection in ready:
@@ -257,7 +249,7 @@ class CameraService:
                         allowed = min(report.allow_s, _START_S * 2) if isinstance(report, messages.Working) else 0.0
                         deadline = time.perf_counter() + _HUNG_S + allowed
                         self._take(report)
-                    ready = waiter.ready(0.0)
+                    ready = wait(ends, 0.0)
             except WireError as error:
                 reason = f"sent {error}"
                 break
@@ -268,7 +260,6 @@ class CameraService:
                 reason = end_word(process.exitcode)
             elif time.perf_counter() > deadline:
                 reason = f"hung for {_HUNG_S:.0f} s"
-        waiter.close()
         self._bury(process, connection)
         return reason
 

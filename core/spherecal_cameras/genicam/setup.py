@@ -91,14 +91,16 @@ def _neutral(features: NodeFeatures, name: str, values: Sequence[Any]) -> list[F
 
 
 def _write(
-    features: NodeFeatures, feature: str, name: str, wanted: Any, agrees: Callable[[Any], bool]
+    features: NodeFeatures, feature: str, name: str, wanted: Any, agrees: Callable[[Any], bool] | None = None
 ) -> FeatureReport:
+    """A feature written; what the camera took instead is a problem unless it `agrees`, by default: is the same."""
     try:
         got = features.write(name, wanted)
     except FeatureError as error:
         return FeatureReport(feature, name, _text(wanted), _text(features.read(name)), str(error))
     as_meant = isinstance(wanted, bool | str) and got == features.meant(name, wanted)
-    problem = "" if as_meant or agrees(got) else f"the camera took {_text(got)}"
+    well = as_meant or (got == wanted if agrees is None else agrees(got))
+    problem = "" if well else f"the camera took {_text(got)}"
     return FeatureReport(feature, name, _text(wanted), _text(got), problem)
 
 
@@ -164,7 +166,7 @@ def _one_gain(features: NodeFeatures, wanted_db: float) -> FeatureReport:
         return _write(features, "gain", name, factor, lambda got: abs(float(got) - factor) <= _ROUNDING * factor)
     # device units: the lowest is the nearest to 0 dB, others cannot be known from outside
     lowest = features.limit(name, "min") or 0
-    report = _write(features, "gain", name, lowest, lambda got: got == lowest)
+    report = _write(features, "gain", name, lowest)
     problem = report.problem or ("is in the camera's own units: left at its lowest" if wanted_db else "")
     return FeatureReport("gain", name, _text(wanted_db), report.got, problem)
 
@@ -195,7 +197,7 @@ def _region(features: NodeFeatures, region: Region | None) -> list[FeatureReport
     for feature in ("left", "top"):
         name = features.name(feature)
         if name is not None and features.read(name):
-            reports.append(_side(features, feature, name, int(features.limit(name, "min") or 0)))
+            reports.append(_write(features, feature, name, int(features.limit(name, "min") or 0)))
     sizes = (("width", region and region.width), ("height", region and region.height))
     for feature, wanted in sizes:
         name = features.name(feature)
@@ -203,19 +205,15 @@ def _region(features: NodeFeatures, region: Region | None) -> list[FeatureReport
         if name is not None and most is not None:
             # the most that a camera names may lie between its steps
             most = features.meant(name, most) if wanted is None else most
-            reports.append(_side(features, feature, name, int(most)))
+            reports.append(_write(features, feature, name, int(most)))
     if region is not None:
         for feature, wanted in (("left", region.x), ("top", region.y)):
             name = features.name(feature)
             if name is not None:
-                reports.append(_side(features, feature, name, wanted))
+                reports.append(_write(features, feature, name, wanted))
             elif wanted:
                 reports.append(FeatureReport(feature, None, _text(wanted), problem="the camera does not have it"))
     return reports
-
-
-def _side(features: NodeFeatures, feature: str, name: str, wanted: int) -> FeatureReport:
-    return _write(features, feature, name, wanted, lambda got: got == wanted)
 
 
 def _pixel_format(features: NodeFeatures, wanted: str) -> FeatureReport:
@@ -225,9 +223,9 @@ def _pixel_format(features: NodeFeatures, wanted: str) -> FeatureReport:
     offered = features.choices(name)
     order = [wanted, *_NEAREST_FORMAT]
     order += [f for kind in _OTHER_FORMATS for f in offered if re.fullmatch(kind, f)]
-    report = _write(features, "pixel format", name, wanted, lambda got: got == wanted)
+    report = _write(features, "pixel format", name, wanted)
     for chosen in [f for f in dict.fromkeys(order) if f in offered]:
-        report = _write(features, "pixel format", name, chosen, lambda got, chosen=chosen: got == chosen)
+        report = _write(features, "pixel format", name, chosen)
         if not report.problem:  # an entry may be listed and yet not be had with this sensor
             break
     problem = report.problem
@@ -243,7 +241,7 @@ def _frame_rate(features: NodeFeatures, settings: CameraSettings) -> list[Featur
     switch = features.name("frame rate limit")
     if switch is not None:
         on: Any = limited if switch != "AcquisitionFrameRateMode" else ("Basic" if limited else "Off")
-        reports.append(_write(features, "frame rate limit", switch, on, lambda got: got == on))
+        reports.append(_write(features, "frame rate limit", switch, on))
     if limited and settings.frame_rate_hz is not None:
         reports.append(_number(features, "frame rate", settings.frame_rate_hz))
     return reports
@@ -257,7 +255,7 @@ def _throughput(features: NodeFeatures, wanted_bytes_s: int) -> list[FeatureRepo
     reports = []
     if switch is not None:
         on = next((one for one in _LIMITED if one in features.choices(switch)), _LIMITED[0])
-        reports.append(_write(features, "throughput switch", switch, on, lambda got: got == on))
+        reports.append(_write(features, "throughput switch", switch, on))
     most = wanted_bytes_s * (1 + _ROUNDING)
     return [*reports, _write(features, "throughput limit", name, wanted_bytes_s, lambda got: float(got) <= most)]
 
@@ -268,7 +266,7 @@ def _common_clock(features: NodeFeatures) -> list[FeatureReport]:
     if name is None:
         return []
     on: Any = "Auto" if name == "PtpMode" else True
-    return [_write(features, "common clock", name, on, lambda got: got == on)]
+    return [_write(features, "common clock", name, on)]
 
 
 def _trigger(features: NodeFeatures, settings: CameraSettings) -> list[FeatureReport]:
@@ -287,14 +285,14 @@ def _trigger(features: NodeFeatures, settings: CameraSettings) -> list[FeatureRe
                 reports += _selected_off(features, selector, other, name)
         reports += _neutral(features, selector, (of_frame,))
     if settings.trigger == "free":
-        return [*reports, _write(features, "trigger mode", name, "Off", lambda got: got == "Off")]
+        return [*reports, _write(features, "trigger mode", name, "Off")]
     if settings.trigger == "software" and (lack := _no_software(features)):
-        off = _write(features, "trigger mode", name, "Off", lambda got: got == "Off")
+        off = _write(features, "trigger mode", name, "Off")
         return [*reports, off, FeatureReport("software trigger", None, "software", problem=f"{lack}: it runs freely")]
     reports += _source(features, settings)
     if settings.trigger == "scheduled":
         reports += _action(features)
-    reports.append(_write(features, "trigger mode", name, "On", lambda got: got == "On"))
+    reports.append(_write(features, "trigger mode", name, "On"))
     return reports
 
 
@@ -319,7 +317,7 @@ def _source(features: NodeFeatures, settings: CameraSettings) -> list[FeatureRep
         source = next((one for one in _SOFTWARE if one in offered), _SOFTWARE[0])
     if settings.trigger == "scheduled":
         source = next((one for one in _ACTIONS if one in offered), _ACTIONS[0])
-    report = _write(features, "trigger source", name, source, lambda got: got == source)
+    report = _write(features, "trigger source", name, source)
     if report.problem and source not in offered:
         problem = f"the camera has no {source}; it offers {', '.join(offered)}"
         report = FeatureReport("trigger source", name, source, report.got, problem)
@@ -343,7 +341,7 @@ def _action(features: NodeFeatures) -> list[FeatureReport]:
         if features.node(name) is None:
             reports.append(FeatureReport(name, None, str(key), problem="the camera takes no action commands"))
         else:
-            reports.append(_write(features, name, name, key, lambda got, key=key: got == key))
+            reports.append(_write(features, name, name, key))
     return reports
 
 

@@ -75,7 +75,15 @@ def private_copy(real: str, sha256: str) -> str:
     if digest.hexdigest() != sha256:
         remove_own_folder(tree)
         raise NotTheSame(real)
-    _link_neighbours(tree, relative)
+    # beside the copy, and beside each folder above it, links to the original files and folders there
+    for above in (relative, *relative.parents[:-1]):
+        with suppress(OSError), os.scandir(Path("/") / above.parent) as scan:
+            for number, entry in enumerate(scan):
+                if number == _MOST_NEIGHBOURS:
+                    break
+                if entry.name != above.name:
+                    with suppress(OSError):
+                        (tree / above.parent / entry.name).symlink_to(entry.path)
     if not _made:
         atexit.register(_remove_copies)
     _made[real, sha256] = str(tree / relative)
@@ -107,18 +115,6 @@ def _runs(process: int) -> bool:
     except OSError:
         pass
     return True
-
-
-def _link_neighbours(tree: Path, relative: Path) -> None:
-    """Beside the copy, and beside each folder above it, links to the original files and folders there."""
-    for above in (relative, *relative.parents[:-1]):
-        with suppress(OSError), os.scandir(Path("/") / above.parent) as scan:
-            for number, entry in enumerate(scan):
-                if number == _MOST_NEIGHBOURS:
-                    break
-                if entry.name != above.name:
-                    with suppress(OSError):
-                        (tree / above.parent / entry.name).symlink_to(entry.path)
 
 
 def _remove_copies() -> None:

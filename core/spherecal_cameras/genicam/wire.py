@@ -1,17 +1,15 @@
-"""What goes through the pipe between the program and its camera process, and waiting for it."""
+"""What goes through the pipe between the program and its camera process."""
 
 import dataclasses
 import enum
 import json
 import math
 import os
-import selectors
 import struct
 import types
 import typing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import cache
-from multiprocessing.connection import wait
 from typing import Any
 
 import numpy as np
@@ -186,26 +184,3 @@ class Inbox:
         message = bytes(self._waiting[_LENGTH.size : end])
         del self._waiting[:end]
         return message
-
-
-class Waiter:
-    """Waits for any of some connections and sentinels; `close` it where they are closed."""
-
-    def __init__(self, things: Sequence[Any]) -> None:
-        self._things = list(things)
-        self._selector: selectors.BaseSelector | None = None
-        if os.name != "nt":  # pipes of Windows cannot be selected
-            self._selector = selectors.DefaultSelector()
-            for thing in things:
-                self._selector.register(thing, selectors.EVENT_READ)
-
-    def ready(self, timeout_s: float) -> list[Any]:
-        """The connections that can be read and the sentinels of ended processes, after at most `timeout_s`."""
-        if self._selector is None:
-            return wait(self._things, timeout=max(timeout_s, 0.0))
-        return [key.fileobj for key, _ in self._selector.select(max(timeout_s, 0.0))]
-
-    def close(self) -> None:
-        """Free the system's resources."""
-        if self._selector is not None:
-            self._selector.close()

@@ -125,7 +125,11 @@ class Stage:
             solid = Solid(ball=(place, placed.ball.radius_mm))
             return draw(solid, self._ball_dots.moved(rotation, place), station, view.blur_px, white)
         scene, dots = self._bar(_pose(placed, shown), placed)
-        return draw(Solid(face=_face(scene)), dots, station, view.blur_px, white)
+        # the corners of the bar's face in the world
+        first, last, half = scene.bar_faces[0]
+        flat = np.array([[first, -half, 0.0], [last, -half, 0.0], [last, half, 0.0], [first, half, 0.0]])
+        face = flat @ scene.bar_rotations[0].T + scene.bar_places[0]
+        return draw(Solid(face=face), dots, station, view.blur_px, white)
 
     @cached_property
     def _ball_dots(self) -> TrueDots:
@@ -189,10 +193,3 @@ def _vector(values: FloatArray) -> Vector:
 
 def _pose(truth: Truth, name: str) -> TrueBarPose:
     return next(pose for pose in truth.bar_poses if pose.id == name)
-
-
-def _face(scene: TracedScene) -> FloatArray:
-    """The corners of the bar's face in the world, (4, 3)."""
-    first, last, half = scene.bar_faces[0]
-    flat = np.array([[first, -half, 0.0], [last, -half, 0.0], [last, half, 0.0], [first, half, 0.0]])
-    return flat @ scene.bar_rotations[0].T + scene.bar_places[0]

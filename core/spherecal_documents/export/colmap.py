@@ -108,10 +108,7 @@ def read_colmap_lenses(folder: Path) -> list[FileCamera]:
 
 
 def read_colmap(folder: Path) -> Reading:
-    """The cameras of a model, posed by its rig, else by the images of one moment; of any of its files too.
-
-    InputError where moments contradict each other, since then its images are not those of a rig.
-    """
+    """The cameras of a model, posed by its rig, else by the images of a moment; refused where moments contradict."""
     folder = folder.parent if folder.is_file() else folder
     rows, images = colmap_model.read_model_cameras(folder, _COUNTS), list(colmap_model.read_model_images(folder))
     numbers = [row.number for row in rows]

@@ -8,7 +8,6 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
@@ -101,23 +100,19 @@ class MappedCamera(FileCamera):
         return np.where(inside[:, None], read, np.nan)
 
 
-def _maps(camera: FileCamera) -> NDArray[np.float32]:
-    """Recorded pixels (h, w, 2) of those of the camera without distortion and with the same K, float32."""
-    width, height = camera.size
-    fu, fv, u0, v0 = camera.intrinsics[:4]
-    out = np.empty((height, width, 2), dtype=np.float32)
-    x = (np.arange(width) - u0) / fu
-    for row in range(height):
-        xy = np.column_stack([x, np.full(width, (row - v0) / fv)])
-        uv = distort(xy, camera.intrinsics) * camera.intrinsics[:2] + camera.intrinsics[2:4]
-        out[row] = uv if camera.field is None else camera.field.measured(uv)
-    return out
-
-
 def _write_maps(rig: FileRig) -> Mapping[str, bytes]:
     files = {}
     for camera, name in zip(rig.cameras, rig.safe_names(), strict=True):
-        maps, file = _maps(camera), io.BytesIO()
+        width, height = camera.size
+        fu, fv, u0, v0 = camera.intrinsics[:4]
+        # recorded pixels of those of the camera without distortion and with the same K
+        maps = np.empty((height, width, 2), dtype=np.float32)
+        x = (np.arange(width) - u0) / fu
+        for row in range(height):
+            xy = np.column_stack([x, np.full(width, (row - v0) / fv)])
+            uv = distort(xy, camera.intrinsics) * camera.intrinsics[:2] + camera.intrinsics[2:4]
+            maps[row] = uv if camera.field is None else camera.field.measured(uv)
+        file = io.BytesIO()
         pose = camera.placed
         np.savez_compressed(
             file, map_u=maps[:, :, 0], map_v=maps[:, :, 1], K=camera_matrix(camera.intrinsics), R=pose.rotation,

@@ -18,7 +18,7 @@ from spherecal.data.rig_camera import RigCamera
 from spherecal.geometry.camera import is_fisheye
 from spherecal.geometry.opencv import pose_rotation
 from spherecal_documents.export.file_cameras import MM_PER, FileCamera, Reading, Unit
-from spherecal_documents.export.format import Format, ImportFormat, importer
+from spherecal_documents.export.format import importer
 from spherecal_documents.export.matlab import MATLAB
 from spherecal_documents.export.mrcal_splined import MRCAL_SPLINED
 from spherecal_documents.export.write_export import FORMATS
@@ -48,7 +48,11 @@ class Imported:
 
 def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Imported:
     """The rig of unknown accuracy in a file or folder, lengths in mm; refused where a rig cannot represent it."""
-    form = _format(name)
+    form = READABLE.get(name) or importer(name)
+    if form is None:
+        others = sorted({*names(IMPORTERS), *names(EXPORTERS)} - set(FORMATS))
+        known = [*READABLE, *others]
+        raise InputError(Phrase("error-no-import-format", {"name": name, "formats": known}))
     if not path.exists():
         raise InputError(Phrase("error-no-file-or-folder", {"path": path}))
     # whatever the format says, the unit is that of the board or bar that its user typed in
@@ -120,15 +124,6 @@ def _lens_words(camera: RigCamera) -> str:
         return "fisheye (k1 to k4)"
     models = {0: "pinhole without distortion", 5: "Brown (k1 k2 p1 p2 k3)", 8: "rational (k1 to k6, p1 p2)"}
     return next((words for most, words in models.items() if last <= most), "rational with thin prism (12 numbers)")
-
-
-def _format(name: str) -> Format | ImportFormat:
-    found = READABLE.get(name) or importer(name)
-    if found is None:
-        others = sorted({*names(IMPORTERS), *names(EXPORTERS)} - set(FORMATS))
-        known = [*READABLE, *others]
-        raise InputError(Phrase("error-no-import-format", {"name": name, "formats": known}))
-    return found
 
 
 def _camera(path: Path, camera: FileCamera, name: str, mm: float) -> RigCamera:

@@ -79,7 +79,10 @@ def read_kalibr(path: Path) -> list[FileCamera]:
         before = pose
         width, height = (side.integer(1) for side in f["resolution"].items(2))
         placed = None if pose is None else Pose(pose[:3, :3], pose[:3, 3])
-        cameras.append(FileCamera(_name(f, value.place), (width, height), _lens(f), placed))
+        # what comes before the topic's last part: "/C01/image_raw" names C01
+        parts = f["rostopic"].text().strip("/").split("/") if "rostopic" in f else []
+        name = parts[-2] if len(parts) > 1 else ""
+        cameras.append(FileCamera(value.place if name_problem(name) else name, (width, height), _lens(f), placed))
     if len({camera.id for camera in cameras}) < len(cameras):  # topics that do not distinguish the cameras
         return [FileCamera(f"cam{i}", c.image_size, c.intrinsics, c.pose) for i, c in enumerate(cameras)]
     return cameras
@@ -100,13 +103,6 @@ def _chained(
     if chained is not None and linked is not None and np.abs(chained - linked).max() > _SAME_POSE:
         raise f["T_cn_cnm1"].error("contradicts T_cam_imu: they give this camera two different poses")
     return linked if chained is None else chained
-
-
-def _name(f: dict[str, JsonValue], place: str) -> str:
-    """What comes before the topic's last part: "/C01/image_raw" names C01."""
-    parts = f["rostopic"].text().strip("/").split("/") if "rostopic" in f else []
-    name = parts[-2] if len(parts) > 1 else ""
-    return place if name_problem(name) else name
 
 
 def _lens(f: dict[str, JsonValue]) -> np.ndarray:
@@ -145,7 +141,12 @@ def _write_ros(rig: FileRig) -> Mapping[str, str]:
         f"# {rig.source}\n# The pose of each optical frame in the rig's frame (camera to world), metres.\ntransforms:\n"
         + "".join(_transform(name, pose) for name, pose in placed)
     )
-    files[_LAUNCH] = _launch(rig, placed)
+    lines = "".join(
+        f'    ("{name}_optical_frame", [{numbers(pose.translation)}], [{numbers(_quaternion(pose.rotation))}]),\n'
+        for name, pose in placed
+    )
+    text = Template(resource_path("ros_launch.txt").read_text(encoding="utf-8"))
+    files[_LAUNCH] = text.substitute(source=rig.source, name=_LAUNCH, world=_WORLD, frames=lines)
     return files
 
 
@@ -180,15 +181,6 @@ def _transform(name: str, pose: Pose) -> str:
         f"  - header: {{frame_id: {_WORLD}}}\n    child_frame_id: {name}_optical_frame\n"
         f"    transform:\n      translation: {{{translation}}}\n      rotation: {{{rotation}}}\n"
     )
-
-
-def _launch(rig: FileRig, placed: list[tuple[str, Pose]]) -> str:
-    lines = "".join(
-        f'    ("{name}_optical_frame", [{numbers(pose.translation)}], [{numbers(_quaternion(pose.rotation))}]),\n'
-        for name, pose in placed
-    )
-    text = Template(resource_path("ros_launch.txt").read_text(encoding="utf-8"))
-    return text.substitute(source=rig.source, name=_LAUNCH, world=_WORLD, frames=lines)
 
 
 def _read(folder: Path) -> list[FileCamera]:

@@ -44,7 +44,18 @@ def read_yaml(path: Path) -> JsonValue:
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
     try:
-        _look_through(text)
+        # not what cameras need: anchors (a small file can expand to a huge one), size, depth
+        depth = 0
+        for number, event in enumerate(yaml.parse(text, _QUICK)):
+            if isinstance(event, yaml.AliasEvent):
+                raise yaml.YAMLError("it uses anchors and aliases, which camera files do not need")
+            if isinstance(event, yaml.ScalarEvent) and len(event.value) > _LONGEST:
+                raise yaml.YAMLError(f"it has a value of {len(event.value)} characters")
+            if number > _MOST_EVENTS:
+                raise yaml.YAMLError(f"it has more than {_MOST_EVENTS} values")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > _DEEPEST:
+                raise yaml.YAMLError("its lists and objects are nested too deeply")
         value = _named(yaml.load(text, _Loader))
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
@@ -60,21 +71,6 @@ def read_other_json(path: Path) -> JsonValue:
         return JsonValue(json.loads(decode(path, read_bytes(path, _MOST_BYTES))), path)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}).") from None
-
-
-def _look_through(text: str) -> None:
-    """YAMLError where a file is not what cameras need: anchors (a small file can expand to a huge one), size, depth."""
-    depth = 0
-    for number, event in enumerate(yaml.parse(text, _QUICK)):
-        if isinstance(event, yaml.AliasEvent):
-            raise yaml.YAMLError("it uses anchors and aliases, which camera files do not need")
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _LONGEST:
-            raise yaml.YAMLError(f"it has a value of {len(event.value)} characters")
-        if number > _MOST_EVENTS:
-            raise yaml.YAMLError(f"it has more than {_MOST_EVENTS} values")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise yaml.YAMLError("its lists and objects are nested too deeply")
 
 
 def _named(value: object) -> object:
@@ -245,35 +241,30 @@ def read_opencv(path: Path) -> list[file_cameras.FileCamera]:
     documents = [_document(file) for file in files]
     if any(_of_pair(document, 2) for document in documents):
         beside = [file for file in path.parent.glob("extrinsics.*") if file != path] if path.is_file() else []
-        return _pair(path, [*documents, *map(_document, sorted(beside))])
+        joined: dict[str, object] = {}
+        for document in [*documents, *map(_document, sorted(beside))]:
+            joined |= document.as_object()
+        value = JsonValue(joined, path)
+        cameras = []
+        for side in (1, 2):
+            matrix = _of_pair(value, side)
+            if matrix is None:
+                raise InputError(f"{path}: has the second camera of a pair but not the first.")
+            distortion_key = _first_key(value, tuple(key.format(side) for key in _PAIR_DISTORTION))
+            own = {key: joined[key] for key in (*_SIZE_KEYS, _FISHEYE) if key in joined} | {"K": joined[matrix]}
+            own |= {"D": joined[distortion_key]} if distortion_key else {}
+            if side == 2:
+                own |= {key: joined[key] for key in ("R", "T") if key in joined}
+            else:
+                own |= {"R": [0.0, 0.0, 0.0], "T": [0.0, 0.0, 0.0]}
+            cameras.append(_one_camera(JsonValue(own, path), f"cam{side}"))
+        return cameras
     return [_one_camera(document, document.file.stem) for document in documents]
 
 
 def _of_pair(value: JsonValue, side: int) -> str | None:
     """The key of the matrix of one camera of a pair."""
     return _first_key(value, tuple(key.format(side) for key in _PAIR_MATRIX))
-
-
-def _pair(path: Path, documents: list[JsonValue]) -> list[file_cameras.FileCamera]:
-    """The two cameras of OpenCV's sample stereo_calib: M1 D1 M2 D2, and x2 = R x1 + T, in one file or two."""
-    joined: dict[str, object] = {}
-    for document in documents:
-        joined |= document.as_object()
-    value = JsonValue(joined, path)
-    cameras = []
-    for side in (1, 2):
-        matrix = _of_pair(value, side)
-        if matrix is None:
-            raise InputError(f"{path}: has the second camera of a pair but not the first.")
-        distortion_key = _first_key(value, tuple(key.format(side) for key in _PAIR_DISTORTION))
-        own = {key: joined[key] for key in (*_SIZE_KEYS, _FISHEYE) if key in joined} | {"K": joined[matrix]}
-        own |= {"D": joined[distortion_key]} if distortion_key else {}
-        if side == 2:
-            own |= {key: joined[key] for key in ("R", "T") if key in joined}
-        else:
-            own |= {"R": [0.0, 0.0, 0.0], "T": [0.0, 0.0, 0.0]}
-        cameras.append(_one_camera(JsonValue(own, path), f"cam{side}"))
-    return cameras
 
 
 OPENCV = Format("opencv", "OpenCV YAML", 12, ("mm", "m"), _write, read_opencv, folder=True, fisheye=True)

@@ -62,7 +62,16 @@ def refit(
     for turned in (False, True):
         lens, rotation = _fit(rays, uv, intrinsics, coefficients, turned)
         if seeing is not None:
-            lens, rotation = _levelled(rays, uv, lens, rotation, coefficients, turned)
+            # the fit whose largest difference is least, by weights that grow where it is large (Lawson, 1961)
+            best, weights = (np.inf, lens, rotation), np.ones(len(uv))
+            for _ in range(_LEVELLINGS):
+                off = np.linalg.norm(project(rays @ rotation.T, lens) - uv, axis=1)
+                if off.max() < best[0]:
+                    best = float(off.max()), lens, rotation
+                weights = weights * (off + 0.05 * off.max())
+                weights /= weights.mean()
+                lens, rotation = _fit(rays, uv, lens, coefficients, turned, np.sqrt(weights))
+            _, lens, rotation = best
         difference = np.linalg.norm(project(judged[0] @ rotation.T, lens) - judged[1], axis=1)
         angle = float(np.rad2deg(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
         over = None if seeing is None else np.linalg.norm(project(image[0] @ rotation.T, lens) - image[1], axis=1)
@@ -101,21 +110,6 @@ def _meets(rays: FloatArray, camera: RigCamera, box: Box) -> BoolArray:
         ends = np.stack([(corner - centre) / directions for corner in box])
     near, far = np.nanmin(ends, axis=0).max(axis=1), np.nanmax(ends, axis=0).min(axis=1)
     return (near <= far) & (far > 0)
-
-
-def _levelled(
-    rays: FloatArray, uv: FloatArray, lens: FloatArray, rotation: FloatArray, coefficients: int, turned: bool
-) -> tuple[FloatArray, FloatArray]:
-    """The fit whose largest difference is least, by weights that grow where it is large (C. L. Lawson, 1961)."""
-    best, weights = (np.inf, lens, rotation), np.ones(len(uv))
-    for _ in range(_LEVELLINGS):
-        off = np.linalg.norm(project(rays @ rotation.T, lens) - uv, axis=1)
-        if off.max() < best[0]:
-            best = float(off.max()), lens, rotation
-        weights = weights * (off + 0.05 * off.max())
-        weights /= weights.mean()
-        lens, rotation = _fit(rays, uv, lens, coefficients, turned, np.sqrt(weights))
-    return best[1], best[2]
 
 
 def _fit(

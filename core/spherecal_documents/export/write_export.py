@@ -106,7 +106,10 @@ def export_rig(
         return _write_scene(SCENES[name], rig, output, unit, frame, override)
     form = format_named(name)
     chosen = chosen_unit(form, unit)
-    _refuse_fisheye(form, rig)
+    wide = [camera.id for camera in rig.cameras if is_fisheye(camera.intrinsics)]
+    if wide and not form.fisheye:
+        others = [name for name, one in FORMATS.items() if one.fisheye]
+        raise InputError(Phrase("error-no-fisheye", {"format": form.title, "cameras": wide, "others": others}))
     first = rig.reference_camera
     lenses = _lenses(rig, form, max_loss_px, volume_mm)
     if frame is not None:
@@ -154,13 +157,6 @@ def format_named(name: str) -> Format:
         known = [*FORMATS, *SCENES, *others]
         raise InputError(Phrase("error-no-export-format", {"name": name, "formats": known}))
     return found
-
-
-def _refuse_fisheye(form: Format, rig: Rig) -> None:
-    wide = [camera.id for camera in rig.cameras if is_fisheye(camera.intrinsics)]
-    if wide and not form.fisheye:
-        others = [name for name, one in FORMATS.items() if one.fisheye]
-        raise InputError(Phrase("error-no-fisheye", {"format": form.title, "cameras": wide, "others": others}))
 
 
 def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:

@@ -138,7 +138,11 @@ def _name(text: str, name: str = "name") -> Xml.Element:
 
 
 def _administrative(result: Result, issuer: Issuer) -> Xml.Element:
-    begin, end = _dates(result, issuer)
+    at = result.rig.recorded_at or datetime.fromtimestamp((result.folder / "rig.json").stat().st_mtime, UTC)
+    end = issuer.end or issuer.begin or at.astimezone(UTC).date()
+    begin = issuer.begin or end
+    if end < begin:
+        raise InputError(Phrase("error-measurement-dates", {"end": end.isoformat(), "begin": begin.isoformat()}))
     core = {
         "countryCodeISO3166_1": issuer.laboratory.country, "usedLangCodeISO639_1": "en",
         "mandatoryLangCodeISO639_1": "en", "uniqueIdentifier": issuer.number or fingerprint(result),
@@ -164,15 +168,6 @@ def _administrative(result: Result, issuer: Issuer) -> Xml.Element:
 
 def _item(name: str, manufacturer: str, known: tuple[str, str, str]) -> Xml.Element:
     return _e("item", _name(name), _e("manufacturer", _name(manufacturer)), _identified(known))
-
-
-def _dates(result: Result, issuer: Issuer) -> tuple[date, date]:
-    at = result.rig.recorded_at or datetime.fromtimestamp((result.folder / "rig.json").stat().st_mtime, UTC)
-    end = issuer.end or issuer.begin or at.astimezone(UTC).date()
-    begin = issuer.begin or end
-    if end < begin:
-        raise InputError(Phrase("error-measurement-dates", {"end": end.isoformat(), "begin": begin.isoformat()}))
-    return begin, end
 
 
 def fingerprint(result: Result) -> str:

@@ -56,7 +56,16 @@ def residual_blocks(result: Result) -> tuple[Block, ...]:
     """The histogram of all residuals, then a panel of residual vectors for each camera."""
     if not result.residuals.used.any():
         return (Paragraph(label("report-no-observation-was-used-so")),)
-    scale, cameras = _arrow_scale(result), result.rig.cameras
+    # one magnification for all cameras: 1, 2 or 5 times a power of ten
+    residuals = result.residuals
+    sizes = np.linalg.norm(residuals.du_dv[residuals.used], axis=1)
+    large = max(float(np.quantile(sizes, 0.95)), 1e-9)
+    diagonal = float(np.median([np.hypot(*camera.image_size) for camera in result.rig.cameras]))
+    factor = _TYPICAL_ARROW * diagonal / large
+    power = 10.0 ** np.floor(np.log10(factor))
+    rounded = float(max(step * power for step in (1, 2, 5) if step * power <= factor))
+    scale = ArrowScale(rounded, max(float(np.quantile(sizes, 0.99)), 1e-9))
+    cameras = result.rig.cameras
     columns = 2 if len(cameras) <= 4 else 3 if len(cameras) <= 9 else 4
     width = (TEXT_MM - (columns - 1) * _GAP_MM) / columns
     height = min(width * max(camera.image_size[1] / camera.image_size[0] for camera in cameras), 70.0) + 5.0
@@ -73,18 +82,6 @@ def residual_blocks(result: Result) -> tuple[Block, ...]:
         Figure(label("report-size-of-the-residual-px"), 9.0, partial(_draw_key, scale=scale)),
         Panels(tuple(panels), columns),
     )
-
-
-def _arrow_scale(result: Result) -> ArrowScale:
-    """One magnification for all cameras: 1, 2 or 5 times a power of ten."""
-    residuals = result.residuals
-    sizes = np.linalg.norm(residuals.du_dv[residuals.used], axis=1)
-    large = max(float(np.quantile(sizes, 0.95)), 1e-9)
-    diagonal = float(np.median([np.hypot(*camera.image_size) for camera in result.rig.cameras]))
-    factor = _TYPICAL_ARROW * diagonal / large
-    power = 10.0 ** np.floor(np.log10(factor))
-    rounded = float(max(step * power for step in (1, 2, 5) if step * power <= factor))
-    return ArrowScale(rounded, max(float(np.quantile(sizes, 0.99)), 1e-9))
 
 
 def _draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:

@@ -67,7 +67,7 @@ _CAMERA = "#33475b"
 _GRID = "#e3e6ea"
 
 
-def rig_blocks(result: Result, picture: ScenePicture | None = None) -> tuple[Block, ...]:
+def rig_blocks(result: Result, picture: ScenePicture | None) -> tuple[Block, ...]:
     """The rig, of at least one camera, from above, from the front, from the side and obliquely, or as a `picture`."""
     scene = make_scene(result)
     caption = Paragraph(_explanation(scene, result), "note")
@@ -88,7 +88,27 @@ def _figure(scene: DrawnRig, views: Sequence[Projection], result: Result) -> Fig
 
     def draw(sheet: style.Sheet, box: style.PageBox) -> None:
         for place, view in zip(box.grid(1, len(views), _GAP_MM), views, strict=True):
-            _draw_view(sheet, place, scene, view, result)
+            sheet.text(place.x, place.y + 3.0, phrase(view.name, language_now()), style.SMALL_PT, bold=True)
+            measured = bool(view.labels[0])
+            inner = place.inset(*_frame(view))
+            axes = sheet.axes(inner)
+            bounds, mm_per_unit = _fit(axes, inner, scene, view)
+            if measured:
+                _measured_axes(axes, inner, view, result.unit)
+            else:
+                axes.set_axis_off()
+                _floor(axes, scene, view)
+                note = label("report-grid", step=_step(scene), unit=result.unit)
+                sheet.text(place.x, place.y + place.height - 1.0, note, style.TINY_PT, colour=style.SOFT)
+            targets = _draw_placements(axes, scene, view)
+            _draw_cameras(axes, scene, view)
+            frusta = [
+                view.flat(part)
+                for c in scene.cameras
+                for part in (c.centre[None], c.corners, (c.corners + c.centre) / 2)
+            ]
+            obstacles = np.vstack([*targets, *frusta])
+            _name_all(style.Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
 
     name = ", ".join(phrase(view.name, language_now()) for view in views)
     return Figure(name, min(max(_height(width, scene, view) for view in views), _HIGHEST_MM), draw)
@@ -116,29 +136,6 @@ def _explanation(scene: DrawnRig, result: Result) -> str:
     return label("report-views-caption", h=h, camera=camera, height=scene.height_is, a=a, b=b)
 
 
-def _draw_view(sheet: style.Sheet, box: style.PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
-    """One view with its title, axes or a grid below the rig, names of cameras and placements."""
-    sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), style.SMALL_PT, bold=True)
-    measured = bool(view.labels[0])
-    inner = box.inset(*_frame(view))
-    axes = sheet.axes(inner)
-    bounds, mm_per_unit = _fit(axes, inner, scene, view)
-    if measured:
-        _measured_axes(axes, inner, view, result.unit)
-    else:
-        axes.set_axis_off()
-        _floor(axes, scene, view)
-        note = label("report-grid", step=_step(scene), unit=result.unit)
-        sheet.text(box.x, box.y + box.height - 1.0, note, style.TINY_PT, colour=style.SOFT)
-    targets = _draw_placements(axes, scene, view)
-    _draw_cameras(axes, scene, view)
-    frusta = [
-        view.flat(part) for c in scene.cameras for part in (c.centre[None], c.corners, (c.corners + c.centre) / 2)
-    ]
-    obstacles = np.vstack([*targets, *frusta])
-    _name_all(style.Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
-
-
 def _fit(axes: Axes, box: style.PageBox, scene: DrawnRig, view: Projection) -> tuple[FloatArray, float]:
     """Equal scales with room around for the names; the limits (2, 2) and millimetres on paper for a unit."""
     low, high = _limits(scene, view)
@@ -154,7 +151,9 @@ def _fit(axes: Axes, box: style.PageBox, scene: DrawnRig, view: Projection) -> t
 def _limits(scene: DrawnRig, view: Projection) -> tuple[FloatArray, FloatArray]:
     low, high = scene.extent(view)
     if not view.labels[0]:
-        corners = view.flat(_floor_corners(scene))
+        near, far = _floor_range(scene)
+        level = _floor_level(scene)
+        corners = view.flat(np.array([[x, y, level] for x in (near[0], far[0]) for y in (near[1], far[1])]))
         low, high = np.minimum(low, corners.min(axis=0)), np.maximum(high, corners.max(axis=0))
     return low, np.maximum(high, low + 1e-6)
 
@@ -169,12 +168,6 @@ def _measured_axes(axes: Axes, box: style.PageBox, view: Projection, unit: str) 
     for tick in axes.get_yticklabels():
         tick.set_rotation(90)
         tick.set_verticalalignment("center")
-
-
-def _floor_corners(scene: DrawnRig) -> FloatArray:
-    low, high = _floor_range(scene)
-    level = _floor_level(scene)
-    return np.array([[x, y, level] for x in (low[0], high[0]) for y in (low[1], high[1])])
 
 
 def _floor_level(scene: DrawnRig) -> float:

@@ -98,19 +98,15 @@ def make_scene(result: Result) -> DrawnRig:
     axes, height_is = choose_axes(cameras, centres, points)
     middle = points.mean(axis=0) if len(points) else centres.mean(axis=0)
     placements = _placements(result, axes, middle)
-    depth = _FRUSTUM * _viewing_distance((centres - middle) @ axes.T, placements)
+    # from the placement next to each
+    seen = np.array([placement.targets.mean(axis=0) for placement in placements]).reshape(-1, 3)
+    seen = seen if len(seen) else np.zeros((1, 3))
+    distances = np.linalg.norm(((centres - middle) @ axes.T)[:, None] - seen, axis=2).min(axis=1)
+    depth = _FRUSTUM * (float(np.median(distances)) or 1.0)
     return DrawnRig(
         axes, height_is, tuple(_shape(camera, axes, middle, depth) for camera in cameras), placements, depth,
         result.rig.reference_camera,
     )  # fmt: skip
-
-
-def _viewing_distance(centres: FloatArray, placements: tuple[DrawnPlacement, ...]) -> float:
-    """The median distance of the cameras from the placement next to them."""
-    seen = np.array([placement.targets.mean(axis=0) for placement in placements]).reshape(-1, 3)
-    seen = seen if len(seen) else np.zeros((1, 3))
-    distances = np.linalg.norm(centres[:, None] - seen, axis=2).min(axis=1)
-    return float(np.median(distances)) or 1.0
 
 
 def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: FloatArray) -> tuple[FloatArray, str]:
@@ -134,16 +130,11 @@ def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: Flo
     across = scatter - np.outer(scatter @ height, height)
     first = np.linalg.svd(across, full_matrices=False)[2][0]
     first = first - (first @ height) * height
-    a = _unit(first, _across(height))
+    least = np.zeros(3)
+    least[int(np.argmin(np.abs(height)))] = 1.0
+    a = _unit(first, np.array(np.cross(height, least), dtype=float))
     a = a if a[int(np.argmax(np.abs(a)))] > 0 else -a
     return np.vstack([a, np.cross(height, a), height]), height_is
-
-
-def _across(vector: FloatArray) -> FloatArray:
-    """Some vector perpendicular to this one."""
-    least = np.zeros(3)
-    least[int(np.argmin(np.abs(vector)))] = 1.0
-    return np.array(np.cross(vector, least), dtype=float)
 
 
 def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:

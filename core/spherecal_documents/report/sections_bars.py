@@ -50,7 +50,17 @@ def bar_sections(result: Result, verdict: Verdict) -> tuple[Section, ...]:
     if bars.findings:
         title = label("report-findings-of-the-verification")
         found.append(Section("bar-findings", title, finding_texts(bars.findings)))
-    return (*found, _measured(bars))
+    rows: list[tuple[Cell, ...]] = []
+    for row in bars.measured:
+        error = number(row.error_mm, 4, sign=True)
+        ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else NONE
+        lengths = number(row.length_mm, 4), number(row.reference_mm, 4)
+        shown = Strong(error, BAD) if bars.broken(row) else error
+        rows.append((row.pose, name_of(row.key), *lengths, shown, number(row.u_mm, 4), ratio, str(row.views)))
+    heads = columns("pose length measured-mm reference-mm error-mm")
+    table = Table((*heads, "u (k = 1)\nmm", *columns("error-u views")), tuple(rows), 2)
+    note = Paragraph(label("report-views-the-number-of-cameras"), "note")
+    return (*found, Section("measured", label("report-all-measured-lengths"), (note, table)))
 
 
 def verdict_word(verdict: str) -> str:
@@ -191,18 +201,3 @@ def _departures(procedure: verification_file.ProcedureReport) -> list[Section]:
         first = label("report-volume", sides=sides, diagonal=procedure.volume[1])
     items = (Paragraph(written(one), "item") for one in procedure.departures)
     return [Section("departures", label("report-procedure-title"), (Paragraph(first), *items))]
-
-
-def _measured(bars: verification_file.BarReport) -> Section:
-    """Every measured length; its error in red where it is beyond the limit."""
-    rows: list[tuple[Cell, ...]] = []
-    for row in bars.measured:
-        error = number(row.error_mm, 4, sign=True)
-        ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else NONE
-        lengths = number(row.length_mm, 4), number(row.reference_mm, 4)
-        shown = Strong(error, BAD) if bars.broken(row) else error
-        rows.append((row.pose, name_of(row.key), *lengths, shown, number(row.u_mm, 4), ratio, str(row.views)))
-    heads = columns("pose length measured-mm reference-mm error-mm")
-    table = Table((*heads, "u (k = 1)\nmm", *columns("error-u views")), tuple(rows), 2)
-    note = Paragraph(label("report-views-the-number-of-cameras"), "note")
-    return Section("measured", label("report-all-measured-lengths"), (note, table))

@@ -109,7 +109,14 @@ def _camera(camera: RigCamera, result: Result, serials: bool) -> tuple[Cell, ...
 def _lenses(result: Result) -> Section:
     """Focal lengths, principal points and distortions as far as there are any; cameras of one lens together."""
     cameras = result.rig.cameras
-    terms = _lens_terms(cameras)
+    # distortion numbers that any camera uses; both names where models differ
+    wide = [bool(is_fisheye(camera.intrinsics)) for camera in cameras]
+    terms: dict[int, str] = {}
+    for i in range(4, len(INTRINSIC_NAMES)):
+        if any(_lens_number(camera, i) != 0 for camera in cameras):
+            plain = [INTRINSIC_NAMES[i]] if not all(wide) else []
+            other = [FISHEYE_NAMES[i]] if any(wide) and i < len(FISHEYE_NAMES) else []
+            terms[i] = " / ".join(dict.fromkeys(plain + other))
     first, rest = list(terms)[:_IN_A_TABLE], list(terms)[_IN_A_TABLE:]
     groups: dict[bytes, list[RigCamera]] = {}
     for camera in cameras:
@@ -135,18 +142,6 @@ def _lenses(result: Result) -> Section:
 
 def _numbers(camera: RigCamera, terms: Sequence[int]) -> tuple[str, ...]:
     return tuple(number(_lens_number(camera, i), 6) for i in terms)
-
-
-def _lens_terms(cameras: Sequence[RigCamera]) -> dict[int, str]:
-    """Places (of the 16) and names of the distortion numbers that any camera uses; both names where models differ."""
-    wide = [bool(is_fisheye(camera.intrinsics)) for camera in cameras]
-    names: dict[int, str] = {}
-    for i in range(4, len(INTRINSIC_NAMES)):
-        if any(_lens_number(camera, i) != 0 for camera in cameras):
-            own = [INTRINSIC_NAMES[i]] if not all(wide) else []
-            other = [FISHEYE_NAMES[i]] if any(wide) and i < len(FISHEYE_NAMES) else []
-            names[i] = " / ".join(dict.fromkeys(own + other))
-    return names
 
 
 def _lens_number(camera: RigCamera, i: int) -> float:

@@ -17,7 +17,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.text import Text
 from matplotlib.textpath import text_to_path
 from matplotlib.typing import RcKeyType
 
@@ -235,20 +234,9 @@ class Sheet:
         align: Align = "left",
     ) -> None:
         """A line of text with its base line at y; dollars are dollars."""
-        self.figure.add_artist(
-            Text(
-                x / self.width,
-                1 - y / self.height,
-                text,
-                fontsize=size_pt,
-                fontweight="bold" if bold else "normal",
-                color=colour,
-                horizontalalignment=align,
-                verticalalignment="baseline",
-                parse_math=False,
-                transform=self.figure.transFigure,
-            )
-        )
+        weight = "bold" if bold else "normal"
+        at = x / self.width, 1 - y / self.height
+        self.figure.text(*at, text, fontsize=size_pt, fontweight=weight, color=colour, ha=align, parse_math=False)
 
     def lines(self, x: float, y: float, lines: Sequence[str], size_pt: float = BODY_PT, colour: str = INK) -> None:
         """Lines of text below each other, the first with its base line at y."""
@@ -314,22 +302,11 @@ class Labels:
             return
         self._taken.append(np.concatenate([best - half, best + half]))
         x, y = best / self._mm * self._flip
-        self._axes.add_artist(
-            Text(
-                x,
-                y,
-                text,
-                fontsize=size_pt,
-                color=colour,
-                fontweight="bold" if bold else "normal",
-                zorder=9,
-                horizontalalignment="center",
-                verticalalignment="center",
-                parse_math=False,
-                transform=self._axes.transData,
-                bbox=self._ground,
-            )
-        )
+        weight = "bold" if bold else "normal"
+        self._axes.text(
+            x, y, text, fontsize=size_pt, fontweight=weight, color=colour, ha="center", va="center", zorder=9,
+            parse_math=False, bbox=self._ground, clip_on=True,
+        )  # fmt: skip
 
     def _covers(self, centre: FloatArray, half: FloatArray) -> bool:
         """Whether a name there would cover another."""

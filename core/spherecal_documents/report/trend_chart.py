@@ -39,42 +39,39 @@ def write_trend_chart(trend: Trend, output: Path) -> None:
     if ending not in _ENDINGS:
         raise InputError(Phrase("error-chart-kind", {"file": output}))
     with style.report_style():
-        sheet = _draw(trend)
+        rows = len(trend.series)
+        height = 16.0 + rows * (_PANEL_MM + _GAP_MM) + _CAMERAS_MM + 18.0
+        sheet = style.Sheet(_WIDTH_MM, height)
+        width = _WIDTH_MM - 2 * _MARGIN_MM
+        sheet.text(
+            _MARGIN_MM,
+            7.0,
+            style.shortened(f"Rig {trend.profile}: {_TITLES[trend.kind]}", width, style.HEADING_PT, True),
+            style.HEADING_PT,
+            bold=True,
+        )
+        since = f"calibration {trend.ids[0]}, {trend.times[0]:%Y-%m-%d %H:%M} UTC"
+        against = (
+            f"Changes since {since}" if trend.kind == "calibration" else "Against the calibration in use at the time"
+        )
+        sheet.text(
+            _MARGIN_MM,
+            12.0,
+            f"{against}. Dashed: control limits (median ± 3.14 median moving ranges); crosses lie outside.",
+            style.SMALL_PT,
+            colour=style.SOFT,
+        )
+        y = 16.0
+        for series in trend.series:
+            _panel(sheet, style.PageBox(_MARGIN_MM, y, width, _PANEL_MM + _GAP_MM), series, trend)
+            y += _PANEL_MM + _GAP_MM
+        _cameras(sheet, style.PageBox(_MARGIN_MM, y, width, _CAMERAS_MM + 12.0), trend)
         data = (
             sheet_pdf(sheet)
             if ending == ".pdf"
             else f"<?xml version='1.0' encoding='utf-8'?>\n{svg_of(sheet, 'path')}".encode()
         )
     write_file_whole(output, data)
-
-
-def _draw(trend: Trend) -> style.Sheet:
-    rows = len(trend.series)
-    height = 16.0 + rows * (_PANEL_MM + _GAP_MM) + _CAMERAS_MM + 18.0
-    sheet = style.Sheet(_WIDTH_MM, height)
-    width = _WIDTH_MM - 2 * _MARGIN_MM
-    sheet.text(
-        _MARGIN_MM,
-        7.0,
-        style.shortened(f"Rig {trend.profile}: {_TITLES[trend.kind]}", width, style.HEADING_PT, True),
-        style.HEADING_PT,
-        bold=True,
-    )
-    since = f"calibration {trend.ids[0]}, {trend.times[0]:%Y-%m-%d %H:%M} UTC"
-    against = f"Changes since {since}" if trend.kind == "calibration" else "Against the calibration in use at the time"
-    sheet.text(
-        _MARGIN_MM,
-        12.0,
-        f"{against}. Dashed: control limits (median ± 3.14 median moving ranges); crosses lie outside.",
-        style.SMALL_PT,
-        colour=style.SOFT,
-    )
-    y = 16.0
-    for series in trend.series:
-        _panel(sheet, style.PageBox(_MARGIN_MM, y, width, _PANEL_MM + _GAP_MM), series, trend)
-        y += _PANEL_MM + _GAP_MM
-    _cameras(sheet, style.PageBox(_MARGIN_MM, y, width, _CAMERAS_MM + 12.0), trend)
-    return sheet
 
 
 def _axes(sheet: style.Sheet, box: style.PageBox, title: str, trend: Trend) -> Axes:
@@ -159,7 +156,10 @@ def save_guidance_picture(rig: Rig, guidance: Guidance, radius_mm: float, path: 
             bar = figure.colorbar(shown, ax=panels, shrink=0.7, pad=0.02)
             bar.set_label("a 500 mm length after it, k = 2, mm", fontsize=11)
         figure.suptitle("\n".join(wrap(guidance.words(), 100)), fontsize=13, color=style.INK)
-        _save(figure, path)
+        file = io.BytesIO()
+        figure.savefig(file, format="png", metadata={"Software": None})
+        plt.close(figure)
+        write_file_whole(path, file.getvalue())
 
 
 def _plot_cameras(panel: Axes, rig: Rig, at: FloatArray) -> None:
@@ -188,10 +188,3 @@ def _candidates(panel: Axes, guidance: Guidance, flat, view: Projection, radius_
             note, tuple(tip), xytext=(6, -14), textcoords="offset points", color=_BEST, fontsize=10, bbox=above
         )
     return shown
-
-
-def _save(figure, path: Path) -> None:
-    file = io.BytesIO()
-    figure.savefig(file, format="png", metadata={"Software": None})
-    plt.close(figure)
-    write_file_whole(path, file.getvalue())

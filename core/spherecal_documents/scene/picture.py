@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,7 @@ _IMAGE_PX = 480
 def scene_picture(
     result: Result, session: Session | None, process: PictureProcess | None = None
 ) -> ScenePicture | None:
-    """The scene of a result on white, with the last images of its session; None without cameras or renderer.
-
-    `process`: one that was started before, to render it.
-    """
+    """The scene of a result on white, with its session's last images; None without cameras or renderer."""
     data = scene_data(result) if can_render() else None
     if data is None:
         return None
@@ -66,12 +62,9 @@ def last_images(session: Session) -> Mapping[str, NDArray[np.uint8]]:
     found = {}
     for camera, path in last.items():
         with suppress(SpherecalError):
-            found[camera] = _small(read_image(path))
+            # every k-th pixel, as bytes
+            image = read_image(path)
+            step = max(1, -(-max(image.shape) // _IMAGE_PX))
+            picked = np.asarray(image)[::step, ::step].astype(float)
+            found[camera] = np.ascontiguousarray((picked * (255.0 / max(float(picked.max()), 1.0))).astype(np.uint8))
     return found
-
-
-def _small(image: Any) -> NDArray[np.uint8]:
-    """Every k-th pixel, as bytes."""
-    step = max(1, -(-max(image.shape) // _IMAGE_PX))
-    picked = np.asarray(image)[::step, ::step].astype(float)
-    return np.ascontiguousarray((picked * (255.0 / max(float(picked.max()), 1.0))).astype(np.uint8))

@@ -130,19 +130,15 @@ def can_render() -> bool:
     return os.environ.get("SPHERECAL_3D") not in _PLAIN and find_spec("pyvista") is not None
 
 
-def _be_quiet() -> None:
-    """VTK would say on standard error that there is no screen, and then render without one."""
-    from vtkmodules.vtkCommonCore import vtkLogger
-
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
-
-
 def serve(pipe: Connection) -> None:
     """Answer until the other end closes: `ready`, then a RenderedFrame for each eye; `failed` with the reason."""
     import time
 
     try:
-        _be_quiet()
+        # VTK would say on standard error that there is no screen, and then render without one
+        from vtkmodules.vtkCommonCore import vtkLogger
+
+        vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
         stage = ScenePlotter()
     except Exception as error:
         with contextlib.suppress(OSError):

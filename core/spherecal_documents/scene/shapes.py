@@ -95,7 +95,9 @@ def scene_shapes(data: SceneData, style: SceneStyle) -> Shapes:
     elif "dots" in shown:
         meshes.append(_dots(data, style))
     if "ellipsoids" in shown and len(data.ellipsoids):
-        meshes.append(_ellipsoids(data, style))
+        tints = _same(blended(style.caution, style.text, 0.15), len(data.ellipsoids))
+        made = _blobs(data.ellipsoid_places, data.ellipsoid_factor * data.ellipsoids, tints, 12, 6)
+        meshes.append(replace(made, name="uncertainty ellipsoids"))
     picture = _picture(data) if "images" in shown and data.images else None
     return Shapes(
         tuple(mesh for mesh in meshes if len(mesh.faces)), tuple(scene_lines(data, style)), picture, style.ground
@@ -333,12 +335,6 @@ def _blobs(places: FloatArray, halves: FloatArray, tints: ByteArray, around: int
     vertices = (places[:, None] + each).reshape(-1, 3)
     every = (np.arange(len(places))[:, None, None] * len(unit) + faces[None]).reshape(-1, 3)
     return Mesh(vertices, every, np.repeat(tints, len(unit), axis=0), smooth=True)
-
-
-def _ellipsoids(data: SceneData, style: SceneStyle) -> Mesh:
-    tints = _same(blended(style.caution, style.text, 0.15), len(data.ellipsoids))
-    made = _blobs(data.ellipsoid_places, data.ellipsoid_factor * data.ellipsoids, tints, 12, 6)
-    return replace(made, name="uncertainty ellipsoids")
 
 
 def _map(data: SceneData, style: SceneStyle) -> Mesh:

@@ -78,21 +78,17 @@ class PdfCanvas:
             objects.append(
                 f"<< /Length {len(packed)} /Filter /FlateDecode >>\nstream\n".encode() + packed + b"\nendstream"
             )
-        return _document(objects)
+        # the objects with their table and trailer
+        out, places = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n", []
+        for at, body in enumerate(objects, start=1):
+            places.append(len(out))
+            out += f"{at} 0 obj\n".encode() + body + b"\nendobj\n"
+        table = "".join(f"{place:010d} 00000 n \n" for place in places)
+        trailer = f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R /Info 3 0 R >>\nstartxref\n{len(out)}\n%%EOF\n"
+        return out + f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}{trailer}".encode()
 
     def _add(self, drawn: str) -> None:
         self._drawn.append(drawn)
-
-
-def _document(objects: list[bytes]) -> bytes:
-    """Numbered objects (the first is the catalog, the third the title) with their table and trailer."""
-    out, places = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n", []
-    for number, body in enumerate(objects, start=1):
-        places.append(len(out))
-        out += f"{number} 0 obj\n".encode() + body + b"\nendobj\n"
-    table = "".join(f"{place:010d} 00000 n \n" for place in places)
-    trailer = f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R /Info 3 0 R >>\nstartxref\n{len(out)}\n%%EOF\n"
-    return out + f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}{trailer}".encode()
 
 
 def _n(value: float) -> str:

@@ -89,10 +89,21 @@ def write_sheet(path: Path, target_set: TargetSet, page: Page = "A4") -> None:
         batch = ids[start : start + len(places)]
         for target, (x, y) in zip(batch, places, strict=False):
             draw_sticker(drawing, target_set, target, x, y)
-            _draw_cut_marks(drawing, x, y, side)
+            # two short lines at each corner, along the sticker's edges and outside it
+            near, far = 0.25, 0.25 + 0.75
+            for corner_x, outward_x in ((x, -1), (x + side, 1)):
+                for corner_y, outward_y in ((y, -1), (y + side, 1)):
+                    drawing.line(corner_x + outward_x * near, corner_y, corner_x + outward_x * far, corner_y)
+                    drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
             drawing.text(x + 2.0, y + side + 2.0, f"{target}", size_pt=5.0)
         draw_rulers(drawing)
-        _draw_foot(drawing, target_set, batch)
+        drawing.text(
+            _MARGIN_MM + _RULER_BAND_MM,
+            drawing.height_mm - _MARGIN_MM,
+            f"{target_set.dictionary or target_set.family}, {target_set.polarity}, {target_set.size_mm:g} mm, "
+            + ("" if target_set.dictionary else f"dots {target_set.dot_diameter_mm:g} mm, ")
+            + f"ids {batch[0]} to {batch[-1]}; print at 100 %",
+        )
         canvas.end_page()
     write_whole(Path(path), canvas.data())
 
@@ -111,25 +122,19 @@ def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
 
 def draw_sticker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
     """Draw one target; `x`, `y`: top left corner of its sticker, mm."""
-    if target_set.dictionary is not None:
-        _draw_marker(drawing, target_set, target, x, y)
+    if target_set.dictionary is not None:  # a marker with its blank edge
+        side, dark = sticker_mm(target_set), 0.0 if target_set.polarity == "dark-on-light" else 1.0
+        drawing.square(x, y, side, 1.0 - dark)
+        edge = (side - target_set.size_mm) / 2
+        parts = marker_parts(marker_bits(target_set.dictionary, target), x + edge, y + edge, target_set.size_mm)
+        for left, top, width, height, grey in parts:
+            drawing.rectangle(left, top, width, height, abs(dark - grey))
         return
     dots = 1.0 if target_set.polarity == "light-on-dark" else 0.0
     size = target_set.size_mm
     drawing.square(x, y, size, 1.0 - dots)
     for place in target_set.places(target, DOTS):
         drawing.disc(x + size / 2 + place[0], y + size / 2 + place[1], target_set.dot_diameter_mm, dots)
-
-
-def _draw_marker(drawing: SheetDrawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
-    """A marker with its blank edge."""
-    assert target_set.dictionary is not None
-    side, dark = sticker_mm(target_set), 0.0 if target_set.polarity == "dark-on-light" else 1.0
-    drawing.square(x, y, side, 1.0 - dark)
-    edge = (side - target_set.size_mm) / 2
-    parts = marker_parts(marker_bits(target_set.dictionary, target), x + edge, y + edge, target_set.size_mm)
-    for left, top, width, height, grey in parts:
-        drawing.rectangle(left, top, width, height, abs(dark - grey))
 
 
 def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertical_mm: float) -> TargetSet:
@@ -151,15 +156,6 @@ def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertic
     )
 
 
-def _draw_cut_marks(drawing: SheetDrawing, x: float, y: float, size_mm: float) -> None:
-    """Two short lines at each corner, along the sticker's edges and outside it."""
-    near, far = 0.25, 0.25 + 0.75
-    for corner_x, outward_x in ((x, -1), (x + size_mm, 1)):
-        for corner_y, outward_y in ((y, -1), (y + size_mm, 1)):
-            drawing.line(corner_x + outward_x * near, corner_y, corner_x + outward_x * far, corner_y)
-            drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
-
-
 def draw_rulers(drawing: SheetDrawing) -> None:
     """Draw the horizontal check ruler at the foot of the page and the vertical one at its left, 100 mm each."""
     left, foot = _MARGIN_MM + _RULER_BAND_MM, drawing.height_mm - _MARGIN_MM - 4.0
@@ -173,16 +169,6 @@ def draw_rulers(drawing: SheetDrawing) -> None:
     drawing.text(left + 12.0, foot - 2.2, "horizontal check ruler: 100 mm between the two long marks")
     caption = "vertical check ruler: 100 mm between the two long marks"
     drawing.text(right + 4.3, head + RULER_MM - 12.0, caption, turn_deg=90)
-
-
-def _draw_foot(drawing: SheetDrawing, target_set: TargetSet, ids: list[int]) -> None:
-    drawing.text(
-        _MARGIN_MM + _RULER_BAND_MM,
-        drawing.height_mm - _MARGIN_MM,
-        f"{target_set.dictionary or target_set.family}, {target_set.polarity}, {target_set.size_mm:g} mm, "
-        + ("" if target_set.dictionary else f"dots {target_set.dot_diameter_mm:g} mm, ")
-        + f"ids {ids[0]} to {ids[-1]}; print at 100 %",
-    )
 
 
 BALL_DIAMETER_MM = 500.0
@@ -201,10 +187,10 @@ class LatitudeRing:
     spacing_mm: float
 
 
-def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) -> list[LatitudeRing]:
+def rings() -> list[LatitudeRing]:
     """Rings from the equator to the pole that spread stickers evenly over a ball; all but one on both halves."""
-    radius = diameter_mm / 2
-    spacing = math.sqrt(4 * math.pi * radius**2 / targets)
+    radius = BALL_DIAMETER_MM / 2
+    spacing = math.sqrt(4 * math.pi * radius**2 / BALL_TARGETS)
     steps = round(math.pi * radius / 2 / spacing)
     result: list[LatitudeRing] = []
     for step in range(steps + 1):

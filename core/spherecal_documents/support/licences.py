@@ -69,9 +69,9 @@ def shipped() -> tuple[LicensedPart, ...]:
     )
 
 
-def licence_text(extras: Iterable[str] = EXTRAS) -> str:
+def licence_text() -> str:
     """The parts as one text: a list, the note on Qt where it is there, then each part's own texts."""
-    known = parts(extras)
+    known = parts()
     lines = [f"SphereCal {__version__} is under the Apache License 2.0. It contains or uses:", ""]
     lines += [f"  {part.name} {part.version}: {part.licence}" for part in known]
     if any(part.name.lower().startswith("pyside6") for part in known):
@@ -84,16 +84,15 @@ def licence_text(extras: Iterable[str] = EXTRAS) -> str:
     return "\n".join(lines) + "\n"
 
 
-def bill_of_materials(extras: Iterable[str] = EXTRAS) -> bytes:
+def bill_of_materials() -> bytes:
     """The parts as CycloneDX 1.5 JSON; the same parts give the same bytes (no time stamp, number from the contents)."""
-    extras = tuple(extras)
-    known, installed = parts(extras), _closure(extras)
+    known, installed = parts(), _closure(EXTRAS)
     components = [_component(part) for part in known]
     references = {_key(part.name): component["bom-ref"] for part, component in zip(known, components, strict=True)}
     references["spherecal"] = f"pkg:pypi/spherecal@{__version__}"
     dependencies = []
     for name, one in installed.items():
-        needed = _needs(one, extras if name == "spherecal" else ()) & references.keys()
+        needed = _needs(one, EXTRAS if name == "spherecal" else ()) & references.keys()
         dependencies.append({"ref": references[name], "dependsOn": sorted(references[n] for n in needed)})
     document: dict[str, Any] = {
         "bomFormat": "CycloneDX",

@@ -90,7 +90,7 @@ def search(interface: str, seconds: float = 0.7, address: str = "") -> list[Netw
     return sorted(found.values(), key=lambda camera: (camera.serial, camera.ip_address))
 
 
-def force_address(interface: str, mac: str, ip: str, mask: str, gateway: str, address: str = "") -> None:
+def force_address(interface: str, mac: str, ip: str, mask: str, gateway: str, address: str) -> None:
     """Have the camera of a hardware address take an IP address until its next start (FORCEIP); nobody controls it."""
     words = (socket.inet_aton(one) for one in (ip, mask, gateway))
     payload = struct.pack(">2x6s12x4s12x4s12x4s", bytes.fromhex(mac.replace(":", "")), *words)

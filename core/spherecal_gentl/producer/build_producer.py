@@ -120,7 +120,10 @@ def _no_aravis(package: str) -> InputError:
 def _built(product: _Product) -> Path:
     flags = aravis_flags() if product.aravis else []
     compiler = cxx_compiler()
-    kept = cache_folder("producer") / _source_hash(product, compiler) / product.file
+    digest = hashlib.sha256(compiler.encode())
+    for file in (*product.sources, Path(__file__)):
+        digest.update(file.read_bytes())
+    kept = cache_folder("producer") / digest.hexdigest()[:16] / product.file
     if not kept.exists():
         _put(kept, lambda file: _compile(product, compiler, file, flags))
     if not product.library and not os.access(kept, os.X_OK):
@@ -140,13 +143,6 @@ def cxx_compiler() -> str:
         "Install one (Debian, Ubuntu: apt install g++; Windows: the C++ build tools of Visual Studio, then use their "
         "command prompt), or name yours in the environment variable CXX.",
     )
-
-
-def _source_hash(product: _Product, compiler: str) -> str:
-    digest = hashlib.sha256(compiler.encode())
-    for file in (*product.sources, Path(__file__)):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def _compile(product: _Product, compiler: str, output: Path, flags: Sequence[str]) -> None:

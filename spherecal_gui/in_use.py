@@ -16,10 +16,7 @@ _OF_OTHERS = ("verification.json", "bars.csv", "targets.json")  # of the verific
 
 
 def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
-    """Write the calibration in use of a profile as a result folder; its number and verdict.
-
-    The profile keeps no residuals and no spheres: these tables are empty.
-    """
+    """Write a profile's calibration in use as a result folder, residuals and spheres empty; its number and verdict."""
     kept = open_profile(profile)
     number, entry = kept.active_id, kept.active
     if number is None or entry is None:

@@ -49,11 +49,7 @@ def word(group: str, code: str, otherwise: str | None = None, **values: object) 
 
 
 def by_locale(text: str) -> str:
-    """A text for the screen, its decimal numbers as the language writes them; files keep the point.
-
-    Versions, addresses and names such as `P1.5` or `0.03+L/20000` are no decimal numbers and stay. Numbers in a row are
-    parted by semicolons where they have a comma of their own.
-    """
+    """A text with its decimal numbers as the language writes them, for the screen alone; not names such as `P1.5`."""
     if now() not in _WITH_COMMA:
         return text
     return _IN_A_ROW.sub(r"\1; ", _DECIMAL.sub(r"\1,\2", text))
@@ -65,10 +61,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def unbroken(text: str) -> str:
-    """A text for a label of several lines: no line ends between a number and its unit, or within the unit.
-
-    By no-break spaces, as all three languages have them there, and word joiners: for the screen only.
-    """
+    """A text for several lines: no-break spaces and word joiners keep numbers and units together."""
     return _RATE.sub("\\1/\u2060s", _BEFORE_UNIT.sub("\u00a0", text))
 
 

@@ -16,18 +16,13 @@ WORTH = 0.1
 
 @dataclass(frozen=True, eq=False)
 class GuidanceView:
-    """One piece of advice.
+    """One piece of advice; lengths are those of 500 mm (k = 2), None where they are not known."""
 
-    `now_mm` and `next_mm`: what a length of 500 mm is measured to (k = 2) when stopping now and after the next
-    placement (None: not known). `coarse`: a first answer; the lengths are still being worked out. `ghost` is the ball
-    where it should go as the cameras would see it, `scene` the whole in space.
-    """
-
-    now_mm: float | None
-    next_mm: float | None
-    ghost: "Ghost | None" = None
-    scene: SceneData | None = None
-    coarse: bool = False
+    now_mm: float | None  # when stopping now
+    next_mm: float | None  # after the next placement
+    ghost: "Ghost | None" = None  # the ball where it should go as the cameras would see it
+    scene: SceneData | None = None  # the whole in space
+    coarse: bool = False  # a first answer: the lengths are still being worked out
 
     @property
     def cameras(self) -> tuple[str, ...]:

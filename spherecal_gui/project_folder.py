@@ -1,7 +1,4 @@
-"""A project on disk: `wizard.json` in the session's folder, written whole at every step.
-
-What was taken is not in it: capture.json beside the images says that, so that a crash between the two loses nothing.
-"""
+"""A project on disk: `wizard.json`, written whole at every step; what was taken is said by capture.json alone."""
 
 import hashlib
 import json
@@ -108,10 +105,7 @@ _FLAW = record(
 
 
 def _by_content(document: Document) -> Document:
-    """Version 1 knew what a computation was made from by Python's repr of it: the fingerprint of the same content.
-
-    A document that is not as declared stays as it is, for the reader to say what is wrong.
-    """
+    """Version 1 knew inputs by their repr: their fingerprints instead. A damaged document is left to the reader."""
     try:
         return _with_fingerprints(document)
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):

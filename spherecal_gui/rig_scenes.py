@@ -48,10 +48,7 @@ def rig_scene(rig: "Rig") -> SceneData | None:
 
 
 def rig_in_use(profile: "Path | None", cameras: Collection[str]) -> "Rig | None":
-    """The calibration in use of a profile, where it has all of these cameras; else None, also where it cannot be read.
-
-    `profile` None: there is none.
-    """
+    """The calibration in use of a profile, where it can be read and has all of these cameras; else None."""
     from spherecal.base.errors import SpherecalError
     from spherecal_rigs.store import open_profile  # imports scipy
 
@@ -65,10 +62,7 @@ def rig_in_use(profile: "Path | None", cameras: Collection[str]) -> "Rig | None"
 
 
 def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:
-    """The rig as it is known so far, the ball where it was and where it should go next.
-
-    `centre_mm`: centre (3,) of the ball where it should go, mm in the rig's world.
-    """
+    """The rig as it is known so far, the ball where it was and where it should go next (3,), mm in the rig's world."""
     from spherecal_documents.report.rig_view import DrawnPlacement  # imports scipy
 
     data = rig_scene(rig)
@@ -94,20 +88,15 @@ def without_balls(data: SceneData) -> SceneData:
 
 @dataclass(frozen=True, eq=False)
 class LiveParts:
-    """What changes in a scene while it is looked at; places in the scene's frame, mm.
+    """What changes in a scene while it is looked at; places in the scene's frame, mm."""
 
-    `ball`: its centre, top (both (3,)) and radius as it lies now; `near`: where it should. `bars`: ends (2, 3) and
-    whether these are of the bar as it lies, not as it should. `points`: measured ones by name. `levels` and `images` by
-    camera; `box`: the corners (8, 3) of the measuring volume.
-    """
-
-    ball: tuple[FloatArray, FloatArray, float] | None = None
-    near: bool = False
-    bars: tuple[tuple[FloatArray, bool], ...] = ()
+    ball: tuple[FloatArray, FloatArray, float] | None = None  # centre (3,), top (3,), radius
+    near: bool = False  # it lies where it should
+    bars: tuple[tuple[FloatArray, bool], ...] = ()  # ends (2, 3); lies so, not: should
     levels: Mapping[str, Level] = field(default_factory=dict)
-    images: Mapping[str, Any] = field(default_factory=dict)
-    points: tuple[tuple[str, FloatArray], ...] = ()
-    box: FloatArray | None = None
+    images: Mapping[str, Any] = field(default_factory=dict)  # QImage by camera, as are the levels
+    points: tuple[tuple[str, FloatArray], ...] = ()  # measured ones by name
+    box: FloatArray | None = None  # corners (8, 3) of the measuring volume
 
 
 def in_scene(data: SceneData, places_mm: FloatArray) -> FloatArray:

@@ -67,17 +67,13 @@ class StepState:
 
 @dataclass(frozen=True)
 class Running:
-    """What goes on at the moment and is not kept: the step whose work runs, the cameras that are open.
+    """What goes on at the moment and is not kept."""
 
-    `lost` cameras send no images; `moved` ones were moved, and nobody has seen to them yet. `gone`: the project's
-    folder is no longer there.
-    """
-
-    step: str | None = None
-    connected: bool = False
-    lost: tuple[str, ...] = ()
-    moved: tuple[str, ...] = ()
-    gone: bool = False
+    step: str | None = None  # whose work runs
+    connected: bool = False  # the cameras are open
+    lost: tuple[str, ...] = ()  # cameras that send no images
+    moved: tuple[str, ...] = ()  # cameras that nobody has seen to yet
+    gone: bool = False  # the project's folder is no longer there
 
 
 @dataclass(frozen=True)

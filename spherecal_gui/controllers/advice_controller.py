@@ -31,15 +31,10 @@ _KEPT = 8  # answers, for placements that are deleted and brought back
 
 
 class AdviceController(ControllerPart):
-    """Where the ball should be next.
+    """Where the ball should be next; worked out while a placement is shown: other pages need the processors."""
 
-    It is worked out while a placement is shown, and stopped on every other page, whose work needs the processors.
-
-    `guidance_changed` when there is other advice, `ball_seen` when the ball was looked at again.
-    """
-
-    guidance_changed = Signal()
-    ball_seen = Signal()
+    guidance_changed = Signal()  # there is other advice
+    ball_seen = Signal()  # the ball was looked at again
 
     def __init__(self, main: "Controller") -> None:
         super().__init__(main)

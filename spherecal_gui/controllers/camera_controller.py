@@ -35,15 +35,11 @@ _Found = TypeVar("_Found")  # what a piece of work gives
 
 
 class CameraController(ControllerPart):
-    """The connection to the cameras and their live images.
-
-    `connected` when the cameras were opened. `driver_asked` (DriverQuestion) when a driver was never allowed; it is
-    only asked where `somebody_answers`.
-    """
+    """The connection to the cameras and their live images."""
 
     live_hz = LIVE_HZ
-    connected = Signal()
-    driver_asked = Signal(object)
+    connected = Signal()  # the cameras were opened
+    driver_asked = Signal(object)  # a DriverQuestion: one that was never allowed; only where `somebody_answers`
 
     def __init__(self, main: "Controller") -> None:
         super().__init__(main)
@@ -152,11 +148,7 @@ class CameraController(ControllerPart):
             self.connect_all()
 
     def set_lenses(self, focal_mm: float | None, pitch_um: float | None) -> None:
-        """State the lens of all cameras of the rig; nothing is opened again.
-
-        `focal_mm` None: nobody knows it, the calibration finds it from the ball; `pitch_um` None: as the cameras or
-        their data sheets say.
-        """
+        """State the lens of all cameras of the rig, None where nobody knows it; nothing is opened again."""
         connection, project = self.connection, self.project
         if connection is None or project is None:
             return
@@ -251,10 +243,7 @@ class CameraController(ControllerPart):
         return tuple(self.connection.names[serial] for serial in live.watch.bumped)
 
     def accept_moved(self) -> None:
-        """Somebody has seen to the cameras that were moved: they count as they stand now.
-
-        What was taken before shows them where they were, so it has to be taken again.
-        """
+        """The cameras that were moved count as they stand now; what was taken before has to be taken again."""
         moved = self.moved()
         if self.live is None or self.project is None or not moved:
             return
@@ -270,10 +259,7 @@ class CameraController(ControllerPart):
             self.live.masks = {serial: masks_of(project, name) for serial, name in names.items()}
 
     def start_alone(self, step: str, work: Callable[[Context], _Found], done: Callable[[_Found], None]) -> bool:
-        """Start work without live images, for it needs their cores; they go on when it has ended.
-
-        They are ended beside the window, which never waits.
-        """
+        """Start work without live images, which need its cores; they end beside the window and go on after it."""
         live = self.live
 
         def run(context: Context) -> _Found:

@@ -1,7 +1,4 @@
-"""The user's frame of the open project: frame.json in its folder, made again with every calibration.
-
-A project without one has that of its rig's profile, as it is, where its world is the same camera's.
-"""
+"""The user's frame: the project's frame.json, made again with each calibration; else that of its rig's profile."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -30,16 +30,12 @@ P = ParamSpec("P")
 
 
 class ProjectController(QObject):
-    """The open project and the one piece of work that runs; every change is on disk before it is shown.
+    """The open project and the one piece of work that runs; every change is on disk before it is shown."""
 
-    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know.
-    `logged` for the log pane, `result_changed` when there is another result.
-    """
-
-    changed = Signal()
-    said = Signal(str, str, str)
-    logged = Signal(str)
-    result_changed = Signal()
+    changed = Signal()  # the workflow's state may be another
+    said = Signal(str, str, str)  # kind, what, what to do: people should know
+    logged = Signal(str)  # a line for the log pane
+    result_changed = Signal()  # there is another result
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -88,10 +84,7 @@ class ProjectController(QObject):
             self.update(changed)
 
     def move(self, project: Project) -> None:
-        """Take over a project that is only at another step: it is written beside the window, which waits for no disk.
-
-        The newest project wins; what the disk refuses is told at the next change.
-        """
+        """Take over a project at another step, written beside the window; what the disk refuses is told later."""
 
         def write() -> None:
             with self._disk, suppress(SpherecalError, OSError):

@@ -193,10 +193,7 @@ class RecordingController(ControllerPart):
     # --- masks -------------------------------------------------------------------------------------------------------
 
     def mask(self, serial: str, rectangle: Rectangle) -> None:
-        """Nothing in this part of a camera's image is a target from now on, in what was taken as well.
-
-        `rectangle`: left, top, width and height in px.
-        """
+        """Nothing in this part of a camera's image is a target from now on, in what was taken as well."""
         connection = self.main.cameras.connection
         if self.project is not None and connection is not None:
             self._with_masks(changes.with_mask(self.project, connection.names[serial], rectangle))

@@ -75,10 +75,7 @@ class TuningController(ControllerPart):
         return ""
 
     def set_camera(self, serial: str, name: str, exposure_us: float, gain_db: float) -> bool:
-        """Give a camera a name, an exposure and a gain; whether that was begun.
-
-        Those of real cameras are kept in the camera profile. A name that it cannot have now is left as it is.
-        """
+        """Give a camera a name (if it may have it now), an exposure and a gain; whether that was begun."""
         connection = self.main.cameras.connection
         if connection is None or self.runner.running:
             return False

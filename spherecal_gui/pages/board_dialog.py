@@ -25,12 +25,9 @@ _MARKED = ("charuco", "aprilgrid")
 
 
 class BoardDialog(QDialog):
-    """The fields of a board; `chosen` (as session.json has it) when somebody begins with it.
+    """The fields of a board; with `images` that show it, what they can tell need not be stated."""
 
-    With `images` there are some that show it: what they can tell need not be stated.
-    """
-
-    chosen = Signal(dict)
+    chosen = Signal(dict)  # as session.json has it: somebody begins with it
 
     def __init__(self, parent: QWidget | None = None, images: bool = False) -> None:
         super().__init__(parent)

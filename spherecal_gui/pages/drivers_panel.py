@@ -9,14 +9,11 @@ from spherecal_gui.widgets.table import Table
 
 
 class DriversPanel(QWidget):
-    """One block for each reason; `allowed` (file) when somebody allows a driver, `builtin` to use the built-in one.
+    """One block for each reason; `of_drivers`: the list of makers is offered too."""
 
-    `cured` (command) to have this computer's network mended. `of_drivers`: the list of makers is offered too.
-    """
-
-    allowed = Signal(str)
-    builtin = Signal()
-    cured = Signal(str)
+    allowed = Signal(str)  # the file of a driver
+    builtin = Signal()  # the built-in driver is to be used
+    cured = Signal(str)  # the command that mends this computer's network
 
     def __init__(self, of_drivers: bool = True) -> None:
         super().__init__()

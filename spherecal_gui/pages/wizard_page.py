@@ -15,15 +15,12 @@ from spherecal_gui.workflow import Reason, Status, Step, StepState
 
 
 class Page(QWidget):
-    """A page of the wizard. `action_changed`: the buttons may be others; `finished`: somebody leaves the project.
+    """A page of the wizard."""
 
-    `bench_wanted`: somebody wants to describe the bench; `recording_wanted`: to choose another recorded session.
-    """
-
-    action_changed = Signal()
-    finished = Signal()
-    bench_wanted = Signal()
-    recording_wanted = Signal()
+    action_changed = Signal()  # the buttons may be others
+    finished = Signal()  # somebody leaves the project
+    bench_wanted = Signal()  # somebody wants to describe the bench
+    recording_wanted = Signal()  # ... or to choose another recorded session
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()

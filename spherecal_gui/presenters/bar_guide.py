@@ -29,11 +29,7 @@ class BarGuide:
 
 
 def bar_guide(planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, still: bool | None) -> BarGuide:
-    """What to do about a pose, the bar's ends being where they were seen.
-
-    `ends_mm`: first and last mark (2, 3), mm in the rig's world; None where they were not found; `still` None: none
-    sees it.
-    """
+    """What to do about a pose, first and last mark of the bar being at `ends_mm` (2, 3); None: not found."""
     from spherecal_rigs.pose_plan import judge_pose  # imports scipy
 
     answer = judge_pose(pose, ends_mm)

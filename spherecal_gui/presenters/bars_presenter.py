@@ -27,18 +27,14 @@ def next_pose(poses: Sequence[str], taken: Mapping[str, str]) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """The errors (n,) mm of all measured lengths with what their uncertainty allows (n,) = k u, and their names.
-
-    `permitted` (n,) and `guard` (n,) are the limit that somebody gave and U at it, both None without such a limit.
-    `exceeding` are those that break the rule.
-    """
+    """The errors of all measured lengths, each (n,) mm."""
 
     names: tuple[str, ...]
     errors: FloatArray
-    allowed: FloatArray
-    exceeding: tuple[bool, ...]
-    permitted: FloatArray | None = None
-    guard: FloatArray | None = None
+    allowed: FloatArray  # by their uncertainty: k u
+    exceeding: tuple[bool, ...]  # those that break the rule
+    permitted: FloatArray | None = None  # by the limit that somebody gave
+    guard: FloatArray | None = None  # U at that limit
 
 
 def errors_of(bars: "BarReport") -> Errors:

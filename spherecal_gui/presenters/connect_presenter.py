@@ -34,36 +34,29 @@ LENSES_MM = (4.0, 6.0, 8.0, 12.0, 12.5, 16.0, 25.0, 35.0, 50.0)
 
 @dataclass(frozen=True)
 class CameraLine:
-    """One camera: name, model, serial, how it is, and what it is known by: serial and size of its images.
-
-    `listed`: a driver lists it, so that it can be in the rig or left out. `cured_at` is the camera on the network that
-    needs an address; `builtin`: the built-in driver would reach it. `details` are the engine's own words, in English.
-    """
+    """One camera: what it is, how it is."""
 
     name: str
     model: str
     serial: str
     word: str
     level: Level
-    about: str = ""
+    about: str = ""  # serial and size of its images
     in_rig: bool = True
-    listed: bool = False
-    cured_at: "WireCamera | None" = None
-    builtin: bool = False
-    details: str = ""
+    listed: bool = False  # by a driver: it can be in the rig or left out
+    cured_at: "WireCamera | None" = None  # on the network, where it needs an address
+    builtin: bool = False  # the built-in driver would reach it
+    details: str = ""  # the engine's own words, in English
 
 
 @dataclass(frozen=True)
 class LensLine:
-    """What is stated of all cameras' lenses: mm, None where nobody knows it; `differ`: cameras have different ones.
-
-    `pitch_um`: the pixel pitch that was stated; `found_um`: those that cameras or data sheets say.
-    """
+    """What is stated of all cameras' lenses; None where nobody knows it."""
 
     focal_mm: float | None = None
-    differ: bool = False
-    pitch_um: float | None = None
-    found_um: tuple[float, ...] = ()
+    differ: bool = False  # cameras have different ones
+    pitch_um: float | None = None  # as it was stated
+    found_um: tuple[float, ...] = ()  # as cameras or data sheets say
 
 
 @dataclass(frozen=True)
@@ -77,17 +70,13 @@ class BenchRow:
 
 @dataclass(frozen=True)
 class DrawnBench:
-    """The ball's diameter and how many targets it has; each bar's name and its marks, mm from the first.
-
-    `sticker`: one target's dots by name with their places (x, y) mm, where the distance of the dots `between` gives the
-    scale.
-    """
+    """The ball and the bars on the bench, to be drawn."""
 
     diameter_mm: float | None = None
     targets: int = 0
-    bars: tuple[tuple[str, tuple[float, ...]], ...] = ()
-    sticker: tuple[tuple[str, float, float], ...] = ()
-    between: tuple[str, str] = ("", "")
+    bars: tuple[tuple[str, tuple[float, ...]], ...] = ()  # name; marks, mm from the first
+    sticker: tuple[tuple[str, float, float], ...] = ()  # one target's dots: name, x, y in mm
+    between: tuple[str, str] = ("", "")  # the dots whose distance gives the scale
 
 
 def camera_lines(
@@ -96,10 +85,7 @@ def camera_lines(
     wire: "tuple[WireCamera, ...]" = (),
     builtin: bool = False,
 ) -> list[CameraLine]:
-    """Every camera that was found, in whatever state; those that were expected and are missing come first.
-
-    `connection` None: nothing is connected. `builtin`: the built-in driver can be used, and is not.
-    """
+    """Every camera that was found, after those that are missing; `builtin`: that driver can be used, and is not."""
     from spherecal_cameras.builtin_driver import unlisted
     from spherecal_cameras.protocol import Discovery
 
@@ -313,10 +299,7 @@ def recording_text(source: str) -> str:
 
 
 def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> list[BenchRow]:
-    """What the source or the chosen file says is on the bench.
-
-    `connection` None: nothing; `confirmed` None: nobody has, and the rows show what the connection says.
-    """
+    """What is on the bench: as somebody has confirmed it, else as the source or the chosen file says."""
     artefacts = confirmed
     if artefacts is None and connection is not None:
         artefacts = artefacts_of(connection.plan)

@@ -32,10 +32,7 @@ def place_text(name: str, kind: str) -> str:
 
 
 def frame_words(definition: FrameDefinition | None, reference: str | None) -> str:
-    """In which frame exports are given, for the page.
-
-    `definition` None: that of the reference camera; `reference` None where there is none.
-    """
+    """In which frame exports are given; without a `definition` that of the reference camera."""
     camera = translate("Frame", "the reference camera's frame ({camera})").format(camera=reference or "-")
     if definition is None:
         return camera
@@ -103,10 +100,7 @@ class FrameChoice:
         return bool(self._before)
 
     def choose(self, role: Role, name: str | None) -> None:
-        """Another place for a role; a new origin suggests the others.
-
-        `name` None as the origin is the reference camera.
-        """
+        """Another place for a role, None for the reference camera; a new origin suggests the others."""
         made = replace(self.definition, **{role: name})
         if role == "origin" and name is None:
             made = replace(made, x=None, xy=None)

@@ -30,21 +30,17 @@ _FEW = 2  # cameras of which it cannot be said which one is dim
 
 @dataclass(frozen=True)
 class TileState:
-    """A tile's words: `dots` is the counter, `word` the one thing to know or do, `figures` its own figures.
-
-    `summed` is its trouble in a headline, with its name; `details` are the engine's own words on it. `lost`: what the
-    tile shows is its last image; `since` says since when, where that is known.
-    """
+    """A tile's words."""
 
     name: str
     level: Level = "none"
-    word: str = ""
-    dots: int | None = None
-    figures: str = ""
-    summed: str = ""
-    details: str = ""
-    since: str = ""
-    lost: bool = False
+    word: str = ""  # the one thing to know or do
+    dots: int | None = None  # the counter
+    figures: str = ""  # its own figures
+    summed: str = ""  # its trouble in a headline, with its name
+    details: str = ""  # the engine's own words
+    since: str = ""  # when it has sent no images
+    lost: bool = False  # what the tile shows is its last image
 
 
 @dataclass(frozen=True)

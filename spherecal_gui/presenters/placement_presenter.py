@@ -16,17 +16,13 @@ _NAMED = 4  # cameras in one sentence
 
 @dataclass(frozen=True)
 class Scene:
-    """What the cameras see now: dots by camera name, whether the scene is still (None: not known), lost cameras.
+    """What the cameras see now."""
 
-    `board`: they look at a board, which need not be in every camera's sight. `made_up`: what a camera lacks here, the
-    other placements have more than enough of.
-    """
-
-    counts: Mapping[str, int]
-    still: bool | None
+    counts: Mapping[str, int]  # dots by camera name
+    still: bool | None  # None: not known
     lost: tuple[str, ...] = ()
-    board: bool = False
-    made_up: bool = False
+    board: bool = False  # which need not be in every camera's sight
+    made_up: bool = False  # the other placements have enough of what a camera lacks here
 
     @property
     def ready(self) -> tuple[str, ...]:
@@ -140,10 +136,7 @@ def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple
 
 
 def need_text(need: str, cells: IntArray) -> str:
-    """What a camera needs, for its tile: more dots at all, or dots in a part of its image where there are few.
-
-    `cells` (10, 10).
-    """
+    """What a camera needs, for its tile: more dots, or dots where the `cells` (10, 10) of its image have few."""
     if need == "more":
         return translate("Placement", "needs more dots")
     thirds = {

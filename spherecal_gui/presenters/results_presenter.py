@@ -49,20 +49,16 @@ class CameraRow:
 
 @dataclass(frozen=True, eq=False)
 class CameraResiduals:
-    """Observed places (n, 2) px, residuals (n, 2) px and whether they were used (n,), of one camera.
-
-    `placements` are those at which it saw something; `placement` the one that is shown, None for all; `taken_at` (n,)
-    that of each dot.
-    """
+    """The residuals of one camera."""
 
     camera: str
     image_size: tuple[int, int]
-    uv: FloatArray
-    du_dv: FloatArray
-    used: BoolArray
-    placements: tuple[str, ...] = ()
-    placement: str | None = None
-    taken_at: tuple[str, ...] = ()
+    uv: FloatArray  # observed places (n, 2) px
+    du_dv: FloatArray  # residuals (n, 2) px
+    used: BoolArray  # (n,)
+    placements: tuple[str, ...] = ()  # at which it saw something
+    placement: str | None = None  # that is shown; None: all
+    taken_at: tuple[str, ...] = ()  # the placement of each dot (n,)
 
 
 @dataclass(frozen=True)
@@ -190,10 +186,7 @@ def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[Ca
 
 
 def culprit(result: "Result") -> tuple[str, str | None] | None:
-    """The camera that the worst finding names, with the placement it names; None where no finding accuses one.
-
-    The largest rms is often another's: a camera that was moved takes others with it.
-    """
+    """The camera (and placement) that the worst finding names; a camera that was moved takes others with it."""
     cameras, placements = set(result.camera_ids), set(result.residuals.placement)
     for severity in ("error", "warning"):
         for finding in result.rig.quality.findings:
@@ -236,10 +229,7 @@ def compared_text(compared: "Compared | None") -> tuple[str, Level]:
 
 
 def residuals_of(result: "Result", camera: str, placement: str | None = None) -> CameraResiduals | None:
-    """The residuals of a placed camera, of one placement or of all; None where it was not placed or saw nothing.
-
-    `placement` None, or one at which the camera saw nothing: all.
-    """
+    """The residuals of a placed camera, of all placements where this one has none; None where it has none at all."""
     placed = result.rig.camera(camera)
     rows = result.residuals.rows_of.get(camera)
     if placed is None or rows is None:

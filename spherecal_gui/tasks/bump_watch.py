@@ -49,11 +49,7 @@ class BumpWatch:
         self.bumped = {}
 
     def feed(self, camera: str, target: IntArray, point: IntArray, uv: FloatArray, at_s: float) -> None:
-        """One image's dots.
-
-        `target`, `point`: of each dot (n,): the target's number, and the point on it; `uv`: where the dots are (n, 2),
-        px.
-        """
+        """One image's dots: their targets (n,), points on them (n,), and places `uv` (n, 2) px."""
         keys = dot_keys(target, point)
         if self._settled_s is None:
             self._settled_s = at_s + _SETTLE_S

@@ -17,14 +17,11 @@ MOTIONS = "image_motions.csv"
 
 @dataclass(frozen=True, eq=False)
 class CameraEffect:
-    """One camera: size (rows, columns) px of its lens's field, None without one, and how far each image is turned.
-
-    `drift_px` (n,): of the placements, half-way between the axis and the corners.
-    """
+    """What one lens and mount do that no model has."""
 
     camera: str
-    field_px: FloatArray | None
-    drift_px: FloatArray
+    field_px: FloatArray | None  # size of its lens's field (rows, columns); None without one
+    drift_px: FloatArray  # its turn at each placement (n,), half-way between axis and corners
 
     @property
     def field_rms_px(self) -> float:

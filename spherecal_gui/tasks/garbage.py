@@ -1,8 +1,4 @@
-"""Python's cyclic garbage while the window runs: collected in the window's thread, never in a worker's.
-
-Python collects in whatever thread happens to make the object that is one too many. Where that is a worker's, what Qt
-owns is destroyed there, and the program may crash.
-"""
+"""Python's cyclic garbage: collected in the window's thread, as what Qt owns must not be destroyed in a worker's."""
 
 import gc
 import sys
@@ -59,7 +55,7 @@ class Collector(QObject):
         """
         generation = due(gc.get_count(), gc.get_threshold(), _working[0] > 0)
         if generation == 2 and len(sys.modules) > self._modules:
-            self._modules = len(sys.modules)
+            self._modules = len(sys.modules)  # most of what is there is of libraries and stays: set aside
             gc.collect(1)
             gc.freeze()
         elif generation is not None:

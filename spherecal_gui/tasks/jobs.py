@@ -175,10 +175,7 @@ def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
 
 
 def artefacts_of(plan: "CapturePlan") -> Artefacts | None:
-    """What the bench holds, with the bars by role; None where not even the targets are known.
-
-    Its words are kept and compared with the project, so they are of no language.
-    """
+    """The bench, in words of no language, as they are kept and compared; None where not even targets are known."""
     board = board_of(plan)
     if board is not None:
         own = {key: board[key] for key in ("rows", "columns", "pitch_mm", "marker_mm", "dictionary") if key in board}
@@ -290,10 +287,7 @@ def dots_of_images(images: Mapping[str, Path], plan: "CapturePlan", context: Con
 
 
 def kept_reference(profile: Path, result: Path) -> str | None:
-    """The camera whose frame was the world so far: of the calibration in use, else of the project's last result.
-
-    None where there is neither, or one cannot be read: then it is chosen as for the first one.
-    """
+    """The camera whose frame was the world so far: of the calibration in use, else of the project's; else None."""
     from spherecal_files.rig_file import read_rig
     from spherecal_rigs.store import is_profile, open_profile
 
@@ -314,10 +308,7 @@ def calibrate(
     reference: str | None = None,
     chosen: str = "",
 ) -> Verdict:
-    """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes.
-
-    `reference` None: it is chosen; `chosen`: the method, empty for the program's own.
-    """
+    """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import calibrate as run
     from spherecal.steps.repairs import Repairs
     from spherecal.steps.settings import CalibrationSettings, Method
@@ -353,10 +344,7 @@ class ObservedBars:
 
 
 def verify(folder: Path, result: Path, limit: str, context: Context, seen: ObservedBars | None = None) -> Verdict:
-    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`.
-
-    `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
-    """
+    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`; `seen` is kept."""
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
@@ -510,10 +498,7 @@ def _keep_frame(own: Path, kept: Path) -> None:
 
 
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:
-    """Write the rig in another program's format, in a user's frame where one is given.
-
-    `frame` None: the reference camera's.
-    """
+    """Write the rig in another program's format, in a user's frame, else in the reference camera's."""
     from spherecal_documents.export.write_export import export_rig
     from spherecal_files.rig_file import read_rig
     from spherecal_rigs.result_folder import refuse_failed
@@ -525,10 +510,7 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
 
 
 def calibration_plan(plan: "CapturePlan", sets: Sequence[str], bars: Mapping[str, str] | None = None) -> "CapturePlan":
-    """The plan of the calibration's session: these sets, in this order; `bars` None: there are none.
-
-    A guided pose has the temperature that the bench's description gives for its bar.
-    """
+    """These sets in this order; guided poses have the temperature that the bench's description gives for their bars."""
     from spherecal_cameras.plan import PlannedSet
 
     known = {one.id: one for one in plan.sets}

@@ -40,20 +40,15 @@ _STRIDE = 8
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What is known of a camera's newest examined image.
-
-    `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
-    pixels at full scale, `brightness` the mean over full scale, `histogram` (64,) counts grey values. `motion_px` says
-    how much the scene moved over the last images.
-    """
+    """What is known of a camera's newest examined image."""
 
     frame: Frame
     dots: Dots
-    blur_px: float | None
-    saturated: float
-    brightness: float
-    motion_px: float | None
-    histogram: IntArray
+    blur_px: float | None  # median standard deviation of the dots' edges; None without dots
+    saturated: float  # share of pixels at full scale
+    brightness: float  # mean over full scale
+    motion_px: float | None  # of the scene over the last images
+    histogram: IntArray  # (64,) counts of grey values
 
     @property
     def still(self) -> bool:
@@ -63,19 +58,16 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """What connecting gave: the open source, its cameras and what the bench holds.
-
-    `names` are the rig's cameras, which `cameras` has as session.json will; `rig` says why others are not among them.
-    """
+    """What connecting gave: the open source, its cameras and what the bench holds."""
 
     source: CameraSource
     discovery: Discovery
     reports: tuple[SetupReport, ...]
-    cameras: tuple[SessionCamera, ...]
+    cameras: tuple[SessionCamera, ...]  # as session.json will have them
     plan: CapturePlan
-    names: Mapping[str, str]
+    names: Mapping[str, str]  # of the rig's cameras
     profile: CameraProfile = field(default_factory=CameraProfile)
-    rig: RigCameras = field(default_factory=lambda: RigCameras((), {}))
+    rig: RigCameras = field(default_factory=lambda: RigCameras((), {}))  # says why others are not among them
     wire: tuple[WireCamera, ...] = ()
 
     @property
@@ -95,11 +87,7 @@ class Connection:
 
 
 class LiveView:
-    """Looks for targets in the newest images, camera after camera, and keeps the newest answer of each.
-
-    One thread detects the targets. Another one follows their dots into the images that arrive meanwhile: twelve
-    cameras of 3.2 MP take detection 0.2 to 0.7 s.
-    """
+    """One thread detects targets in the newest images, which takes 0.2 to 0.7 s; another follows the dots meanwhile."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection

@@ -23,10 +23,7 @@ _END_S = 10.0
 
 
 class LiveMeasurement:
-    """Measures with a rig through an open source until it is stopped; `history` (time, set) are the newest sets.
-
-    All that is read by the window is exchanged whole, so that no lock is needed.
-    """
+    """Measures through an open source until it is stopped; what the window reads is exchanged whole, without a lock."""
 
     def __init__(
         self, source: "CameraSource", names: dict[str, str], rig: "Rig", task: "Task", rate_hz: float = 10.0

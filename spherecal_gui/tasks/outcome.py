@@ -39,21 +39,16 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name.
-
-    `plan` (rigs.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
-    `places` (export.frame) are those that a user's frame may be defined by, `images` the last image of each camera,
-    small, (height, width) uint8. `effects` of lenses and mounts, () where none were estimated.
-    """
+    """A result with all that the window shows of it."""
 
     result: "Result"
     compared: Compared | None = None
-    links: tuple[tuple[str, str], ...] = ()
-    plan: "PosePlan | None" = None
-    planes: RigPlanes | None = None
-    places: "Mapping[str, Place]" = field(default_factory=dict)
-    images: "Mapping[str, NDArray[np.uint8]]" = field(default_factory=dict)
-    effects: tuple[CameraEffect, ...] = ()
+    links: tuple[tuple[str, str], ...] = ()  # steps of every camera's path to the reference, by name
+    plan: "PosePlan | None" = None  # where to lay the check bars
+    planes: RigPlanes | None = None  # from where that is shown
+    places: "Mapping[str, Place]" = field(default_factory=dict)  # that a user's frame may be defined by
+    images: "Mapping[str, NDArray[np.uint8]]" = field(default_factory=dict)  # the last of each camera, small
+    effects: tuple[CameraEffect, ...] = ()  # of lenses and mounts, () where none were estimated
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:

@@ -138,10 +138,7 @@ def observations_of(
 
 
 def printed_scale(target_set: TargetSet) -> Document | None:
-    """The scale as the targets were printed, good to a percent or so: enough to say what a length will be worth.
-
-    None where no two dots of all targets have the same distance.
-    """
+    """The scale as the targets were printed, good to a percent or so; None where no distance is that of all targets."""
     widest = target_set.widest()
     if widest is None:
         return None

@@ -28,10 +28,7 @@ def something_left() -> bool:
 
 
 class BackgroundTask(QThread):
-    """Runs `work(context)`; ends with exactly one of `succeeded`, `failed`, `cancelled`.
-
-    Progress is a mailbox of one: a fast stage must not fill the window's queue of events.
-    """
+    """Runs `work(context)`; ends with one of `succeeded`, `failed`, `cancelled`. Progress is a mailbox, not events."""
 
     succeeded = Signal(object)
     failed = Signal(object)
@@ -99,14 +96,11 @@ class BackgroundTask(QThread):
 
 
 class Runner(QObject):
-    """Runs one task at a time and tells how it ended, always in the window's thread.
-
-    `lasted` (name, seconds) of work that came to its end.
-    """
+    """Runs one task at a time and tells how it ended, always in the window's thread."""
 
     started = Signal(str)
     ended = Signal(str)
-    lasted = Signal(str, float)
+    lasted = Signal(str, float)  # name, seconds; of work that came to its end
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -159,10 +153,7 @@ class Runner(QObject):
         return self.task.wait(patience_ms)
 
     def abandon(self, patience_ms: int) -> None:
-        """Stop what runs; what does not stop in time runs on unheard, as while its kernels are still compiled.
-
-        Qt ends the whole program where the object of a running thread is destroyed.
-        """
+        """Stop what runs, or leave it behind unheard: Qt ends the program with the object of a running thread."""
         if self.close(patience_ms) or self.task is None:
             return
         task, self.task = self.task, None

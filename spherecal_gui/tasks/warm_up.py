@@ -24,11 +24,7 @@ class WarmUp:
         self._readings[serial] = (*(one for one in kept if at_s - one[0] <= _WINDOW_S), (at_s, celsius))
 
     def rate_k_per_min(self, serial: str) -> float | None:
-        """How fast the camera warms (or cools) for certain; None before a minute of readings.
-
-        The slope of a line through the readings, less three of its standard errors, as sensors jitter. One step of the
-        sensor is taken off as well: a coarse one's only step may have come at any moment.
-        """
+        """How fast the camera warms (or cools) for certain; None before a minute of readings."""
         kept = self._readings.get(serial, ())
         if not kept or kept[-1][0] - kept[0][0] < _LEAST_S:
             return None
@@ -38,6 +34,7 @@ class WarmUp:
         left = celsius - slope * at - offset
         error = float(np.sqrt((left**2).sum() / max(len(at) - 2, 1) / spread))
         step = min((change for change in np.abs(np.diff(celsius)).tolist() if change > 0), default=0.0)
+        # three standard errors, as sensors jitter, and one step: of a coarse one it may have come at any moment
         certain = max(abs(float(slope)) - 3 * error - step / float(at[-1]), 0.0)
         return certain if slope > 0 else -certain
 

@@ -38,10 +38,7 @@ MARKS = {"good": "✓", "caution": "!", "bad": "✕", "none": "·"}
 
 
 def plain(text: str) -> str:
-    """A text that Qt never takes for HTML, for tooltips and message boxes, which have no setting for that.
-
-    Names of cameras, bars and files come from outside; HTML in them would have the window read other files.
-    """
+    """A text that Qt never takes for HTML, not in tooltips either: names come from outside, HTML would read files."""
     if not _AS_HTML.search(text):
         return text
     return text.translate({ord("<"): "\u2039", ord(">"): "\u203a", ord("&"): "\uff06"})  # what looks like them
@@ -120,10 +117,7 @@ def spaced(layout: L, px: int, rows_px: int | None = None) -> L:
 
 
 def add(layout: B, *parts: Part | tuple[Part, int]) -> B:
-    """Put parts into a row or a column, one after the other, and give it back.
-
-    A pair has the part's stretch, a number is so many px of room, None is room that stretches.
-    """
+    """Add parts to a row or column: (part, its stretch), a number for px of room, None for room that stretches."""
     for one in parts:
         part, stretch = one if isinstance(one, tuple) else (one, 0)
         if part is None:
@@ -344,10 +338,7 @@ class Chip(QWidget):
 
 
 class Banner(QFrame):
-    """One sentence of what happened and one of what to do, in the colour of its kind; it can be closed.
-
-    It lies over its parent's lower edge: what is below keeps its place while somebody aims at a button.
-    """
+    """What happened and what to do, in the colour of its kind, over its parent's lower edge: all keeps its place."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

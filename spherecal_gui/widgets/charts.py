@@ -192,11 +192,7 @@ class PairMatrix(Chart):
 
 
 class ConvergenceChart(Chart):
-    """The cost of each iteration as a share of the first, logarithmic; every adjustment goes on where the last ended.
-
-    Drawn while the engine computes, when whatever Python does here takes five times as long. Two curves that stay and
-    are given new points stall the window a fifth as long as a plot made again.
-    """
+    """The cost of each iteration as a share of the first; two curves that stay, as a new plot stalls 5 times longer."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -30,10 +30,7 @@ def _drawn(name: str, size: int, colour: str) -> QPixmap:
 
 
 def svg_pixmap(text: str, size: QSize) -> QPixmap:
-    """A drawing given as SVG text, in this size; empty where Qt cannot read SVG.
-
-    `size`: width and height, px of the device.
-    """
+    """A drawing given as SVG text, in this size (px of the device); empty where Qt cannot read SVG."""
     data = QByteArray(text.encode())
     buffer = QBuffer(data)
     reader = QImageReader(buffer, QByteArray(b"svg"))

@@ -28,10 +28,7 @@ class NeedLabel(QLabel):
         self.hide()
 
     def show_need(self, need: NeedLine | None, level: str | None = None) -> None:
-        """Show it in the colour of its level, or nothing.
-
-        `need` None: nothing, and the label is hidden; `level` None: the label's own.
-        """
+        """Show it in the colour of a level, the label's own unless given; hidden without a need."""
         shown = level or self._level
         set_level(self, shown)
         self.setVisible(need is not None)

@@ -1,8 +1,4 @@
-"""The rig painted by Qt alone, from the same shapes as the rendered one and with the same names and legend.
-
-Stands in for pyvista where that is not installed, where OpenGL does not work, and until the first rendered picture is
-there. The libraries of pyvista are 275 MB, too much for the installer. 6000 dots, 12 cameras: some 15 ms a picture.
-"""
+"""The rig painted by Qt alone, where pyvista (275 MB) is lacking or its first picture is not there yet; some 15 ms."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -15,12 +15,9 @@ _LONGEST = 0.03  # of the image's width: the arrow of the 95th percentile
 
 
 class ResidualView(QWidget):
-    """Arrows from the observed places, in the direction of the residual, magnified; red those left out.
+    """Residuals as arrows from the observed places, magnified; red those left out."""
 
-    `image_chosen`: the placement in whose image a dot was clicked.
-    """
-
-    image_chosen = Signal(str)
+    image_chosen = Signal(str)  # the placement in whose image a dot was clicked
 
     def __init__(self) -> None:
         super().__init__()
@@ -31,10 +28,7 @@ class ResidualView(QWidget):
         self.setMouseTracking(True)
 
     def show_camera(self, residuals: CameraResiduals | None, image: QImage | None = None) -> None:
-        """Show a camera's residuals over its image of one placement, or over nothing.
-
-        `residuals` None: no camera; `image` None: there is none, or they are of all placements.
-        """
+        """Show a camera's residuals over its image of one placement; over nothing where they are of all."""
         self._shown, self._image = residuals, image
         self.setAccessibleName(
             "" if residuals is None else self.tr("Residuals of {name}").format(name=residuals.camera)

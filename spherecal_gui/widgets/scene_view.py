@@ -35,12 +35,9 @@ _TURN_KEY_DEG = 10.0
 
 
 class SceneView(QWidget):
-    """A rig that is turned by dragging, moved with the right button and enlarged by the wheel.
+    """A rig that is turned by dragging, moved with the right button and enlarged by the wheel."""
 
-    `camera_chosen` when a camera was double-clicked.
-    """
-
-    camera_chosen = Signal(str)
+    camera_chosen = Signal(str)  # it was double-clicked
 
     def __init__(self) -> None:
         super().__init__()
@@ -304,10 +301,7 @@ class SceneView(QWidget):
         """The rig itself."""
 
     def thumbnail(self, width: int, height: int) -> QImage:
-        """The rig without names and legend, for a picture too small to read them.
-
-        `width`, `height`: size of the picture, px.
-        """
+        """The rig without names and legend, for a picture (px) too small to read them."""
         image = QImage(width, height, QImage.Format.Format_RGB32)
         image.fill(QColor(theme.now().scene))
         if self.data is not None:

@@ -42,10 +42,7 @@ class _Headings(QHeaderView):
 
 
 class Table(QTableWidget):
-    """A table that is only read; numbers to the right.
-
-    `spare`: columns that are left out, in this order, where all of them are wider than the table.
-    """
+    """A table that is only read; `spare`: columns that are left out in this order where there is no room for all."""
 
     def __init__(
         self, headings: Sequence[str], sortable: bool = True, spare: Sequence[int] = (), parent: QWidget | None = None
@@ -67,10 +64,7 @@ class Table(QTableWidget):
         self._sortable = sortable
 
     def fill(self, rows: Sequence[Sequence[Cell | tuple[str, Cell, str]]], sort_by: int | None = None) -> None:
-        """Fill the table; the first cell names the row. A cell is a value, or its text, value and level.
-
-        `sort_by` None: by the first column, the smallest first.
-        """
+        """Fill the table; the first cell names the row. A cell is a value, or its text, value and level."""
         self.setSortingEnabled(False)
         self.setRowCount(len(rows))
         for i, row in enumerate(rows):

@@ -39,10 +39,7 @@ _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a te
 
 
 def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
-    """A grey image as Qt draws it, thinned out to about this width; the memory is its own.
-
-    `image`: grey values (height, width).
-    """
+    """A grey image (height, width) as Qt draws it, thinned out to about this width; the memory is its own."""
     step = max(1, image.shape[1] // max(width, 1))
     small = image[::step, ::step]
     if small.dtype != np.uint8:
@@ -133,10 +130,7 @@ class CameraTile(QWidget):
             self.update()
 
     def show_coverage(self, before: np.ndarray | None, now: np.ndarray | None, need: str = "") -> None:
-        """Lay the cells that are covered over the image.
-
-        `before`: dots in the cells (10, 10), of the placements taken; None: not shown.
-        """
+        """Lay the covered cells (10, 10) over the image, of the placements taken and of this one; None: not shown."""
         same = need == self.need and all(
             one is other or (one is not None and other is not None and np.array_equal(one, other))
             for one, other in ((before, self._covered[0]), (now, self._covered[1]))

@@ -39,10 +39,7 @@ class _Pages(QStackedWidget):
 
 
 class _PageArea(QScrollArea):
-    """A page larger than a small screen scrolls: else the window grows and its buttons leave the screen (800 px).
-
-    Not resized by Qt, which would scroll as soon as a page with wrapping text is smaller than it would like to be.
-    """
+    """Scrolls a page larger than a small screen, which the window would outgrow; Qt's own resizing scrolls too soon."""
 
     def __init__(self, pages: _Pages) -> None:
         super().__init__()

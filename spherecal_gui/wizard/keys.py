@@ -71,10 +71,7 @@ class Onward:
 
 
 class Keys(QObject):
-    """Hears the keys of one window before its widgets do.
-
-    `options`: the widgets whose buttons the space bar never presses, such as the header. `press` is the page's action.
-    """
+    """Hears the keys of one window before its widgets do; the space bar never presses buttons in `options`."""
 
     def __init__(self, window: QWidget, options: QWidget, press: Callable[[], None]) -> None:
         super().__init__(window)
@@ -83,10 +80,7 @@ class Keys(QObject):
         self._heard: QWindow | None = None
 
     def listen(self) -> None:
-        """Hear the keys of the window, which has to be shown by now.
-
-        At the platform's window, not at the application: there every event of every widget would pass through Python.
-        """
+        """Hear the keys at the shown window's platform window: at the application all events would pass Python."""
         handle = self._window.windowHandle()
         if handle is not None and handle is not self._heard:
             self._heard = handle

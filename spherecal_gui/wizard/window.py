@@ -491,10 +491,7 @@ class WizardWindow(WindowFrame):
         return box
 
     def save_bundle(self, trouble: str = "") -> Path | None:
-        """What somebody needs to help, without images, beside the projects; where it is.
-
-        `trouble`: what went wrong inside the program.
-        """
+        """What somebody needs to help, without images, with what went wrong; beside the projects; where it is."""
         from spherecal_gui.tasks.bundle_task import make_bundle  # loads the calibration
 
         output = self.projects / f"support-{datetime.now():%Y-%m-%d-%H%M%S}.zip"

@@ -383,7 +383,7 @@ def saving(p: Photographer) -> None:
     p.wait()
     window.show_start()
     p.take("start-with-projects")
-    window.header.limits.emit()
+    window.header.limits.trigger()
     p.take_dialog(window.findChild(LimitsDialog), "limits")
 
 

@@ -23,7 +23,7 @@ from spherecal_gui.tasks.garbage import Collector
 from spherecal_gui.tasks.task import something_left
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.wizard.window import WizardWindow
-from spherecal_gui.wizard.window_settings import WindowSettings
+from spherecal_gui.wizard.window_settings import window_settings
 
 log = logging.getLogger("spherecal.gui")
 
@@ -126,8 +126,7 @@ class Program(QObject):
         self.compiling = Compiling(self)
         self.compiling.progressed.connect(self._show_compiling)
         self._percent = 100
-        kept = WindowSettings()
-        languages.use(language or kept.text("language", languages.preferred()))
+        languages.use(language or str(window_settings().value("language", languages.preferred())))
         self.window = self._make()
 
     def _make(self) -> WizardWindow:
@@ -156,7 +155,7 @@ class Program(QObject):
         if language == languages.now() or not old.may_close():
             return
         project = old.controller.project
-        old.settings.set_text("language", language)
+        old.settings.setValue("language", language)
         old.controller.keeps_empty = True
         if not old.close():
             return

@@ -1,7 +1,7 @@
 """The languages of the window: Qt's translations of ours and of Qt's own words."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
@@ -58,6 +58,11 @@ def by_locale(text: str) -> str:
 def listed(names: Iterable[str]) -> str:
     """Names in a row within a sentence, parted as the language does it."""
     return ("、" if now() == "zh_CN" else ", ").join(names)  # as the catalogue of messages has it
+
+
+def some(names: Sequence[str], most: int) -> str:
+    """The first names in a row, and that there are more."""
+    return listed(names[:most]) + (" …" if len(names) > most else "")
 
 
 def unbroken(text: str) -> str:

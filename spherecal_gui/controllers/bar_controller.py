@@ -66,8 +66,7 @@ class BarController(ControllerPart):
 
     def bar(self, name: str) -> "Bar":
         """A bar on the bench."""
-        assert self.main.cameras.connection is not None
-        return next(one for one in self.main.cameras.connection.plan.bars if one.id == name)
+        return next(one for one in self.main.cameras.bars if one.id == name)
 
     def ghosts(self, pose: str) -> "dict[str, Drawn]":
         """The bar of a guided pose as each camera would see it where it should lie, and as it lies."""
@@ -96,26 +95,19 @@ class BarController(ControllerPart):
                 self.guide = bar_guide(outcome.planes, planned, ends, still)
                 self.seen.emit()
 
-        return self.looker.start(
-            "bar",
-            lambda _: lying_ends(rig, bar, target_set, dots),
-            looked,
-            lambda error: self.main.note(f"bar {planned.bar}: {error}"),
-        )
+        def failed(error: BaseException) -> None:
+            self.main.note(f"bar {planned.bar}: {error}")
+
+        return self.looker.start("bar", lambda _: lying_ends(rig, bar, target_set, dots), looked, failed)
 
     def celsius(self) -> float | None:
         """The bars' temperature: as it was read, else as the bench's description has it."""
-        if self.project is None or self.project.bar_celsius is not None:
+        connection = self.main.cameras.connection
+        if self.project is None or self.project.bar_celsius is not None or connection is None:
             return self.project.bar_celsius if self.project is not None else None
-        if self.main.cameras.connection is None:
-            return None
-        plan = self.main.cameras.connection.plan
+        plan = connection.plan
         bars = {bar.id for bar in plan.bars if bar.role == "check"}
         return next((one.temperature_c for one in plan.sets if one.bar in bars and one.temperature_c is not None), None)
-
-    def set_celsius(self, celsius: float | None) -> None:
-        """Poses taken from now on have this temperature."""
-        self.main.change(bar_celsius=celsius)
 
     def set_limit(self, limit: str) -> str:
         """Judge the errors by this limit (A+L/K, empty: none); what is wrong with it, empty where all is well."""

@@ -1,6 +1,6 @@
 """The cameras of the open project: connected, looked at, live, lost, moved."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -17,11 +17,12 @@ from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
+    from spherecal.data.session import Bar
     from spherecal_cameras.builtin_driver import BuiltinDriver, DriverTrouble
     from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
-    from spherecal_cameras.protocol import CameraStatus
+    from spherecal_cameras.protocol import CameraSource, CameraStatus
     from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.live_detection import Connection, LiveView
 
@@ -50,6 +51,21 @@ class CameraController(ControllerPart):
         self.wire: tuple[WireCamera, ...] = ()  # who answered on the network then
         self.builtin: BuiltinDriver | None = None  # as it was before that search
         self.facts: tuple[InterfaceFact, ...] = ()  # of this computer's network
+
+    @property
+    def names(self) -> "Mapping[str, str]":
+        """The names of the rig's cameras by serial; none without a connection."""
+        return self.connection.names if self.connection is not None else {}
+
+    @property
+    def source(self) -> "CameraSource | None":
+        """The open source; None without a connection."""
+        return self.connection.source if self.connection is not None else None
+
+    @property
+    def bars(self) -> "tuple[Bar, ...]":
+        """The bars on the bench; none without a connection."""
+        return tuple(self.connection.plan.bars) if self.connection is not None else ()
 
     def close(self) -> None:
         """Let go of the cameras."""
@@ -230,17 +246,15 @@ class CameraController(ControllerPart):
 
     def lost(self) -> tuple[str, ...]:
         """The names of cameras that send no images now, or none that is whole."""
-        if self.connection is None:
-            return ()
-        statuses, names = self.connection.source.statuses(), self.connection.names
-        return tuple(names[s] for s in names if s in statuses and not _delivers(statuses[s]))
+        statuses = self.source.statuses() if self.source is not None else {}
+        return tuple(
+            name for serial, name in self.names.items() if serial in statuses and not _delivers(statuses[serial])
+        )
 
     def moved(self) -> tuple[str, ...]:
         """The names of cameras that were moved, and that nobody has seen to yet."""
-        live = self.live
-        if live is None or self.connection is None:
-            return ()
-        return tuple(self.connection.names[serial] for serial in live.watch.bumped)
+        bumped = self.live.watch.bumped if self.live is not None else {}
+        return tuple(self.names[serial] for serial in bumped if serial in self.names)
 
     def accept_moved(self) -> None:
         """The cameras that were moved count as they stand now; what was taken before has to be taken again."""
@@ -254,13 +268,15 @@ class CameraController(ControllerPart):
 
     def apply_masks(self, project: Project) -> None:
         """Examine live images without what the project's masks cover."""
-        names = self.connection.names if self.connection is not None else {}
         if self.live is not None:
-            self.live.masks = {serial: masks_of(project, name) for serial, name in names.items()}
+            self.live.masks = {serial: masks_of(project, name) for serial, name in self.names.items()}
 
     def start_alone(self, step: str, work: Callable[[Context], _Found], done: Callable[[_Found], None]) -> bool:
         """Start work without live images, which need its cores; they end beside the window and go on after it."""
-        live = self.live
+        project, live = self.project, self.live
+        if project is None or self.runner.running:
+            return False
+        self.main.update(changes.without_failure(project, step))
 
         def run(context: Context) -> _Found:
             if live is not None:
@@ -290,18 +306,16 @@ class CameraController(ControllerPart):
     @property
     def staged(self) -> "Staged | None":
         """The simulated or recorded source, which shows what it is asked for; None for real cameras."""
-        if self.connection is None:
+        if self.source is None:
             return None
         from spherecal_cameras.in_process import Staged  # the window starts without the cameras' modules
 
-        source = self.connection.source
-        return source if isinstance(source, Staged) else None
+        return self.source if isinstance(self.source, Staged) else None
 
     @property
     def staged_poses(self) -> tuple[str, ...]:
         """What a simulated or recorded source can show; empty for real cameras."""
-        source = self.staged
-        return source.poses if source is not None else ()
+        return self.staged.poses if self.staged is not None else ()
 
 
 def keep_in_profile(serials: Iterable[str], **changes: object) -> None:

@@ -40,9 +40,8 @@ class CheckController(ControllerPart):
     def check(self) -> bool:
         """Compare what was taken with the calibration in use."""
         project, profile = self.project, self.main.profile_folder
-        if project is None or profile is None or self.runner.running:
+        if project is None or profile is None:
             return False
-        self.main.update(changes.without_failure(project, "check"))
 
         def work(context: Context) -> "Check":
             return jobs.check(project.folder, profile, project.folder / "check.json", context)
@@ -59,9 +58,8 @@ class CheckController(ControllerPart):
     def repair_cameras(self) -> bool:
         """Calibrate the cameras again that a check found moved, all others as they are."""
         project, profile, found = self.project, self.main.profile_folder, self.found
-        if project is None or profile is None or found is None or not found.to_repair or self.runner.running:
+        if project is None or profile is None or found is None or not found.to_repair:
             return False
-        self.main.update(changes.without_failure(project, "check"))
 
         def work(context: Context) -> "tuple[changes.Verdict, Check]":
             return jobs.repair(project.folder, profile, found.to_repair, project.repair_folder, context)

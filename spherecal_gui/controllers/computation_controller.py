@@ -46,8 +46,7 @@ class ComputationController(ControllerPart):
 
     def _reading(self, project: Project) -> Callable[[Context], Outcome]:
         """Read the project's result, and compare it with the calibration in use."""
-        profile, connection = profile_of(project), self.main.cameras.connection
-        bars = connection.plan.bars if connection is not None else ()
+        profile, bars = profile_of(project), self.main.cameras.bars
         return lambda context: read_outcome(project.result_folder, project.folder, profile, bars, context)
 
     def _result_read(self, outcome: Outcome) -> None:
@@ -60,13 +59,10 @@ class ComputationController(ControllerPart):
         project = self.project
         if project is None or self.runner.running:
             return False
-        self.main.update(changes.without_failure(project, "calibrate"))
-        read = self._reading(project)
-        reference = self.kept_reference()
+        read, reference = self._reading(project), self.kept_reference()
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            folders = project.folder, project.result_folder
-            return jobs.calibrate(*folders, project.repairs_now, context, reference, project.method), read(context)
+            return jobs.calibrate(project, context, reference), read(context)
 
         from spherecal_gui.presenters.calibrate_presenter import CourseOfWork  # needs numpy
 
@@ -143,15 +139,12 @@ class ComputationController(ControllerPart):
     def verify(self) -> bool:
         """Measure the check bars in the poses taken."""
         project = self.project
-        if project is None or self.runner.running:
+        if project is None:
             return False
-        self.main.update(changes.without_failure(project, "verify"))
         read = self._reading(project)
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            verdict = jobs.verify(
-                project.verification_folder, project.result_folder, project.limit, context, self.seen_bars
-            )
+            verdict = jobs.verify(project, context, self.seen_bars)
             jobs.keep_if_in_use(profile_of(project), project.result_folder, verdict)
             return verdict, read(context)
 

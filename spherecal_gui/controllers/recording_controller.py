@@ -74,15 +74,11 @@ class RecordingController(ControllerPart):
 
     def _open_folders(self) -> None:
         """Make or take up the two session folders: of the calibration, and of the check bars."""
-        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
-
         project, connection = self.project, self.main.cameras.connection
         if project is None or connection is None:
             return
         try:
-            plan = jobs.calibration_plan(connection.plan, project.sets)
-            cameras = _masked_cameras(project, connection)
-            self.session = RecordedSession(project.folder, plan, cameras, connection.source)
+            self.session = _session_of(project, connection)
             self.session.start()
             if project.check_poses:
                 self._open_checks(project, connection)
@@ -96,20 +92,13 @@ class RecordingController(ControllerPart):
 
     def outline(self) -> Document:
         """What session.json says, or would say, of cameras and bench."""
-        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
-
         project, connection = self.project, self.main.cameras.connection
         assert project is not None and connection is not None
-        plan, cameras = jobs.calibration_plan(connection.plan, project.sets), _masked_cameras(project, connection)
-        return (self.session or RecordedSession(project.folder, plan, cameras, connection.source)).document()
+        return (self.session or _session_of(project, connection)).document()
 
     def _open_checks(self, project: Project, connection: "Connection") -> None:
         """Make or take up the session folder of the check bars."""
-        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
-
-        plan = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
-        cameras = _masked_cameras(project, connection)
-        self.check_session = RecordedSession(project.verification_folder, plan, cameras, connection.source)
+        self.check_session = _session_of(project, connection, of_checks=True)
         self.check_session.start()
 
     def plan_checks(self, project: Project) -> None:
@@ -194,9 +183,8 @@ class RecordingController(ControllerPart):
 
     def mask(self, serial: str, rectangle: Rectangle) -> None:
         """Nothing in this part of a camera's image is a target from now on, in what was taken as well."""
-        connection = self.main.cameras.connection
-        if self.project is not None and connection is not None:
-            self._with_masks(changes.with_mask(self.project, connection.names[serial], rectangle))
+        if self.project is not None and serial in self.main.cameras.names:
+            self._with_masks(changes.with_mask(self.project, self.main.cameras.names[serial], rectangle))
 
     def look_for_spots(self, set_id: str, small: "Mapping[str, NDArray[np.uint8]]") -> None:
         """A set was taken, with these images by camera: propose masks over what stays where the ball was moved."""
@@ -259,6 +247,17 @@ def _larger(spot: Rectangle) -> Rectangle:
 
 def _meet(a: Rectangle, b: Rectangle) -> bool:
     return all(abs(2 * (a[k] - b[k]) + a[k + 2] - b[k + 2]) <= a[k + 2] + b[k + 2] for k in (0, 1))
+
+
+def _session_of(project: Project, connection: "Connection", of_checks: bool = False) -> "RecordedSession":
+    """The session folder of the calibration, or of the check bars; nothing is on disk yet."""
+    from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
+
+    folder, sets, bars = project.folder, project.sets, {}
+    if of_checks:
+        folder, sets, bars = project.verification_folder, project.check_poses, dict(project.pose_bars)
+    plan = jobs.calibration_plan(connection.plan, sets, bars)
+    return RecordedSession(folder, plan, _masked_cameras(project, connection), connection.source)
 
 
 def _masked_cameras(project: Project, connection: "Connection") -> "tuple[SessionCamera, ...]":

@@ -29,8 +29,7 @@ class StagingController(ControllerPart):
 
     def show_pose(self, pose: str) -> None:
         """Show a pose; a guided one is laid as the plan asks."""
-        planned, connection, result = self.main.bars.planned_pose(pose), self.main.cameras.connection, self.main.result
-        source = connection.source if connection is not None else None
+        planned, source, result = self.main.bars.planned_pose(pose), self.main.cameras.source, self.main.result
         if planned is None or result is None or not isinstance(source, Movable):
             self._show_own(pose)
             return
@@ -55,16 +54,14 @@ class StagingController(ControllerPart):
     @property
     def can_put_there(self) -> bool:
         """Whether a simulated rig can have its ball where the ghost is."""
-        connection, guidance = self.main.cameras.connection, self.main.advice.guidance
-        source = connection.source if connection is not None else None
-        return guidance is not None and guidance.ghost is not None and isinstance(source, Movable)
+        guidance = self.main.advice.guidance
+        return guidance is not None and guidance.ghost is not None and isinstance(self.main.cameras.source, Movable)
 
     def put_there(self) -> None:
         """Have a simulated rig move its ball to the ghost, as somebody would do by hand."""
         from spherecal_gui.tasks.ghost import stage_ball  # needs scipy
 
-        connection, guidance = self.main.cameras.connection, self.main.advice.guidance
-        source = connection.source if connection is not None else None
+        source, guidance = self.main.cameras.source, self.main.advice.guidance
         ghost = guidance.ghost if guidance is not None else None
         if isinstance(source, Movable) and ghost is not None and self.main.cameras.live is not None:
             stage_ball(source.stage, ghost, self.main.advice.lying)

@@ -104,8 +104,7 @@ class TuningController(ControllerPart):
 
     def of_all(self) -> "list[CameraSettings]":
         """What the cameras were set to."""
-        names = self.main.cameras.connection.names if self.main.cameras.connection is not None else {}
-        return [self.settings_of(serial) for serial in names]
+        return [self.settings_of(serial) for serial in self.main.cameras.names]
 
     def expose_all(self) -> bool:
         """Find for each camera the longest exposure by which its dots are not saturated; kept in the camera profile."""
@@ -173,11 +172,11 @@ class TuningController(ControllerPart):
 
     def can_blink(self) -> bool:
         """Whether the cameras may have a light of their own that can be switched."""
-        return self.main.cameras.connection is not None and isinstance(self.main.cameras.connection.source, Indicating)
+        return isinstance(self.main.cameras.source, Indicating)
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
         """Let a camera's own light blink for some seconds."""
-        source = self.main.cameras.connection.source if self.main.cameras.connection is not None else None
+        source = self.main.cameras.source
         if not isinstance(source, Indicating):
             answered(False)
             return

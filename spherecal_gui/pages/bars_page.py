@@ -88,7 +88,6 @@ class ScalePage(LivePage):
         none = self.tr("No pose is captured yet.")
         enable(self.again, idle and bool(taken) and self.controller.cameras.connection is not None, none)
         self.tick()
-        self.action_changed.emit()
 
     def _show_poses(self) -> None:
         clear(self.poses)

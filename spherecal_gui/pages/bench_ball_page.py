@@ -1,6 +1,5 @@
 """The ball, its targets and the check of their print; placements and limits of the bench."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,8 +11,6 @@ from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.presenters.bench_presenter import Problems, print_text
 from spherecal_gui.widgets.basic import Downwards, add, button, label, named, say, spaced
 from spherecal_gui.widgets.fields import TextField
-
-_BALL = ("name", "diameter", "first", "last", "width", "measured")
 
 
 class BallTab(QWidget):
@@ -36,50 +33,39 @@ class BallTab(QWidget):
             "width": TextField("ball-width", self.tr("Width of a sticker (mm)"), "28"),
             "measured": TextField("ball-measured", self.tr("Measured on a sticker (mm)")),
         }
-        for key, row, at, span in (
-            ("name", 0, 0, 2),
-            ("diameter", 0, 2, 1),
-            ("first", 1, 0, 1),
-            ("last", 1, 1, 1),
-            ("width", 1, 2, 1),
-        ):
-            grid.addWidget(self.fields[key], row, at, 1, span)
-        for at in range(3):
+        grid.addWidget(self.fields["name"], 0, 0, 1, 2)
+        grid.addWidget(self.fields["diameter"], 0, 2)
+        for at, key in enumerate(("first", "last", "width")):
+            grid.addWidget(self.fields[key], 1, at)
             grid.setColumnStretch(at, 1)
         self.print_said = label("")
-        line = QHBoxLayout()
-        line.addWidget(self.fields["measured"], 1)
-        line.addStretch(2)
+        line = add(QHBoxLayout(), (self.fields["measured"], 1), None, None)
         title = label(self.tr("Printed scale"), "big", wrap=False)
         message = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
-        column = add(spaced(QVBoxLayout(inner), 12), self._library(), grid, self._own(), title, self.print_said, line)
+        self.library = named(QComboBox(), "ball-library", self.tr("Ball of the library"))
+        self.library.activated.connect(self._chosen)
+        which = add(QHBoxLayout(), label(self.tr("Which ball?"), "big", wrap=False), (self.library, 1), None)
+        column = add(spaced(QVBoxLayout(inner), 12), which, grid, self._own(), title, self.print_said, line)
         add(column, label(message, "soft"), None)
         for key, one in self.fields.items():
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))
         QVBoxLayout(self).addWidget(Downwards(inner))
 
-    def _library(self) -> QHBoxLayout:
-        self.library = named(QComboBox(), "ball-library", self.tr("Ball of the library"))
-        self.library.activated.connect(self._chosen)
-        return add(QHBoxLayout(), label(self.tr("Which ball?"), "big", wrap=False), (self.library, 1), None)
-
     def _own(self) -> QHBoxLayout:
         """Targets that are not simply numbered."""
         self.own = label("", "soft")
         self.from_file = button(self.tr("Targets from a file"), "targets-file", act=self._choose_targets)
-        self.by_number = button(self.tr("By number and width"), "targets-number")
-        self.by_number.clicked.connect(lambda: self._act(self.desk.own_targets))
+        self.by_number = button(self.tr("By number and width"), "targets-number", act=self._number_targets)
         return add(QHBoxLayout(), self.from_file, self.by_number, (self.own, 1))
 
-    def _act(self, act: Callable[[], None]) -> None:
-        act()
+    def _number_targets(self) -> None:
+        self.desk.own_targets()
         self.touched.emit()
 
     def _chosen(self) -> None:
         """Another ball of the library; the one that was typed is one step back."""
-        name = self.library.currentData()
-        if name is not None:
-            self._act(lambda: self.desk.take_ball(str(name)))
+        self.desk.take_ball(str(self.library.currentData()))
+        self.touched.emit()
 
     def _choose_targets(self) -> None:
         path, _ = QFileDialog.getOpenFileName(self, self.tr("Target set"), "", "targets.json (*.json)")
@@ -101,23 +87,20 @@ class BallTab(QWidget):
     def show_draft(self, problems: Problems) -> None:
         """What the draft has, and what is wrong with it."""
         ball = self.desk.draft.ball
-        for key in _BALL:
-            self.fields[key].show_text(getattr(ball, key))
-            self.fields[key].show_problem(problems.get(f"ball.{key}", ""))
+        for key, one in self.fields.items():
+            one.show_text(getattr(ball, key))
+            one.show_problem(problems.get(f"ball.{key}", ""))
         for key in ("first", "last", "width"):
             self.fields[key].line.setEnabled(ball.own is None)
         say(self.own, ball.own_file, hides=False)
         self.by_number.setVisible(ball.own is not None)
         say(self.print_said, *print_text(ball), hides=False)
-        self._list()
-
-    def _list(self) -> None:
         wanted = [self.tr("a new ball"), *self.desk.balls]
         if wanted != [self.library.itemText(i) for i in range(self.library.count())]:
             self.library.clear()
             for number, name in enumerate(wanted):
                 self.library.addItem(name, "" if number == 0 else name)
-        known = self.desk.ball_known()
+        known = self.desk.balls.get(self.desk.draft.ball.name.strip())
         self.library.setCurrentIndex(0 if known is None else max(self.library.findData(known.name), 0))
 
 
@@ -130,7 +113,6 @@ class RigTab(QWidget):
     def __init__(self, desk: BenchDesk) -> None:
         super().__init__()
         self.desk = desk
-        row = QHBoxLayout()
         self.fields = {
             "placements": TextField("placements", self.tr("Placements of the ball"), "4"),
             "celsius": TextField("bars-celsius", self.tr("Bars' temperature (°C)"), "20.0"),
@@ -138,8 +120,7 @@ class RigTab(QWidget):
         self.fields["celsius"].line.setToolTip(self.tr("Read it on the day, on the bar itself; empty: not read."))
         for key, one in self.fields.items():
             one.edited.connect(lambda _, text, key=key: self._edited(key, text))
-            row.addWidget(one, 1)
-        row.addStretch(1)
+        row = add(QHBoxLayout(), *((one, 1) for one in self.fields.values()), None)
         self.limit = label("")
         self.open_limits = button(self.tr("Open the limits"), "open-limits", act=self.limits_wanted)
         line = add(QHBoxLayout(), self.open_limits, None)

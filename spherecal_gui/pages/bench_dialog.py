@@ -28,12 +28,10 @@ class BenchDialog(QDialog):
         self.message, self.summary = label("", hidden=True), label("")
         self.tabs = QTabWidget()
         self.ball, self.bars, self.rig = BallTab(desk), BarsTab(desk), RigTab(desk)
-        for tab, name in (
-            (self.ball, self.tr("Ball")),
-            (self.bars, self.tr("Bars")),
-            (self.rig, self.tr("Placements and limits")),
-        ):
-            self.tabs.addTab(tab, name)
+        self.tabs.addTab(self.ball, self.tr("Ball"))
+        self.tabs.addTab(self.bars, self.tr("Bars"))
+        self.tabs.addTab(self.rig, self.tr("Placements and limits"))
+        for tab in (self.ball, self.bars, self.rig):
             tab.touched.connect(self.show_draft)
         self.bars.said.connect(self._tell)
         self.rig.limits_wanted.connect(self.limits_wanted)
@@ -100,8 +98,8 @@ class BenchDialog(QDialog):
         for tab in (self.ball, self.bars, self.rig):
             tab.show_draft(problems)
         self._watch()  # rows of lengths are made as they are needed
-        enable(self.undo, desk.can_undo, self.tr("Nothing was changed."))
-        enable(self.redo, desk.can_redo, self.tr("Nothing was undone."))
+        enable(self.undo, bool(desk.past), self.tr("Nothing was changed."))
+        enable(self.redo, bool(desk.future), self.tr("Nothing was undone."))
         for at, parts in enumerate((("ball.",), ("bar.",), ("placements", "celsius"))):
             wrong = any(key.startswith(parts) for key in problems)
             self.tabs.setTabText(at, f"{self.tabs.tabText(at).removesuffix(' ✕')}{' ✕' if wrong else ''}")

@@ -39,8 +39,11 @@ class BoardDialog(QDialog):
         if not images:
             column.addWidget(label(message, "soft"))
         self.kind = QComboBox()
-        for kind, text in self._kinds().items():
-            self.kind.addItem(text, kind)
+        self.kind.addItem("ChArUco", "charuco")
+        self.kind.addItem("AprilGrid", "aprilgrid")
+        self.kind.addItem(self.tr("Chessboard"), "chessboard")
+        self.kind.addItem(self.tr("Circles"), "circles")
+        self.kind.addItem(self.tr("Circles, asymmetric"), "asymmetric-circles")
         self.rows, self.columns = (number_field("", "", (2, 1000), "", digits=0) for _ in range(2))
         self.pitch, self.marker = (number_field("", "", (0.1, 10_000.0), "mm", digits=3) for _ in range(2))
         for one, value in ((self.rows, 6), (self.columns, 9), (self.pitch, 30.0), (self.marker, 22.0)):
@@ -72,15 +75,6 @@ class BoardDialog(QDialog):
             spin.valueChanged.connect(self._check)
         self.dictionary.textChanged.connect(self._check)
         self._kind_changed()
-
-    def _kinds(self) -> dict[str, str]:
-        return {
-            "charuco": "ChArUco",
-            "aprilgrid": "AprilGrid",
-            "chessboard": self.tr("Chessboard"),
-            "circles": self.tr("Circles"),
-            "asymmetric-circles": self.tr("Circles, asymmetric"),
-        }
 
     @property
     def _needed(self) -> dict[str, object]:

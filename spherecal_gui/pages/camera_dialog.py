@@ -69,13 +69,10 @@ class CameraDialog(QDialog):
 
     def _trigger_field(self, chosen: str) -> QComboBox:
         self.trigger = named(QComboBox(), "camera-trigger", self.tr("Trigger of all cameras"))
-        for mode, text in (
-            ("software", self.tr("Software, one after the other")),
-            ("scheduled", self.tr("Common clock (IEEE 1588), all at once")),
-            ("hardware", self.tr("Trigger box, all at once")),
-            ("free", self.tr("None: free running")),
-        ):
-            self.trigger.addItem(text, mode)
+        self.trigger.addItem(self.tr("Software, one after the other"), "software")
+        self.trigger.addItem(self.tr("Common clock (IEEE 1588), all at once"), "scheduled")
+        self.trigger.addItem(self.tr("Trigger box, all at once"), "hardware")
+        self.trigger.addItem(self.tr("None: free running"), "free")
         self.trigger.setCurrentIndex(self.trigger.findData(chosen))
         enable(self.trigger, not self.controller.tuning.why_no_trigger(), self.controller.tuning.why_no_trigger())
         self.trigger.activated.connect(lambda _: self.controller.tuning.set_all(trigger=self.trigger.currentData()))

@@ -17,6 +17,7 @@ from spherecal_gui.presenters.check_presenter import (
     repaired_text,
     repaired_verdict,
 )
+from spherecal_gui.presenters.results_presenter import VerdictText
 from spherecal_gui.presenters.step_states import CheckFacts, check_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import check_scene, rig_scene
@@ -74,7 +75,10 @@ class CheckPage(Page):
     @property
     def _in_use(self) -> bool:
         """Whether the repair is in use."""
-        return self.state is not None and self.state.status is Status.DONE
+        return self.open_state.status is Status.DONE
+
+    def _verdict(self, found: Check | CheckSummary) -> VerdictText:
+        return check_verdict(found) if self._after is None else repaired_verdict(self._after, self._in_use)
 
     def _show_mending(self, there: bool) -> None:
         found, after, in_use = self.controller.checks.found, self._after, self._in_use
@@ -97,31 +101,26 @@ class CheckPage(Page):
 
     def show_project(self) -> None:
         """Show what was found."""
-        found, state = self.controller.checks.found, self.state
-        there = found is not None and state is not None and state.status is not Status.STALE
+        found, state = self.controller.checks.found, self.open_state
+        there = found is not None and state.status is not Status.STALE
         self.table.setVisible(there)
         self.notes.setVisible(there)
         if not there:
             self._draw(None)
         self.sentence.setText("")
         checked = self.open_project.checked
-        self.calibrate.setVisible(
-            checked is not None and checked.verdict != "ok" and not self.controller.runner.running
-        )
+        ill = checked is not None and checked.verdict != "ok"
+        self.calibrate.setVisible(ill and not self.controller.runner.running)
         self._show_mending(there)
-        self.show_standing()
         self.again.setVisible("check-again" in self.said().also)
         if there and found is not None:
-            after = self._after
-            verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
-            self.sentence.setText(verdict.sentence)
+            self.sentence.setText(self._verdict(found).sentence)
             self._fill()
-        elif checked is not None and state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
+        elif checked is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
             self.sentence.setText(self.tr("Check again to see the numbers."))
-        elif state is not None and self.controller.runner.running != "check":
+        elif self.controller.runner.running != "check":
             self.sentence.setText(reason_text(state.reason))
         self.sentence.setVisible(bool(self.sentence.text()))  # else the headline has half of the page
-        self.action_changed.emit()
 
     def _fill(self) -> None:
         found = self.controller.checks.after or self.controller.checks.found
@@ -146,14 +145,11 @@ class CheckPage(Page):
 
     def says(self) -> Said:
         """Check; once the rig is known to be well, finish."""
-        project, state, running = self.open_project, self.state, self.controller.runner.running or ""
-        if state is None:
-            return Said("none", "")
+        project, state, running = self.open_project, self.open_state, self.controller.runner.running or ""
         found, checked = self.controller.checks.found, project.checked
         shown: tuple[str, Level] | None = None
         if state.status is not Status.STALE and found is not None:
-            after = self._after
-            verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
+            verdict = self._verdict(found)
             shown = verdict.word, verdict.level
         elif checked is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
             levels: dict[str, Level] = {"ok": "good", "watch": "caution"}

@@ -271,7 +271,6 @@ class ConnectPage(Page):
         wanted = self.tr("A session.json, or the folder of an earlier session.")
         too_late = self.tr("Placements are captured already: begin a new calibration for another bench.")
         self.choose.setToolTip(too_late if project.taken else wanted)
-        self.action_changed.emit()
 
     def _lines(self) -> list[CameraLine]:
         expected = self.project.cameras if self.project is not None else ()
@@ -310,9 +309,7 @@ class ConnectPage(Page):
 
     def pictures(self) -> tuple[Thumbnail, ...]:
         """The images of the rig's cameras, in the order of the list."""
-        connection = self.controller.cameras.connection
-        names = connection.names if connection is not None else {}
-        return tuple(row.picture for serial, row in self._rows.items() if serial in names)
+        return tuple(row.picture for serial, row in self._rows.items() if serial in self.controller.cameras.names)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """With large text a small screen has no room for pictures."""

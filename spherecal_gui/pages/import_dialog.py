@@ -54,20 +54,14 @@ class ImportDialog(QDialog):
 
     def _rows(self, found: ImageLayout) -> list[tuple[str, str]]:
         """What was recognised."""
-
-        def shown(names: list[str]) -> str:
-            return languages.listed(names[:_NAMED]) + (" …" if len(names) > _NAMED else "")
-
-        rows = [
-            (self.tr("Folder"), str(self._images)),
-            (self.tr("Read as"), found.pattern),
-            (self.tr("Cameras: {count}").format(count=len(found.files)), shown(list(found.files))),
-            (self.tr("Placements: {count}").format(count=len(found.placements)), shown(list(found.placements))),
+        lists = [
+            (self.tr("Cameras: {count}"), list(found.files)),
+            (self.tr("Placements: {count}"), list(found.placements)),
         ]
         if found.left_out:
-            left = self.tr("Left out: {count}").format(count=len(found.left_out))
-            rows.append((left, shown([str(one) for one in found.left_out])))
-        return rows
+            lists.append((self.tr("Left out: {count}"), [str(one) for one in found.left_out]))
+        rows = [(self.tr("Folder"), str(self._images)), (self.tr("Read as"), found.pattern)]
+        return rows + [(text.format(count=len(names)), languages.some(names, _NAMED)) for text, names in lists]
 
     def _choose_board(self) -> None:
         if not self.shows_board.isChecked():

@@ -50,8 +50,7 @@ class LivePage(Page):
 
     def show_cameras(self) -> None:
         """One tile for every camera that is open."""
-        connection = self.controller.cameras.connection
-        self.wall.set_cameras(dict(connection.names) if connection is not None else {})
+        self.wall.set_cameras(dict(self.controller.cameras.names))
         text = translate(
             "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
         )

@@ -69,7 +69,7 @@ class LookPage(LivePage):
         self.draw.toggled.connect(self._masking)
         self.undo = button(self.tr("Undo the last mask"), "undo-mask", act=self.controller.recording.undo_mask)
         self.clear = button(self.tr("Clear all masks"), "clear-masks", act=self.controller.recording.clear_masks)
-        self.fixed = button(self.tr("Fixed again"), "fixed-again", act=self._fixed)
+        self.fixed = button(self.tr("Fixed again"), "fixed-again", act=self.controller.cameras.accept_moved)
         self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
         self.fixed.hide()
         self.worst = button(self.tr("Worst first"), "worst-first")
@@ -77,11 +77,6 @@ class LookPage(LivePage):
         self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
         return self.fixed, self.worst, self.draw, self.undo, self.clear
-
-    def _fixed(self) -> None:
-        """Somebody has seen to the cameras that were moved."""
-        self.controller.cameras.accept_moved()
-        self.tick()
 
     def _masking(self, on: bool) -> None:
         self.wall.set_masking(on)
@@ -124,20 +119,18 @@ class LookPage(LivePage):
         if poses:
             self.controller.staging.show_pose(poses[0])
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """Show the cameras that are open."""
         self.show_cameras()
         self._show_masks()
         self.tick()
-        self.action_changed.emit()
 
     def tick(self) -> None:
         """Follow the cameras."""
         self._states = self.follow()
         self.space.follow(self.sights(), *self.tiles_now())
-        live, connection = self.controller.cameras.live, self.controller.cameras.connection
+        live, names = self.controller.cameras.live, self.controller.cameras.names
         rates = live.warm_up.unsteady() if live is not None else {}
-        names = connection.names if connection is not None else {}
         text = warm_up_text({names[serial]: rate for serial, rate in rates.items() if serial in names})
         say(self.warm_up, text, "caution")
         self.show_standing()

@@ -115,9 +115,7 @@ class MeasurePage(Page):
             return
         if self.controller.cameras.live is not None:
             self.controller.cameras.live.stop()  # its detection would take the time that measuring needs
-        by_hardware = all(
-            self.controller.tuning.settings_of(serial).trigger == "hardware" for serial in connection.names
-        )
+        by_hardware = all(one.trigger == "hardware" for one in self.controller.tuning.of_all())
         task = Task(
             connection.plan.target_set,
             bars=tuple(connection.plan.bars),
@@ -135,11 +133,10 @@ class MeasurePage(Page):
             except SpherecalError as error:
                 self.controller.tell("bad", *error_text(error))
 
-    def refresh(self) -> None:
-        """The large button may have changed; cameras may have come or gone."""
-        if self._run is not None and self.controller.cameras.connection is None:
+    def show_project(self) -> None:
+        """Cameras may have gone."""
+        if self.controller.cameras.connection is None:
             self._end()
-        self.action_changed.emit()
 
     def tick(self) -> None:
         """Show the newest set."""

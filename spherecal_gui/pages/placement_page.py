@@ -165,7 +165,6 @@ class PlacementPage(LivePage):
         self._show_guidance()
         self._drawn = None
         self.tick()
-        self.action_changed.emit()
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -429,10 +428,8 @@ class PlacementPage(LivePage):
 
     def _show_camera(self, name: str) -> None:
         """One camera's picture, large; without a name those of all."""
-        connection = self.controller.cameras.connection
-        if connection is None:
-            return
-        self.wall.show_alone(next((serial for serial, one in connection.names.items() if one == name), None))
+        names = self.controller.cameras.names
+        self.wall.show_alone(next((serial for serial, one in names.items() if one == name), None))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 

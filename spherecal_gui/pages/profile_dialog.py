@@ -42,9 +42,10 @@ class ProfileDialog(QDialog):
         self.table = Table(headings, sortable=False)
         self.table.itemSelectionChanged.connect(self._selected)
         self.message, self.why_not = label(""), label("", level="caution")
-        self.compare = button(self.tr("Compare with the one in use"), "compare-profile", act=self._compare)
+        self.compare = button(self.tr("Compare with the one in use"), "compare-profile")
+        self.compare.clicked.connect(lambda: self._try(self._show_change))
         self.use = once(button(self.tr("Put this one to use"), "use-profile"))
-        self.use.clicked.connect(self._use)
+        self.use.clicked.connect(lambda: self._try(self._apply))
         close = button(self.tr("Close"), "close", act=self.accept)
         column = add(QVBoxLayout(self), add(QHBoxLayout(), self.picture, (words, 1)), (self.table, 1))
         add(column, self.message, self.why_not, add(QHBoxLayout(), self.compare, self.use, None, close))
@@ -95,22 +96,16 @@ class ProfileDialog(QDialog):
         except SpherecalError as error:
             say(self.message, error_line(error), "bad", hides=False)
 
-    def _compare(self) -> None:
-        self._try(lambda: self._show_change(str(self.chosen)))
-
-    def _show_change(self, number: str) -> None:
-        kept = open_profile(self._folder)
+    def _show_change(self) -> None:
+        kept, number = open_profile(self._folder), str(self.chosen)
         before = kept.rig(number)
         volume = entry_volume(kept.entry(number)) or seen_volume(before)
         _, metric = compare(before, kept.rig(), volume)
         made = f"{kept.entry(number).calibrated_at.astimezone():%Y-%m-%d %H:%M}"
         say(self.message, *compared_text(Compared(number, made, metric)), hides=False)
 
-    def _use(self) -> None:
-        self._try(lambda: self._apply(str(self.chosen)))
-
-    def _apply(self, number: str) -> None:
-        kept = open_profile(self._folder)
+    def _apply(self) -> None:
+        kept, number = open_profile(self._folder), str(self.chosen)
         care, note, asked = kept.entry(number).care, "", ""
         if care:
             asked = "\n".join([care, self.tr("It is to be used with care. Why may it be put to use?")])

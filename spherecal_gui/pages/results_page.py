@@ -22,7 +22,6 @@ from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Said
-from spherecal_gui.tasks.camera_effects import CameraEffect
 from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.effects_view import EffectsView
@@ -97,21 +96,18 @@ class ResultsPage(Page):
         # below each other: beside each other they are too wide for large text in German
         return add(QVBoxLayout(), self.image, add(QHBoxLayout(), self.leave_image, self.leave_camera, None))
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """There may be another result."""
-        result = self.controller.result
-        self.show_standing()
-        if self.project is None or result is None:
-            self.action_changed.emit()
+        result, project = self.controller.result, self.open_project
+        if result is None:
             return
         self.sentence.setText(verdict(result).sentence)
-        self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
+        self.findings.show_advice(advice(result, project.placements), project.repairs_now)
         outcome = self.controller.outcome
         say(self.since, *compared_text(outcome.compared if outcome is not None else None))
         if result is not self._shown:
             self._shown = result
             self._fill()
-        self.action_changed.emit()
 
     def _fill(self) -> None:
         outcome = self.controller.outcome
@@ -125,21 +121,18 @@ class ResultsPage(Page):
         self.table.fill([_cells(row, middle, none, row.camera == guilty) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
         self.panel.show_scene(outcome_scene(outcome))
-        self._show_effects(outcome.effects)
+        # a tab for fields of lenses and drifts of cameras, where there are any
+        self.effects.show_effects(outcome.effects)
+        if (at := self.tabs.indexOf(self.effects)) >= 0 and not outcome.effects:
+            self.tabs.removeTab(at)
+        elif at < 0 and outcome.effects:
+            self.tabs.addTab(self.effects, self.tr("Lenses"))
         if rows:  # the camera that the findings accuse, in the image they name; else that with the largest residuals
             name, placement = accused or (rows[0].camera, None)
             with QSignalBlocker(self.table):
                 if not self.table.select_name(name):
                     self.table.selectRow(0)
             self.show_camera(name, placement)
-
-    def _show_effects(self, effects: tuple[CameraEffect, ...]) -> None:
-        """A tab for fields of lenses and drifts of cameras, where there are any."""
-        self.effects.show_effects(effects)
-        if (at := self.tabs.indexOf(self.effects)) >= 0 and not effects:
-            self.tabs.removeTab(at)
-        elif at < 0 and effects:
-            self.tabs.addTab(self.effects, self.tr("Lenses"))
 
     def dress(self) -> None:
         """Draw in the new colours."""

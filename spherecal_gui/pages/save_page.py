@@ -103,10 +103,8 @@ class SavePage(Page):
         """What is in the way of saving in the profile; empty where nothing is."""
         if self._is_stale:
             return self.tr("The calibration is out of date.")
-        return self._why_not_used() if self.apply.isChecked() else ""
-
-    def _why_not_used(self) -> str:
-        """What is in the way of putting it to use; empty where nothing is."""
+        if not self.apply.isChecked():
+            return ""
         if self._calibration == "not valid":
             return self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
         if self._refused:
@@ -175,7 +173,10 @@ class SavePage(Page):
         enable(self.export, idle and not stale and not problem, stale or problem if idle else busy)
         shown = idle and not stale and self.controller.outcome is not None
         enable(self.axes, shown, stale or self.tr("There is no calibration yet.") if idle else busy)
-        self._tell_frame(self.controller.user_frame.problem)
+        result, frame = self.controller.result, self.controller.user_frame.frame
+        given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
+        words = self.controller.user_frame.problem or self.tr("Exports are given in: {frame}.").format(frame=given)
+        say(self.given_in, words, "bad" if self.controller.user_frame.problem else "none")
         self.discard.setEnabled(idle)
         self.discard.setVisible(not self.is_kept)
         say(self.why_not, why if idle and not self.is_kept else "", "caution")
@@ -236,7 +237,6 @@ class SavePage(Page):
         )
         self._for_the_desk.setVisible(not theme.is_far())
         self._show_rig()
-        self.show_standing()
         self.tick()
         if self._opens and self.controller.runner.running is None:
             self._opens = False
@@ -249,7 +249,6 @@ class SavePage(Page):
             self.commands.setPlainText(commands)
         self._enable()
         enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
-        self.action_changed.emit()
 
     def _show_rig(self) -> None:
         """What is saved."""
@@ -271,13 +270,6 @@ class SavePage(Page):
         path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.open_project.folder / named))
         if path:
             self.controller.saving.export(name, Path(path))
-
-    def _tell_frame(self, problem: str) -> None:
-        """In which frame exports are given."""
-        result, frame = self.controller.result, self.controller.user_frame.frame
-        given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
-        words = problem or self.tr("Exports are given in: {frame}.").format(frame=given)
-        say(self.given_in, words, "bad" if problem else "none")
 
     def _choose_axes(self) -> None:
         """Origin and axes, by a dialog."""

@@ -140,9 +140,7 @@ class StartPage(QWidget):
         for line in self._lines[:_MOST_RECENT]:
             self._rows.addWidget(self._row(line))
         self._show_profile_state(self._newest() is not None)
-        say(
-            self.certificates, *bench_reminder(rig_bench(self.projects), date.today())
-        )  # some have expired, or soon will
+        say(self.certificates, *bench_reminder(rig_bench(self.projects), date.today()))
 
     def _show_profile_state(self, done: bool) -> None:
         there = (self.profile_folder / "profile.json").is_file()

@@ -43,6 +43,8 @@ class Page(QWidget):
         """Something may have changed."""
         if self.project is not None:
             self.show_project()
+            self.show_standing()
+        self.action_changed.emit()
 
     def show_project(self) -> None:
         """Show the open project as it is."""
@@ -125,6 +127,12 @@ class Page(QWidget):
         """The state of the page's step."""
         state = self.controller.state
         return state.of(self.step.id) if state is not None and self.step is not None else None
+
+    @property
+    def open_state(self) -> StepState:
+        """The state of the page's step, for what is shown and done only while there is one."""
+        assert self.state is not None
+        return self.state
 
     @property
     def project(self) -> Project | None:

@@ -169,12 +169,9 @@ def lens_line(connection: "Connection | None") -> LensLine | None:
     stated = {entry.pixel_pitch_um for entry in entries}
     reports = {report.serial: report for report in connection.reports}
     pitches = {pixel_pitch_um(info, reports.get(info.serial)) for info in infos}
-    return LensLine(
-        next(iter(focal)) if len(focal) == 1 else None,
-        len(focal) > 1,
-        next(iter(stated)) if len(stated) == 1 else None,
-        tuple(sorted(one for one in pitches if one is not None)),
-    )
+    found = tuple(sorted(one for one in pitches if one is not None))
+    length, pitch = (next(iter(some)) if len(some) == 1 else None for some in (focal, stated))
+    return LensLine(length, len(focal) > 1, pitch, found)
 
 
 def model_text(model: str) -> str:
@@ -220,7 +217,7 @@ def connect_summary(
     text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(rig))
     without = [line.name for line in rig if line.level == "bad"]
     if without and good:
-        named = languages.listed(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
+        named = languages.some(without, _MOST_NAMED)
         text = translate("Connect", "{good} of {all} cameras ready, without {cameras}")
         text = text.format(good=good, all=len(rig), cameras=named)
     bad = any(line.level == "bad" for line in rig)
@@ -242,12 +239,6 @@ def bars_with_nominal(connection: "Connection | None", bars: Collection[str]) ->
     """Those of these bars that have nominal lengths. `connection` None: there are no bars."""
     known = connection.plan.bars if connection is not None else ()
     return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
-
-
-def _targets_words(connection: "Connection | None", artefacts: Artefacts) -> str:
-    """The targets in words; as the project keeps them, which is of no language, where nothing is connected."""
-    targets = connection.plan.target_set if connection is not None else None
-    return artefacts.target_set if targets is None else targets_words(targets)
 
 
 def _bars_words(connection: "Connection | None", bars: tuple[str, ...], kept: str) -> str:
@@ -317,9 +308,11 @@ def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> 
             BenchRow(translate("Connect", "Scale from the board's pitch"), artefacts.scale, level),
         ]
     text, worst = reminder(connection.plan.bars if connection is not None else (), date.today())
+    targets = connection.plan.target_set if connection is not None else None
+    about = artefacts.target_set if targets is None else targets_words(targets)  # as it is kept it is of no language
     certificates = [BenchRow(translate("Connect", "Certificates"), text, worst)] if text else []
     return [
-        BenchRow(translate("Connect", "Targets on the ball"), _targets_words(connection, artefacts), level),
+        BenchRow(translate("Connect", "Targets on the ball"), about, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
         BenchRow(translate("Connect", "Scale from"), scale or none, level if scale else "caution"),
         BenchRow(translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"),

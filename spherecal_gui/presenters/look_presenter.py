@@ -91,7 +91,9 @@ def tile_state(
         level, word = "none", translate("Look", "not needed here")
     if level == "good" and not len(sight.dots):
         level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
-    return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))
+    if not word and sight.blur_px is not None:
+        word = translate("Look", "sharp")
+    return TileState(name, level, word, len(sight.dots), summed=summed.format(camera=name))
 
 
 def since_text(newest: "Frame | None") -> str:
@@ -128,10 +130,6 @@ def _focus(sight: "Sight") -> tuple[Level, str, str]:
     word = translate("Look", "Out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
     summed = translate("Look", "{camera} is out of focus.")
     return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px), summed
-
-
-def _all_well(sight: "Sight") -> str:
-    return translate("Look", "sharp") if sight.blur_px is not None else ""
 
 
 def bump_text(cameras: dict[str, float]) -> tuple[str, str]:

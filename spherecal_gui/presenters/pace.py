@@ -5,9 +5,9 @@ from collections.abc import Sequence
 _KEPT = 5  # runs that are remembered of each kind of work
 
 
-def kind_of(name: str) -> str:
-    """What work is remembered under: all placements are alike."""
-    return name.partition(":")[0]
+def pace_key(name: str) -> str:
+    """What work is remembered under in the settings: all placements are alike."""
+    return f"pace-{name.partition(':')[0]}"
 
 
 def read_durations(text: str) -> tuple[float, ...]:
@@ -19,14 +19,9 @@ def read_durations(text: str) -> tuple[float, ...]:
     return tuple(one for one in found if 0 < one < 1e5)[-_KEPT:]
 
 
-def with_duration(durations: Sequence[float], seconds: float) -> tuple[float, ...]:
-    """The newest ones, with one more."""
-    return (*durations, seconds)[-_KEPT:]
-
-
-def as_text(durations: Sequence[float]) -> str:
-    """As the settings keep them."""
-    return " ".join(f"{one:.1f}" for one in durations)
+def with_duration(text: str, seconds: float) -> str:
+    """The newest durations with one more, as the settings keep them."""
+    return " ".join(f"{one:.1f}" for one in (*read_durations(text), seconds)[-_KEPT:])
 
 
 def expected_s(durations: Sequence[float]) -> float | None:

@@ -110,7 +110,7 @@ _MOST_NAMED = 6
 def care_text(affected: "Sequence[Affected]") -> str:
     """What a calibration is to be used with care for."""
     cameras = [one.camera for one in affected if one.camera is not None]
-    parts = [languages.listed(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
+    parts = [languages.some(cameras, _MOST_NAMED)] if cameras else []
     parts += [translate("Results", "the scale")] if any(one.scale for one in affected) else []
     parts += [translate("Results", "a part of the volume")] if any(one.region_mm for one in affected) else []
     return languages.listed(parts)
@@ -173,9 +173,8 @@ def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[Ca
             rows.append(CameraRow(name, None, len(own), out, None, None, None, placed=False))
             continue
         sigma, change = camera.sigma, changes.get(name)
-        row = CameraRow(
-            name, camera.rms_px, camera.observations, out, None, None, float(camera.intrinsics[0]), placed=True
-        )
+        focal = float(camera.intrinsics[0])
+        row = CameraRow(name, camera.rms_px, camera.observations, out, None, None, focal, placed=True)
         if sigma is not None:
             place, turn = (float(np.linalg.norm(one)) for one in (sigma.centre_mm, sigma.rotation_deg))
             row = replace(row, sd_centre_mm=place, sd_turn_deg=turn)
@@ -296,15 +295,10 @@ def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> F
     """A finding in the reader's language; options of the command line are not named where there are buttons."""
     has_buttons = any(action.kind.startswith("--") for action in actions)
     title = finding.words("title", languages.now())
-    named = [] if any(name in title for name in finding.where) else list(finding.where)
-    return FindingAdvice(
-        level,
-        title,
-        finding.words("message", languages.now()),
-        finding.words("hint", languages.now(), with_options=not has_buttons),
-        actions,
-        languages.listed(named[:_MOST_NAMED]) + (" …" if len(named) > _MOST_NAMED else ""),
-    )
+    message = finding.words("message", languages.now())
+    hint = finding.words("hint", languages.now(), with_options=not has_buttons)
+    named = () if any(name in title for name in finding.where) else finding.where
+    return FindingAdvice(level, title, message, hint, actions, languages.some(named, _MOST_NAMED))
 
 
 def _steps_for(finding: Finding, placements: tuple[str, ...]) -> list[Action]:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.
 
-REPAIRS = ("leave-out", "split", "swap")
+REPAIRS = ("leave-out", "split", "swap")  # in the order of Repairs
 SMALLER = 4  # six placements of twenty cameras of 5 MP take 38 MB; a lamp of 4 px is still half as bright
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
@@ -194,14 +194,11 @@ def artefacts_of(plan: "CapturePlan") -> Artefacts | None:
         words = f"{scale.get('from')} - {scale.get('to')}: {scale.get('distance_mm'):g} mm"
     else:
         words = ""
-    return Artefacts(
-        f"{targets.family}: {ids[0]} - {ids[-1]} ({len(ids)}), {targets.size_mm:g} mm",
-        f"{sphere:g} mm" if sphere else "",
-        words,
-        scale_bar,
-        tuple(bar.id for bar in plan.bars if bar.role == "check"),
-        "; ".join(f"{bar.id}: {_lengths(bar)}" for bar in plan.bars if bar.role == "check"),
-    )
+    about = f"{targets.family}: {ids[0]} - {ids[-1]} ({len(ids)}), {targets.size_mm:g} mm"
+    checks = [bar for bar in plan.bars if bar.role == "check"]
+    said = "; ".join(f"{bar.id}: {_lengths(bar)}" for bar in checks)
+    ball = f"{sphere:g} mm" if sphere else ""
+    return Artefacts(about, ball, words, scale_bar, tuple(bar.id for bar in checks), said)
 
 
 def _lengths(bar: "Bar") -> str:
@@ -300,14 +297,7 @@ def kept_reference(profile: Path, result: Path) -> str | None:
         return None
 
 
-def calibrate(
-    folder: Path,
-    result: Path,
-    repairs: Sequence[tuple[str, str]],
-    context: Context,
-    reference: str | None = None,
-    chosen: str = "",
-) -> Verdict:
+def calibrate(project: Project, context: Context, reference: str | None = None) -> Verdict:
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import calibrate as run
     from spherecal.steps.repairs import Repairs
@@ -315,14 +305,15 @@ def calibrate(
     from spherecal_files.read_session import read_session
     from spherecal_files.write_result import write_result
 
-    check_folders(result.parent)
+    result = project.result_folder
+    check_folders(project.folder)
     check_folder(result, RESULT)
-    asked = {name: tuple(value for option, value in repairs if option == f"--{name}") for name in REPAIRS}
-    repairs_asked = Repairs(asked["leave-out"], asked["split"], asked["swap"])
+    asked = [tuple(value for option, value in project.repairs_now if option == f"--{name}") for name in REPAIRS]
+    repairs_asked = Repairs(*asked)
     context.report("reading the session", 0.0)
-    session = read_session(folder)
+    session = read_session(project.folder)
     by_board = session.board is not None and session.target_set is None
-    method: Method = "board" if by_board else "tao2021" if chosen == "tao2021" else "auto"
+    method: Method = "board" if by_board else "tao2021" if project.method == "tao2021" else "auto"
     settings = CalibrationSettings(method, repairs=repairs_asked, reference=reference)
     calibration = run(session, settings, context)
     context.report("writing the result", 0.0)
@@ -343,7 +334,7 @@ class ObservedBars:
     session: "Session | None" = None
 
 
-def verify(folder: Path, result: Path, limit: str, context: Context, seen: ObservedBars | None = None) -> Verdict:
+def verify(project: Project, context: Context, seen: ObservedBars) -> Verdict:
     """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`; `seen` is kept."""
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
@@ -355,16 +346,16 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     from spherecal_verify.verify_bars import VerifySettings
     from spherecal_verify.verify_bars import verify as run
 
-    check_folders(result.parent)
+    result = project.result_folder
+    check_folders(project.folder)
     context.report("reading the session", 0.0)
-    rig = read_rig(result / "rig.json")
-    session, seen = read_session(folder), seen or ObservedBars()
+    rig, session = read_rig(result / "rig.json"), read_session(project.verification_folder)
     if seen.session is None or seen.session.input_sha256 != session.input_sha256:
         seen.session = observed(session, context, bar_poses_only=True)
     session = seen.session
     box = points_box(result / "points.csv")
     corners = None if box is None else (np.array(box[0]), np.array(box[1]))
-    settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
+    settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners)
     verification = run(session, rig, context, settings)
     write_verification(verification, result, result / "rig.json")
     report = read_bar_report(result)
@@ -466,6 +457,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
+    from spherecal_rigs.framed_rig import FRAME, write_frame
     from spherecal_rigs.result_folder import refuse_failed
     from spherecal_rigs.save_entry import SaveOptions, save_result
     from spherecal_rigs.store import apply, create_profile, open_profile, saying_what_is_in_use
@@ -485,16 +477,9 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     if put_to_use:
         apply(open_profile(profile), number, note)
         with saying_what_is_in_use(profile):
-            _keep_frame(session / "frame.json", profile / "frame.json")
+            if (own_frame := session / "frame.json").is_file():  # the default of the exports of later calibrations
+                write_frame(FRAME.read(own_frame), profile / "frame.json")
     return number
-
-
-def _keep_frame(own: Path, kept: Path) -> None:
-    """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
-    from spherecal_rigs.framed_rig import FRAME, write_frame
-
-    if own.is_file():
-        write_frame(FRAME.read(own), kept)
 
 
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:

@@ -267,18 +267,10 @@ class ErrorChart(Chart):
         self._draw_limit(where, shown)
         brushes = [QColor(c.bad if beyond else c.good) for beyond in exceeding]
         symbols = ["x" if beyond else "o" for beyond in exceeding]
-        said = [f"{' '.join(name.split())}\n{error:+.3f} mm" for name, error in zip(names, errors, strict=True)]
-        dots = pg.ScatterPlotItem(
-            where,
-            errors,
-            size=14,
-            brush=brushes,
-            pen=pg.mkPen(c.surface, width=1),
-            symbol=symbols,
-            data=said,
-            hoverable=True,
-            tip=lambda x, y, data: plain(languages.by_locale(str(data))),
-        )
+        texts = (f"{' '.join(name.split())}\n{error:+.3f} mm" for name, error in zip(names, errors, strict=True))
+        said = [plain(languages.by_locale(text)) for text in texts]
+        look = {"size": 14, "brush": brushes, "symbol": symbols, "pen": pg.mkPen(c.surface, width=1)}
+        dots = pg.ScatterPlotItem(where, errors, **look, data=said, hoverable=True, tip=lambda x, y, data: str(data))
         self.addItem(dots)
         self._names = names
         self._label()

@@ -89,11 +89,8 @@ class RailItem(QAbstractButton):
         painter.drawText(QRectF(room.left(), room.top(), room.width(), half + 2), Qt.AlignmentFlag.AlignVCenter, title)
         painter.setFont(theme.font(9.5))
         painter.setPen(QColor(c.of(_LEVELS.get(state.status, "none")) if not blocked else c.idle))
-        painter.drawText(
-            QRectF(room.left(), room.top() + half, room.width(), half),
-            Qt.AlignmentFlag.AlignVCenter,
-            status_word(state.status, state.step.kind),
-        )
+        room.setTop(room.top() + half)
+        painter.drawText(room, Qt.AlignmentFlag.AlignVCenter, status_word(state.status, state.step.kind))
 
     def _draw_mark(self, painter: QPainter, box: QRectF) -> None:
         c, status = theme.now(), self._state.status if self._state else Status.BLOCKED

@@ -176,7 +176,9 @@ class SceneView(QWidget):
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         """Turn or move; without a button say what is under the mouse."""
         if self._dragged is None:
-            self._hover(event.position())
+            if (found := self.item_at(event.position())) is not self._hovered:
+                self._hovered = found
+                self.update()
             return
         moved, self._dragged = event.position() - self._dragged, event.position()
         shifted = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
@@ -240,11 +242,6 @@ class SceneView(QWidget):
             self.look_from("oblique")
         else:
             super().keyPressEvent(event)
-
-    def _hover(self, at: QPointF) -> None:
-        if (found := self.item_at(at)) is not self._hovered:
-            self._hovered = found
-            self.update()
 
     def item_at(self, at: QPointF) -> SceneItem | None:
         """What is nearest to a place on the widget; of things that lie behind one another, the one in front."""

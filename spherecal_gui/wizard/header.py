@@ -1,7 +1,5 @@
 """The window's head: the way back, project, state of cameras and calibration, help, and a menu with the rest."""
 
-from collections.abc import Callable
-
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu
@@ -18,14 +16,7 @@ class Header(QFrame):
 
     toggled = Signal()
     language_chosen = Signal(str)
-    about = Signal()
-    bundle = Signal()
-    limits = Signal()
-    copy_command = Signal()
     training = Signal(str)  # with this fault
-    studies = Signal()
-    bench = Signal()
-    sound_test = Signal()
 
     def __init__(self, language: str) -> None:
         super().__init__()
@@ -65,20 +56,18 @@ class Header(QFrame):
         self.show_log = self._option(self.tr("Log"), self.tr("What the program has done, line by line."))
         self.menu.addMenu(self._languages(language))
         self.menu.addSeparator()
-        self.copy = self._action(self.tr("Copy as command"), "terminal-2", self.copy_command.emit)
-        self._action(self.tr("Bench, bars and balls"), "sphere", self.bench.emit)
-        self._action(self.tr("Test the sound"), "volume", self.sound_test.emit)
-        self._action(self.tr("Limits"), "ruler-2", self.limits.emit)
+        self.copy = self._action(self.tr("Copy as command"), "terminal-2")
+        self.bench = self._action(self.tr("Bench, bars and balls"), "sphere")
+        self.sound_test = self._action(self.tr("Test the sound"), "volume")
+        self.limits = self._action(self.tr("Limits"), "ruler-2")
         self.menu.addMenu(self._training())
-        self._action(self.tr("Compare methods"), "chart-bar", self.studies.emit)
+        self.studies = self._action(self.tr("Compare methods"), "chart-bar")
         self.menu.addSeparator()
-        self._action(self.tr("Save a support bundle"), "package", self.bundle.emit)
-        self._action(self.tr("About SphereCal"), "info-circle", self.about.emit)
+        self.bundle = self._action(self.tr("Save a support bundle"), "package")
+        self.about = self._action(self.tr("About SphereCal"), "info-circle")
 
-    def _action(self, text: str, icon: str, act: Callable[[], None]) -> QAction:
-        action = QAction(text, self.menu)
-        action.triggered.connect(lambda _=False: act())
-        self.menu.addAction(action)
+    def _action(self, text: str, icon: str) -> QAction:
+        action = self.menu.addAction(text)
         self._icons[action] = icon
         return action
 

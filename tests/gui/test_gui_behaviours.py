@@ -33,7 +33,7 @@ from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
 from spherecal_gui.presenters.check_presenter import check_notes, check_rows, check_verdict
 from spherecal_gui.presenters.connect_presenter import CameraLine, connect_summary, model_text
 from spherecal_gui.presenters.look_presenter import TileState, figures_text
-from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
+from spherecal_gui.presenters.pace import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene
 from spherecal_gui.presenters.results_presenter import culprit
 from spherecal_gui.presenters.start_presenter import in_use, picture_name, validity_of
@@ -189,11 +189,11 @@ def test_how_long_it_has_lain_still_grows_to_the_whole():
 
 
 def test_time_is_said_after_a_second_and_compared_with_the_last_times():
-    kept = ()
+    kept = ""
     for seconds in (9.0, 20.0, 21.0, 22.0, 23.0, 300.0):
         kept = with_duration(kept, seconds)
-    assert expected_s(read_durations(as_text(kept))) == 22.0 and read_durations("x") == () and expected_s(()) is None
-    assert kind_of("placement:P3") == "placement"
+    assert expected_s(read_durations(kept)) == 22.0 and read_durations("x") == () and expected_s(()) is None
+    assert pace_key("placement:P3") == "pace-placement"
 
 
 def test_the_window_says_how_long_work_takes_and_remembers_it(qtbot, tmp_path, monkeypatch):
@@ -213,7 +213,7 @@ def test_the_window_says_how_long_work_takes_and_remembers_it(qtbot, tmp_path, m
     assert window.doing.text().endswith(" s")
     go[0] = True
     settle(window.controller)
-    assert read_durations(window.settings.text("pace-save"))[0] >= 12.0
+    assert read_durations(window.settings.value("pace-save"))[0] >= 12.0
     window.close()
 
 
@@ -331,8 +331,8 @@ def test_the_paper_s_method_is_chosen_before_and_among_the_details(page):
 def test_the_window_calibrates_by_the_method_chosen(tmp_path):
     assert main(["simulate", "demo", "--observations-only", "-q", "-o", str(tmp_path / "s")]) == 0
     for chosen, method in (("tao2021", "tao2021"), ("", "auto")):
-        jobs.calibrate(tmp_path / "s", tmp_path / f"r{chosen}", (), Context(), None, chosen)
-        written = json.loads((tmp_path / f"r{chosen}" / "rig.json").read_bytes())
+        jobs.calibrate(Project(tmp_path / "s", "simulated:demo", method=chosen), Context())
+        written = json.loads((tmp_path / "s" / "result" / "rig.json").read_bytes())
         assert written["software"]["method"] == method
 
 

@@ -143,7 +143,7 @@ def test_another_language_makes_the_window_anew_and_goes_on(qtbot, tmp_path, mon
     qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=120_000)
     assert window.header.home.text() == "Startseite"
     assert window.controller.project.folder == folder
-    assert window.settings.text("language") == "de"
+    assert window.settings.value("language") == "de"
     window.close()
 
 

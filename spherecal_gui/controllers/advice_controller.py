@@ -112,10 +112,9 @@ class AdviceController(ControllerPart):
                 self._planned(found)
 
         def failed(error: BaseException) -> None:
-            if coarse:
-                done(None)
-            else:
-                self._not_planned(error)
+            if not coarse:  # advice is a help, not a need
+                self.main.note(translate("Log", "no advice for the next placement: {why}").format(why=error))
+            done(None)
 
         self.planner.start(
             "guidance", lambda context: work(document, target_set, dots, context), done, failed, self._plan_again
@@ -211,11 +210,6 @@ class AdviceController(ControllerPart):
         if carried < _CARRIED * first.ghost.body.radius_mm:
             return found
         return replace(first, now_mm=found.now_mm, next_mm=None, coarse=False)
-
-    def _not_planned(self, error: BaseException) -> None:
-        """Advice is a help, not a need: what went wrong is in the log."""
-        self.main.note(translate("Log", "no advice for the next placement: {why}").format(why=error))
-        self._planned(None)
 
     def _plan_again(self) -> None:
         self._planned_for = None

@@ -67,8 +67,7 @@ class CalibratePage(Page):
         self._plot_key = label(text, "soft")
         self.details = button(self.tr("Details"), "details", icon="list-details")
         self.details.setCheckable(True)
-        foot = add(QHBoxLayout(), (self._plot_key, 1))
-        foot.addWidget(self.details, 0, Qt.AlignmentFlag.AlignRight)
+        foot = add(QHBoxLayout(), (self._plot_key, 1), (self.details, Qt.AlignmentFlag.AlignRight))
         add(plot.body, (self.plot, 1), foot)
         self._log = Card(self.tr("Log"))  # for the person at the desk
         lines = QPlainTextEdit(readOnly=True, maximumBlockCount=2000)

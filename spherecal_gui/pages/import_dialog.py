@@ -54,10 +54,8 @@ class ImportDialog(QDialog):
 
     def _rows(self, found: ImageLayout) -> list[tuple[str, str]]:
         """What was recognised."""
-        lists = [
-            (self.tr("Cameras: {count}"), list(found.files)),
-            (self.tr("Placements: {count}"), list(found.placements)),
-        ]
+        cameras, placements = list(found.files), list(found.placements)
+        lists = [(self.tr("Cameras: {count}"), cameras), (self.tr("Placements: {count}"), placements)]
         if found.left_out:
             lists.append((self.tr("Left out: {count}"), [str(one) for one in found.left_out]))
         rows = [(self.tr("Folder"), str(self._images)), (self.tr("Read as"), found.pattern)]

@@ -198,18 +198,13 @@ class SavePage(Page):
         return card
 
     def _commands(self) -> QWidget:
-        inner = QWidget()
-        column = bare(QVBoxLayout(inner))
-        column.addWidget(label(self.tr("The same on the command line"), "soft"))
-        self.commands = named(QPlainTextEdit(readOnly=True), "", self.tr("The same on the command line"))
+        title, left = self.tr("The same on the command line"), Qt.AlignmentFlag.AlignLeft
+        self.commands = named(QPlainTextEdit(readOnly=True), "", title)
         self.commands.setMaximumHeight(66)
-        column.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command", act=self._copy)
-        column.addWidget(copy, 0, Qt.AlignmentFlag.AlignLeft)
-        whole = QWidget()
-        outer = bare(QVBoxLayout(whole))
-        outer.addWidget(details_button(inner), 0, Qt.AlignmentFlag.AlignLeft)
-        outer.addWidget(inner)
+        inner, whole = QWidget(), QWidget()
+        add(bare(QVBoxLayout(inner)), label(title, "soft"), self.commands, (copy, left))
+        add(bare(QVBoxLayout(whole)), (details_button(inner), left), inner)
         return whole
 
     @property

@@ -71,8 +71,7 @@ class StartPage(QWidget):
         words = spaced(QVBoxLayout(), theme.TIGHT)
         add(words, None, line, self.age, self.newest, self.due, self.certificates, None)
         card.body.setSpacing(theme.PAD)
-        add(card.body, self.picture, (words, 1))
-        card.body.addWidget(self.profile, 0, Qt.AlignmentFlag.AlignVCenter)
+        add(card.body, self.picture, (words, 1), (self.profile, Qt.AlignmentFlag.AlignVCenter))
         return card
 
     def _card(self, title: str, text: str, drawing: str, *buttons: QPushButton) -> Card:

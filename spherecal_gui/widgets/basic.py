@@ -116,18 +116,20 @@ def spaced(layout: L, px: int, rows_px: int | None = None) -> L:
     return layout
 
 
-def add(layout: B, *parts: Part | tuple[Part, int]) -> B:
-    """Add parts to a row or column: (part, its stretch), a number for px of room, None for room that stretches."""
+def add(layout: B, *parts: Part | tuple[Part, int | Qt.AlignmentFlag]) -> B:
+    """Add parts to a row or column, with stretch or alignment; a number is px of room, None room that stretches."""
     for one in parts:
-        part, stretch = one if isinstance(one, tuple) else (one, 0)
+        part, how = one if isinstance(one, tuple) else (one, 0)
         if part is None:
             layout.addStretch(1)
         elif isinstance(part, int):
             layout.addSpacing(part)
         elif isinstance(part, QLayout):
-            layout.addLayout(part, stretch)
+            layout.addLayout(part, how if isinstance(how, int) else 0)
+        elif isinstance(how, int):
+            layout.addWidget(part, how)
         else:
-            layout.addWidget(part, stretch)
+            layout.addWidget(part, 0, how)
     return layout
 
 
@@ -352,12 +354,9 @@ class Banner(QFrame):
         self._hint = label("", "soft")
         words = spaced(QVBoxLayout(), 2)
         add(words, self._what, self._hint)
-        close = button("", "close-banner")
-        give_icon(close, "x")
+        close = button("", "close-banner", act=self.hide, icon="x")
         close.setAccessibleName(self.tr("Close this message"))
-        close.clicked.connect(self.hide)
-        add(row, self._mark, (words, 1))
-        row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        add(row, self._mark, (words, 1), (close, Qt.AlignmentFlag.AlignTop))
         if parent is not None:
             parent.installEventFilter(self)
         self.hide()

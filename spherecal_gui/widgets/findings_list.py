@@ -43,12 +43,9 @@ class FindingsList(QScrollArea):
 
     def _row(self, one: FindingAdvice) -> QWidget:
         box = QWidget()
-        row = bare(QHBoxLayout(box))
         mark = label("", "", wrap=False)
         tint = theme.now().soft if one.level == "none" else None
         mark.setPixmap(level_pixmap(one.level, theme.pt(20), tint))
-        row.addWidget(mark, 0, Qt.AlignmentFlag.AlignTop)
-        row.addSpacing(theme.SMALL)
         words, folded = spaced(QVBoxLayout(), 2), QWidget()
         more = bare(QVBoxLayout(folded), 2)
         named = self.tr("{title}: {where}").format(title=one.title, where=one.where) if one.where else one.title
@@ -62,9 +59,9 @@ class FindingsList(QScrollArea):
         if one.message:
             more.addWidget(label(one.message, "soft"))
         if more.count():
-            first.addWidget(details_button(folded), 0, Qt.AlignmentFlag.AlignTop)
+            add(first, (details_button(folded), Qt.AlignmentFlag.AlignTop))
         words.addWidget(folded)
-        row.addLayout(words, 1)
+        add(bare(QHBoxLayout(box)), (mark, Qt.AlignmentFlag.AlignTop), theme.SMALL, (words, 1))
         return box
 
     def _button(self, action: Action) -> QWidget:

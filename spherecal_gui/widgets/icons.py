@@ -17,8 +17,7 @@ LEVEL_ICONS = {"good": "check", "caution": "alert-triangle", "bad": "x", "info":
 
 def pixmap(name: str, px: float, colour: str, ratio: float = 2.0) -> QPixmap:
     """An icon in this colour. `ratio`: pixels of the screen per px on which it is sharp."""
-    made = _drawn(name, max(round(px * ratio), 1), colour)
-    made = QPixmap(made)
+    made = QPixmap(_drawn(name, max(round(px * ratio), 1), colour))
     made.setDevicePixelRatio(ratio)
     return made
 

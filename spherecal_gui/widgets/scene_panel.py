@@ -104,15 +104,16 @@ class ScenePanel(QWidget):
 
     def save_picture(self) -> None:
         """Ask for a file and write what is seen."""
-        name, _ = QFileDialog.getSaveFileName(self, self.tr("Save the picture"), "rig.png", "PNG (*.png)")
-        if name:
-            self.save_as(Path(name) if name.lower().endswith(".png") else Path(f"{name}.png"))
+        self._ask_and_save(self.tr("Save the picture"), ".png", "PNG")
 
     def save_model(self) -> None:
         """Ask for a file and write the scene as glTF."""
-        name, _ = QFileDialog.getSaveFileName(self, self.tr("Save the 3-D model"), f"rig{_MODEL}", f"glTF (*{_MODEL})")
+        self._ask_and_save(self.tr("Save the 3-D model"), _MODEL, "glTF")
+
+    def _ask_and_save(self, title: str, ending: str, form: str) -> None:
+        name, _ = QFileDialog.getSaveFileName(self, title, f"rig{ending}", f"{form} (*{ending})")
         if name:
-            self.save_as(Path(name) if name.lower().endswith(_MODEL) else Path(f"{name}{_MODEL}"))
+            self.save_as(Path(name) if name.lower().endswith(ending) else Path(f"{name}{ending}"))
 
     def save_as(self, path: Path) -> None:
         """Write a picture or, by its ending .glb, a model; what came of it is said."""

@@ -1,7 +1,7 @@
 """The window's foot: back, why not, the one large button, next."""
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton
+from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout
 
 from spherecal_gui import theme
 from spherecal_gui.standing import Button, Standing
@@ -28,11 +28,9 @@ class Footer(QFrame):
         row.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
         self.back = once(button(self.tr("Back"), "back"))
         self.why = label("", "soft")
-        self.show_me = button(self.tr("Show me"), "show-me", "link")
-        self.show_me.clicked.connect(lambda: self.asked_for.emit(self._goal))
+        self.show_me = button(self.tr("Show me"), "show-me", "link", act=lambda: self.asked_for.emit(self._goal))
         self._goal = ""  # the step that it shows
-        self.action = once(button("", "action", "primary"))
-        self.action.clicked.connect(self._pressed)
+        self.action = once(button("", "action", "primary", act=self._pressed))
         self.action.pressed.connect(self._finger_down)
         self._meaning = ("", "")  # the step, and what the large button does
         self._meant: tuple[str, str] | None = None  # when it was pressed
@@ -65,8 +63,12 @@ class Footer(QFrame):
         reason = None if can_go or after is None or stay else after.reason
         enable(self.next, can_go, stay or reason_text(reason))
         self.next.setVisible(after is not None)
-        self._set_kind(self.next, "primary" if standing.default == "next" else "plain")
-        self._set_kind(self.action, "primary" if standing.default == "action" else "plain")
+        for name, one in (("next", self.next), ("action", self.action)):
+            kind = "primary" if standing.default == name else "plain"
+            if one.objectName() != kind:
+                one.setObjectName(kind)
+                one.style().unpolish(one)
+                one.style().polish(one)
         enable(self.back, state.before(state.current) is not None, self.tr("This is the first step."))
         blocked = button.why if button is not None and not button.enabled and not button.done else ""
         why = blocked or stay or ("" if running else reason_text(reason))
@@ -116,10 +118,3 @@ class Footer(QFrame):
         best = {"next": self.next, "action": self.action}.get(self.default)
         usable = best is not None and best.isVisible() and not self._running
         (best if best is not None and usable else self.window()).setFocus()
-
-    @staticmethod
-    def _set_kind(one: QPushButton, kind: str) -> None:
-        if one.objectName() != kind:
-            one.setObjectName(kind)
-            one.style().unpolish(one)
-            one.style().polish(one)

@@ -208,7 +208,7 @@ def test_letters_are_one_step_back_and_forth(qtbot, dialog):
     assert (dialog.desk.draft.bars[0].serial, serial.text()) == ("B-7", "B-7")
     press(qtbot, dialog, "redo-bench")
     assert serial.text() == "B-99"
-    while dialog.desk.can_undo:
+    while dialog.desk.past:
         dialog.desk.undo()
     assert dialog.desk.draft == BenchDraft()
 

@@ -39,8 +39,17 @@ from spherecal_files.filesystem import (
     write_below,
 )
 from spherecal_files.json_file import JsonValue
-from spherecal_gui.fingerprint import fingerprint
-from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Project, Purpose, Rectangle, Verdict
+from spherecal_gui.project import (
+    Artefacts,
+    Computation,
+    Flaw,
+    FlawCode,
+    Project,
+    Purpose,
+    Rectangle,
+    Verdict,
+    fingerprint,
+)
 
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"

@@ -1,4 +1,4 @@
-"""The scene of each page, from what the page has: a result, a verification, a check."""
+"""The scene of each page, from what the page has: a result, a verification, a check, advice for the next placement."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -151,3 +151,25 @@ class RigPlanes:
         centres = np.array([camera.centre_mm for camera in rig.cameras])
         axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
         return RigPlanes(axes, tuple(camera.id for camera in rig.cameras), centres)
+
+
+# More than this says no more than "not determined yet" (the demo with one placement: 25 mm, with two 0.18 mm).
+NOT_YET_MM = 5.0
+# A placement that makes lengths better by less than this part is not worth a walk to the ball.
+WORTH = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class GuidanceView:
+    """One piece of advice; lengths are those of 500 mm (k = 2), None where they are not known."""
+
+    now_mm: float | None  # when stopping now
+    next_mm: float | None  # after the next placement
+    ghost: "Ghost | None" = None  # the ball where it should go as the cameras would see it
+    scene: SceneData | None = None  # the whole in space
+    coarse: bool = False  # a first answer: the lengths are still being worked out
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras of which it is known where they are."""
+        return tuple(camera.id for camera in self.scene.scene.cameras) if self.scene is not None else ()

@@ -4,8 +4,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from spherecal_gui.fingerprint import fingerprint
-from spherecal_gui.project import FEW_PLACEMENTS, VERIFIED, Computation, Flaw, Project, saved_inputs, usable
+from spherecal_gui.project import (
+    FEW_PLACEMENTS,
+    VERIFIED,
+    Computation,
+    Flaw,
+    Project,
+    fingerprint,
+    saved_inputs,
+    usable,
+)
 
 StepKind = Literal[
     "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check", "measure"

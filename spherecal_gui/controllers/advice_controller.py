@@ -9,12 +9,11 @@ import numpy as np
 from PySide6.QtCore import Signal
 
 from spherecal_gui import limits_in_force as limits
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.coverage import SetDots
-from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.languages import translate
-from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.rig_scenes import without_balls
+from spherecal_gui.project import fingerprint
+from spherecal_gui.rig_scenes import GuidanceView, without_balls
 from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next, survey
 from spherecal_gui.tasks.task import Runner
 

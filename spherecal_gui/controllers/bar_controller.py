@@ -8,8 +8,8 @@ from PySide6.QtCore import Signal
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
+from spherecal_gui.controllers.project_controller import ControllerPart
+from spherecal_gui.presenters.bars_presenter import BarGuide, bar_guide
 from spherecal_gui.tasks.guided_bar import lying_ends
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_line

@@ -1,5 +1,6 @@
 """The cameras of the open project: connected, looked at, live, lost, moved."""
 
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -9,11 +10,10 @@ from PySide6.QtCore import Signal
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
@@ -338,3 +338,27 @@ def _delivers(status: "CameraStatus") -> bool:
     """Whether a camera sends images, and some of them whole."""
     counted = status.counters
     return status.state.usable and (counted.delivered > 0 or counted.incomplete + counted.underrun < _ALL_DAMAGED)
+
+
+_LOOK_S = 0.1
+
+
+class DriverQuestion:
+    """Whether a driver file may be loaded: which one, the hash of its contents, whether it was another one before."""
+
+    def __init__(self, file: str, sha256: str, changed: bool) -> None:
+        self.file, self.sha256, self.changed = file, sha256, changed
+        self._answered = threading.Event()
+        self._answer = False
+
+    def answer(self, yes: bool) -> None:
+        """Say yes or no; the first answer counts."""
+        if not self._answered.is_set():
+            self._answer = yes
+            self._answered.set()
+
+    def wait(self, context: Context) -> bool:
+        """The answer; Cancelled where the work is to stop."""
+        while not self._answered.wait(_LOOK_S):
+            context.check()
+        return self._answer

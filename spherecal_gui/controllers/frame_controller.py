@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal_files.filesystem import remove_below
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.languages import translate
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks.outcome import Outcome

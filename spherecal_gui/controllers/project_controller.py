@@ -22,6 +22,7 @@ from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_rigs.result_folder import Result
 
 log = logging.getLogger("spherecal.gui")
@@ -143,3 +144,21 @@ class ProjectController(QObject):
             self.tell("bad", text, hint)
 
         return tell
+
+
+class ControllerPart(QObject):
+    """A role of the controller; `main` has the open project, the running work, and the other parts."""
+
+    def __init__(self, main: "Controller") -> None:
+        super().__init__(main)
+        self.main = main
+
+    @property
+    def project(self) -> Project | None:
+        """The open project."""
+        return self.main.project
+
+    @property
+    def runner(self) -> Runner:
+        """Runs the one piece of work that the steps wait for."""
+        return self.main.runner

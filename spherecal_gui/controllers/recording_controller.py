@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import masks_of
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle

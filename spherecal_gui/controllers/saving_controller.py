@@ -11,7 +11,7 @@ from spherecal.base.errors import OutputError
 from spherecal_files.filesystem import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.languages import translate
 from spherecal_gui.presenters.start_presenter import picture_name
 from spherecal_gui.project import Project

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.tasks.guided_bar import lay_bar
 
 if TYPE_CHECKING:  # the simulator needs scipy, for which the window does not wait

@@ -10,7 +10,7 @@ from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
 from spherecal_gui.controllers.camera_controller import keep_in_profile
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.languages import translate
 from spherecal_gui.tasks.task import Runner
 

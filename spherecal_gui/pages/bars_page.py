@@ -6,8 +6,7 @@ from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QVBoxLayout
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.coverage import same_place
-from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.rig_space import RigSpace
+from spherecal_gui.pages.live_page import LivePage, RigSpace
 from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.placement_presenter import Hold
 from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing

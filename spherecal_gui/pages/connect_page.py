@@ -10,7 +10,7 @@ from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.pages.drivers_panel import DriversPanel
-from spherecal_gui.pages.rig_space import RigSpace
+from spherecal_gui.pages.live_page import RigSpace
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.connect_presenter import (
     LENSES_MM,

@@ -6,8 +6,7 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QVBoxLayout, QWidget
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.camera_dialog import MOST_GAIN_DB
-from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.rig_space import RigSpace
+from spherecal_gui.pages.live_page import LivePage, RigSpace
 from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_text
 from spherecal_gui.presenters.step_states import LookFacts, look_says
 from spherecal_gui.standing import Level, Said

@@ -12,11 +12,18 @@ from spherecal.base.arrays import IntArray
 from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.rig_space import LOOK_S
-from spherecal_gui.presenters.guidance_presenter import is_enough, next_text, now_text
+from spherecal_gui.pages.live_page import LOOK_S, LivePage
 from spherecal_gui.presenters.look_presenter import TileState
-from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists, need_text
+from spherecal_gui.presenters.placement_presenter import (
+    AutoTrigger,
+    Scene,
+    is_enough,
+    island_text,
+    need_lists,
+    need_text,
+    next_text,
+    now_text,
+)
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene

@@ -16,7 +16,7 @@ from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, ProjectLi
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, say, spaced
-from spherecal_gui.widgets.drawing import Drawing
+from spherecal_gui.widgets.icons import Drawing
 
 if TYPE_CHECKING:  # dialogs that need scipy or matplotlib; imported when they are first shown
     from spherecal_gui.pages.board_dialog import BoardDialog

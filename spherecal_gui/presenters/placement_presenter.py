@@ -1,12 +1,15 @@
-"""A placement while the ball is being put into place: who sees enough, is it still, what to do next."""
+"""A placement while the ball is put into place: who sees enough, is it still, what to do next, what that would give."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import languages
 from spherecal_gui.coverage import CameraNeed, Level, needed_dots
 from spherecal_gui.languages import translate
+from spherecal_gui.rig_scenes import NOT_YET_MM, WORTH, GuidanceView
 
 # Somebody who lets go of the ball needs this long to step out of the picture.
 HOLD_S = 1.5
@@ -158,3 +161,32 @@ def island_text(groups: Sequence[Sequence[int]], cameras: Sequence[str]) -> tupl
         return translate("Placement", "All cameras are linked."), "good"
     names = " | ".join(" ".join(cameras[i] for i in group) for group in groups)
     return translate("Placement", "Not linked with each other: {names}").format(names=names), "bad"
+
+
+def is_enough(shown: GuidanceView, planned_taken: bool) -> bool:
+    """Whether all that was planned is taken and one more placement would not be worth it."""
+    if not planned_taken or shown.coarse or shown.now_mm is None or shown.next_mm is None:
+        return False
+    return shown.next_mm > (1 - WORTH) * shown.now_mm
+
+
+def now_text(shown: GuidanceView) -> tuple[str, Level]:
+    """What stopping now would give."""
+    if shown.coarse:
+        return translate("Guidance", "If you stop now: being worked out"), "none"
+    if shown.now_mm is None or not np.isfinite(shown.now_mm) or shown.now_mm > NOT_YET_MM:
+        return translate("Guidance", "If you stop now: not determined yet"), "bad"
+    text = translate("Guidance", "If you stop now: 500 ± {mm:.3f} mm").format(mm=shown.now_mm)
+    if shown.next_mm is None:  # whether that is enough is not known: a placement more may halve it
+        return text, "none"
+    return text, "caution" if shown.next_mm < (1 - WORTH) * shown.now_mm else "good"
+
+
+def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:
+    """What the next placement would give, or one more than was planned."""
+    if shown.next_mm is None or not np.isfinite(shown.next_mm):
+        return ""
+    text = translate("Guidance", "With this placement: 500 ± {mm:.3f} mm")
+    if planned_taken:
+        text = translate("Guidance", "With one more placement: 500 ± {mm:.3f} mm")
+    return text.format(mm=shown.next_mm)

@@ -16,7 +16,7 @@ from spherecal_gui.languages import translate
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
     from spherecal_files.verification_file import BarReport
-    from spherecal_gui.tasks.outcome import Compared
+    from spherecal_gui.tasks.outcome import CameraEffect, Compared
     from spherecal_rigs.result_folder import Result
 
 ActionKind = Literal["add placement", "retake", "show camera", "calibrate", "bench", "--leave-out", "--split", "--swap"]
@@ -333,3 +333,22 @@ def repair_text(option: str, value: str) -> str:
     if at:
         return translate("Results", "Leave out {camera} at {place}").format(camera=first, place=second)
     return translate("Results", "Leave out {name}").format(name=value.partition(":")[2])
+
+
+def field_text(effects: "tuple[CameraEffect, ...]") -> str:
+    """What the maps show."""
+    worst = max(effects, key=lambda one: one.field_rms_px)
+    if worst.field_px is None:
+        return translate("Effects", "Every lens does what its model says.")
+    text = translate("Effects", "The lens of {camera} is farthest from its model: {px:.3f} px. It is corrected.")
+    return text.format(camera=worst.camera, px=worst.field_rms_px)
+
+
+def drift_text(effects: "tuple[CameraEffect, ...]") -> str:
+    """What the lines show."""
+    moving = [one for one in effects if len(one.drift_px) and one.drift_px.any()]
+    if not moving:
+        return translate("Effects", "No camera turned over the placements.")
+    worst = max(moving, key=lambda one: float(one.drift_px.max()))
+    text = translate("Effects", "{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.")
+    return text.format(camera=worst.camera, px=float(worst.drift_px.max()))

@@ -19,9 +19,8 @@ from spherecal_files.observations_file import COLUMNS
 from spherecal_files.target_set_file import write_target_set
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import SetDots
-from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.project_folder import Document
-from spherecal_gui.rig_scenes import next_scene
+from spherecal_gui.rig_scenes import GuidanceView, next_scene
 
 if TYPE_CHECKING:
     from spherecal.data.rig import Calibration

@@ -6,8 +6,8 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from spherecal_gui import languages, theme
-from spherecal_gui.presenters.effects_presenter import drift_text, field_text
-from spherecal_gui.tasks.camera_effects import CameraEffect
+from spherecal_gui.presenters.results_presenter import drift_text, field_text
+from spherecal_gui.tasks.outcome import CameraEffect
 from spherecal_gui.widgets.basic import add, label
 
 _FEW, _GAP_PX = 9, 10.0  # so many maps stand three in a row, more of them five

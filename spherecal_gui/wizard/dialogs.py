@@ -13,8 +13,8 @@ import spherecal
 from spherecal.base.resources import resource_path
 from spherecal_documents.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
+from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.languages import translate
-from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
 
 

@@ -10,23 +10,22 @@ from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages, theme
+from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.limits_presenter import load_limits
 from spherecal_gui.presenters.look_presenter import bump_text
-from spherecal_gui.presenters.pace import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import Standing, camera_level
-from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import error_text, reason_text, step_title
-from spherecal_gui.wizard.bench_editor import show_bench
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys, Onward
 from spherecal_gui.wizard.page_classes import load_pages, loaded, page_class
+from spherecal_gui.wizard.window_settings import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.workflow import Status, Step, StepKind
 
 _TICK_MS = 100
@@ -192,6 +191,8 @@ class WizardWindow(WindowFrame):
 
     def edit_bench(self) -> None:
         """Describe ball, bars and limits."""
+        from spherecal_gui.pages.bench_dialog import show_bench  # needs scipy
+
         self.bench_dialog = show_bench(self.controller, self.projects, self)
         self.bench_dialog.limits_wanted.connect(self._show_limits)
 

@@ -25,7 +25,6 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, Counters
 from spherecal_files.write_result import write_result
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.pages.calibrate_page import CalibratePage
 from spherecal_gui.pages.check_page import CheckPage
 from spherecal_gui.pages.profile_dialog import ProfileDialog
@@ -33,11 +32,10 @@ from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
 from spherecal_gui.presenters.check_presenter import check_notes, check_rows, check_verdict
 from spherecal_gui.presenters.connect_presenter import CameraLine, connect_summary, model_text
 from spherecal_gui.presenters.look_presenter import TileState, figures_text
-from spherecal_gui.presenters.pace import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene
 from spherecal_gui.presenters.results_presenter import culprit
 from spherecal_gui.presenters.start_presenter import in_use, picture_name, validity_of
-from spherecal_gui.project import Computation, Project
+from spherecal_gui.project import Computation, Project, fingerprint
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.rig_scenes import check_scene
 from spherecal_gui.tasks import jobs
@@ -45,6 +43,7 @@ from spherecal_gui.tasks.kept_check import read_kept_check
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.window import WizardWindow
+from spherecal_gui.wizard.window_settings import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.workflow import Step
 from spherecal_rigs.check_file import FORMAT, VERSION
 from spherecal_rigs.save_entry import SaveOptions, save_result

@@ -26,7 +26,6 @@ from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.import_dialog import ImportDialog
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.verify_page import VerifyPage
-from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.connect_presenter import connect_summary
 from spherecal_gui.presenters.drivers_presenter import DriverNote
 from spherecal_gui.presenters.look_presenter import summary, tile_state
@@ -35,6 +34,7 @@ from spherecal_gui.presenters.start_presenter import project_lines
 from spherecal_gui.presenters.step_states import ResultFacts, SaveFacts, results_says, save_says
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, load_project
+from spherecal_gui.rig_scenes import GuidanceView
 from spherecal_gui.standing import Part
 from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
 from spherecal_gui.texts import moved_text, reason_text, status_word

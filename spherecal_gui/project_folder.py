@@ -46,7 +46,6 @@ from spherecal_gui.project import (
     FlawCode,
     Project,
     Purpose,
-    Rectangle,
     Verdict,
     fingerprint,
 )
@@ -67,10 +66,6 @@ def _purpose(text: str) -> Purpose:
 
 def _method(text: str) -> str:
     return text if text == "tao2021" else ""
-
-
-def _mask(camera: str, rectangle: Rectangle) -> tuple[str, Rectangle]:
-    return camera, rectangle
 
 
 _ARTEFACTS = record(
@@ -98,7 +93,7 @@ def _run(about: str) -> Kind[Computation]:
 
 _MASK = record(
     "",
-    _mask,
+    lambda camera, rectangle: (camera, rectangle),
     replace(field("camera", text("The camera.")), get=itemgetter(0)),
     replace(field("rectangle", numbers("`[left, top, width, height]` in px.", 4)), get=itemgetter(1)),
 )

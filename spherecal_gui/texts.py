@@ -11,6 +11,8 @@ from spherecal_gui.workflow import Reason, Status, Step, StepKind
 if TYPE_CHECKING:  # the window is shown before cameras are loaded
     from spherecal_cameras.protocol import CameraStatus
 
+Cell = str | float | int | None  # what a table sorts by
+
 
 def step_title(step: Step) -> str:
     """The step's name on the rail."""
@@ -66,3 +68,8 @@ def error_text(error: BaseException) -> tuple[str, str]:
 def error_line(error: BaseException) -> str:
     """What happened and what to do in one line, in the interface's language as far as the error is one of ours."""
     return " ".join(error.words(languages.now())).strip() if isinstance(error, SpherecalError) else str(error)
+
+
+def figure(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
+    """The cell of a number in a table; a dash, sorted as the largest, where there is none."""
+    return ("-", float("inf"), level) if value is None else (f"{value:.{digits}f}", value, level)

@@ -135,12 +135,11 @@ def resolve(project: Project, running: Running) -> WorkflowState:
     steps = steps_of(project)
     ids = [step.id for step in steps]
     states = tuple(_state(step, project, running) for step in steps)
-    return WorkflowState(states, project.step if project.step in ids else _nearest(project.step, project))
-
-
-def _nearest(step_id: str, project: Project) -> str:
-    """Where to be when the step is no longer there: a placement that was dropped, the scale of another bench."""
-    return f"placement:{project.placements[-1]}" if step_id.startswith("placement:") and project.placements else "look"
+    current = project.step
+    if current not in ids:  # a placement that was dropped, the scale of another bench
+        was_placement = current.startswith("placement:") and project.placements
+        current = f"placement:{project.placements[-1]}" if was_placement else "look"
+    return WorkflowState(states, current)
 
 
 def _state(step: Step, project: Project, running: Running) -> StepState:
@@ -343,9 +342,11 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
     changed = _changed(project.checked, project.check_inputs)
     if changed:
         return Status.STALE, Reason("changed", changed, "check")
-    if _repair_in_use(project) or project.checked.verdict == "ok":
-        return Status.DONE, None
     repaired = project.repaired if _repair_made(project) else None
+    used = project.saved.inputs if project.saved is not None else ()
+    in_use = repaired is not None and used == (("repair", fingerprint(repaired)),)
+    if in_use or project.checked.verdict == "ok":
+        return Status.DONE, None
     if project.checked.verdict == "watch" or (repaired is not None and usable(repaired.verdict)):
         return Status.CARE, Reason("repair not in use" if repaired is not None else "watch", (), "check")
     return Status.FAILED, Reason("recalibrate", (), "check")
@@ -354,12 +355,6 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
 def _repair_made(project: Project) -> bool:
     """Whether the cameras that this check found moved were calibrated again."""
     return project.repaired is not None and project.repaired.inputs == (("check", fingerprint(project.checked)),)
-
-
-def _repair_in_use(project: Project) -> bool:
-    """Whether that is in use."""
-    saved = project.saved
-    return _repair_made(project) and saved is not None and saved.inputs == (("repair", fingerprint(project.repaired)),)
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

@@ -89,11 +89,6 @@ class ComputationController(ControllerPart):
         self.main.tell(kind, text)
         self._warn_of_frame()  # the last word, which the window keeps on the screen
 
-    def choose_method(self, method: str) -> None:
-        """Make the next calibration by this method; empty: the program's own."""
-        if self.runner.running is None:
-            self.main.change(method=method)
-
     def kept_reference(self) -> str | None:
         """The camera whose frame was the world so far; it stays so, that coordinates of two days can be compared."""
         project = self.project

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from spherecal.base.errors import InputError
 from spherecal_files.filesystem import remove_below
 from spherecal_gui.controllers.project_controller import ControllerPart
@@ -54,11 +52,9 @@ class FrameController(ControllerPart):
         try:
             kept = FRAME.read(path)
             self.definition = kept.definition
-            fresh = (
-                kept
-                if self.main.outcome is None
-                else frame_of(kept.definition, self.main.outcome.places, self.main.outcome.result.rig)
-            )
+            outcome, fresh = self.main.outcome, kept
+            if outcome is not None:
+                fresh = frame_of(kept.definition, outcome.places, outcome.result.rig)
         except InputError as error:
             why = translate("Frame", "The frame of this project cannot be made with this calibration: {why}")
             self.problem = why.format(why=error_text(error)[0])
@@ -67,7 +63,9 @@ class FrameController(ControllerPart):
             of_bars = self.definition is not None and any("/" in name for name in self.definition.places)
             self.main.tell("bad", self.problem, bars if of_bars else again)
             return
-        if not _same(kept, fresh):
+        turned, shifted = kept.rotation != fresh.rotation, kept.translation_mm != fresh.translation_mm
+        about = (kept.input_sha256, kept.reference_camera) == (fresh.input_sha256, fresh.reference_camera)
+        if turned.any() or shifted.any() or not about:
             self.main.attempt(lambda: write_frame(fresh, path))
         self.frame = fresh
 
@@ -115,8 +113,3 @@ class FrameController(ControllerPart):
         if definition.turns:
             words += ["--turn", *definition.turns]
         return tuple(words)
-
-
-def _same(one: "UserFrame", other: "UserFrame") -> bool:
-    numbers = np.array_equal(one.rotation, other.rotation) and np.array_equal(one.translation_mm, other.translation_mm)
-    return numbers and (one.input_sha256, one.reference_camera) == (other.input_sha256, other.reference_camera)

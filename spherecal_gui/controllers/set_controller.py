@@ -116,11 +116,3 @@ class SetController(ControllerPart):
         project = changes.with_another_placement(self.project)
         session.plan_more(PlannedSet(project.placements[-1]))
         self.main.update(replace(project, step=f"placement:{project.placements[-1]}"))
-
-    def drop_placement(self, set_id: str) -> None:
-        """Do without a planned placement that was not taken."""
-        self.main.revise(changes.without_placement, set_id)
-
-    def keep(self, set_id: str) -> None:
-        """Keep a set as it was taken, with what is wrong with it."""
-        self.main.revise(changes.with_kept, set_id)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 from spherecal.base.context import Context
 from spherecal.base.file_reading import id_problem
@@ -22,15 +22,6 @@ if TYPE_CHECKING:  # the window starts without the cameras' modules
 
 _BLINKS, _BLINK_S = 8, 0.35
 _PATIENCE_MS = 10_000
-
-
-@runtime_checkable
-class Indicating(Protocol):
-    """A source whose cameras may have a light of their own."""
-
-    def indicate(self, serial: str, on: bool) -> bool:
-        """Switch a camera's own light; whether it has one that can be switched."""
-        ...
 
 
 class TuningController(ControllerPart):
@@ -172,12 +163,12 @@ class TuningController(ControllerPart):
 
     def can_blink(self) -> bool:
         """Whether the cameras may have a light of their own that can be switched."""
-        return isinstance(self.main.cameras.source, Indicating)
+        return hasattr(self.main.cameras.source, "indicate")
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
         """Let a camera's own light blink for some seconds."""
-        source = self.main.cameras.source
-        if not isinstance(source, Indicating):
+        indicate = getattr(self.main.cameras.source, "indicate", None)
+        if indicate is None:
             answered(False)
             return
 
@@ -185,11 +176,11 @@ class TuningController(ControllerPart):
             try:
                 for number in range(_BLINKS):
                     context.check()
-                    if not source.indicate(serial, bool(number % 2)):
+                    if not indicate(serial, bool(number % 2)):
                         return False
                     time.sleep(_BLINK_S)
             finally:
-                source.indicate(serial, True)
+                indicate(serial, True)
             return True
 
         self.blinker.start("blink", work, answered, lambda _: answered(False), lambda: None)

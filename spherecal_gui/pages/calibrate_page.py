@@ -98,7 +98,7 @@ class CalibratePage(Page):
         self.method = named(QComboBox(), "", self.tr("Method of the calibration"), tip)
         self.method.addItem(self.tr("ours (recommended)"), "")
         self.method.addItem(self.tr("the paper's (Tao et al., 2021)"), "tao2021")
-        self.method.activated.connect(lambda _: self.controller.computation.choose_method(self.method.currentData()))
+        self.method.activated.connect(lambda _: self.controller.change(method=self.method.currentData()))
         add(bare(QHBoxLayout(line)), label(self.tr("Method"), "soft"), self.method, None)
         return line
 

@@ -10,9 +10,8 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.check_presenter import (
-    CheckRow,
+    check_cells,
     check_notes,
-    check_rows,
     check_verdict,
     repaired_text,
     repaired_verdict,
@@ -26,7 +25,7 @@ from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, add, button, enable, label, say
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
-from spherecal_gui.widgets.table import Cell, Table, figure
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Status
 from spherecal_rigs.check_rig import Check
 from spherecal_rigs.store import open_profile
@@ -126,7 +125,7 @@ class CheckPage(Page):
         found = self.controller.checks.after or self.controller.checks.found
         if found is None:
             return
-        self.table.fill([_cells(one) for one in check_rows(found)])
+        self.table.fill(check_cells(found))
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
@@ -158,10 +157,3 @@ class CheckPage(Page):
         waits = project.repaired if self._after is not None and not self._in_use else None
         usable_now = waits is not None and usable(waits.verdict) and limits.now().unverified_use
         return check_says(CheckFacts(state.status, shown, reason_text(state.reason), well, running, usable_now))
-
-
-def _cells(one: CheckRow) -> list[tuple[str, Cell, str]]:
-    """A camera's row of the table."""
-    named = [(text, text, one.level) for text in (one.camera, one.word)]
-    figures = (one.shift_mm, 3), (one.turn_deg, 4), (one.rms_px, 3), (one.before_px, 3)
-    return [*named, figure(one.move_px, 3), figure(one.point_mm, 3, one.level), *(figure(*each) for each in figures)]

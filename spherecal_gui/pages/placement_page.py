@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QTabWidget
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import coverage as cov
+from spherecal_gui import project as changes
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.live_page import LOOK_S, LivePage
@@ -78,7 +79,7 @@ class PlacementPage(LivePage):
         tip = self.tr("Once the ball lies still where it should.")
         self.automatic = named(option(self.tr("Capture by itself when still")), "automatic", tip=tip)
         row = add(QHBoxLayout(), self.automatic, None)
-        sets, cameras = self.controller.sets, self.controller.cameras
+        sets, cameras, change = self.controller.sets, self.controller.cameras, self.controller.revise
         self.small: dict[str, QPushButton] = {}
         for key, text, act, tip in (
             ("put-there", self.tr("Put it there"), self.controller.staging.put_there,
@@ -90,10 +91,10 @@ class PlacementPage(LivePage):
             ("leave-spots", self.tr("Leave the bright spots"), self.controller.recording.leave_spots, ""),
             ("was-turned", self.tr("It was turned"), self._was_turned,
              self.tr("The ball is in the same place, but shows another side.")),
-            ("keep-set", self.tr("Keep it as it is"), lambda: sets.keep(self.set_id), ""),
+            ("keep-set", self.tr("Keep it as it is"), lambda: change(changes.with_kept, self.set_id), ""),
             ("retake", self.tr("Retake"), self._take, ""),
             ("delete-set", self.tr("Delete"), lambda: sets.delete(self.set_id), ""),
-            ("skip", self.tr("Skip this placement"), lambda: sets.drop_placement(self.set_id), ""),
+            ("skip", self.tr("Skip this placement"), lambda: change(changes.without_placement, self.set_id), ""),
             ("undo", self.tr("Undo"), sets.undo, ""),
             ("more", self.tr("One more placement"), sets.add_placement, ""),
         ):  # fmt: skip

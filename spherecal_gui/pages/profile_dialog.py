@@ -12,9 +12,9 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui.presenters.results_presenter import compared_text
 from spherecal_gui.presenters.start_presenter import ProfileRow, picture_of, profile_rows, validity_of
 from spherecal_gui.tasks.outcome import Compared
-from spherecal_gui.texts import error_line
+from spherecal_gui.texts import Cell, error_line, figure
 from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, say
-from spherecal_gui.widgets.table import Cell, Table, figure
+from spherecal_gui.widgets.table import Table
 from spherecal_rigs.compare_rigs import compare, seen_volume
 from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import apply, open_profile

@@ -22,6 +22,7 @@ from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Said
+from spherecal_gui.texts import Cell, figure
 from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.effects_view import EffectsView
@@ -29,7 +30,7 @@ from spherecal_gui.widgets.findings_list import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.scene_view import png_of
-from spherecal_gui.widgets.table import Cell, Table, figure
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Status
 
 # A camera this much worse than the middle one stands out: rig A's differ by a tenth, a blurred one is 2 times worse.

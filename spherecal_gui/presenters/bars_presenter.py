@@ -10,6 +10,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate, word
 from spherecal_gui.rig_scenes import RigPlanes
+from spherecal_gui.texts import Cell, figure
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_files.verification_file import BarReport
@@ -79,18 +80,15 @@ def length_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     return rows
 
 
-def camera_cells(bars: "BarReport") -> list[tuple[str, ...]]:
-    """The table of cameras: views of marks, those used, how they fit."""
-    return [
-        (c.id, str(c.seen), str(c.used), "-" if c.rms_px is None else f"{c.rms_px:.3f}", word("marks", c.state))
-        for c in bars.cameras
-    ]
-
-
-def camera_levels(bars: "BarReport") -> list[Level]:
-    """The colours of the cameras' states."""
-    levels: dict[str, Level] = {"verified": "good", "not seen": "caution", "rejected": "bad"}
-    return [levels[c.state] for c in bars.cameras]
+def camera_cells(bars: "BarReport") -> list[list[tuple[str, Cell, str]]]:
+    """The table of cameras: views of marks, those used, how they fit, their states."""
+    levels = {"verified": "good", "not seen": "caution", "rejected": "bad"}
+    rows = []
+    for c in bars.cameras:
+        state = word("marks", c.state)
+        views = [(str(count), float(count), "") for count in (c.seen, c.used)]
+        rows.append([(c.id, c.id, ""), *views, figure(c.rms_px, 3), (state, state, levels[c.state])])
+    return rows
 
 
 def rule_text(bars: "BarReport") -> str:

@@ -3,7 +3,6 @@
 import queue
 import threading
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -121,10 +120,6 @@ class SeriesRecorder:
         from spherecal_measuring.series_file import write_series
 
         try:
-            write_series(self._all(), self._measurer, self._folder)
+            write_series(iter(self._sets.get, None), self._measurer, self._folder)
         except Exception as error:
             self._error = error
-
-    def _all(self) -> "Iterator[MeasuredSet]":
-        while (one := self._sets.get()) is not None:
-            yield one

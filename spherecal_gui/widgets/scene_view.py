@@ -309,10 +309,6 @@ class SceneView(QWidget):
             painter.end()
         return image
 
-    def picture_png(self) -> bytes:
-        """What is seen, as a PNG file's contents."""
-        return png_of(self.grab())
-
 
 def png_of(image: QPixmap) -> bytes:
     """An image as a PNG file's contents."""

@@ -7,14 +7,9 @@ from PySide6.QtGui import QColor, QFontMetricsF, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
 
 from spherecal_gui import languages, theme
+from spherecal_gui.texts import Cell
 
 _PADDING_PX, _ARROW_PX = 9.0, 14.0
-Cell = str | float | int | None
-
-
-def figure(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
-    """The cell of a number; a dash, sorted as the largest, where there is none."""
-    return ("-", float("inf"), level) if value is None else (f"{value:.{digits}f}", value, level)
 
 
 class _Item(QTableWidgetItem):

@@ -93,8 +93,10 @@ class Keys(QObject):
         focus = self._window.focusWidget() or self._window  # to which Qt would hand it
         if event.key() == Qt.Key.Key_Space:
             return self._space(focus, event.isAutoRepeat())
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            return self._enter(focus, event.isAutoRepeat())
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and isinstance(focus, QAbstractButton):
+            if not event.isAutoRepeat():  # presses the button that has the focus; in a field it only commits the field
+                focus.click()
+            return True
         return False
 
     def _space(self, watched: QWidget, again: bool) -> bool:
@@ -108,11 +110,3 @@ class Keys(QObject):
         if not again:
             self._press()
         return True
-
-    @staticmethod
-    def _enter(watched: QWidget, again: bool) -> bool:
-        """Presses the button that has the focus; in a field it only commits the field."""
-        if isinstance(watched, QAbstractButton) and not again:
-            watched.click()
-            return True
-        return isinstance(watched, QAbstractButton)

@@ -29,7 +29,7 @@ from spherecal_gui.pages.calibrate_page import CalibratePage
 from spherecal_gui.pages.check_page import CheckPage
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
-from spherecal_gui.presenters.check_presenter import check_notes, check_rows, check_verdict
+from spherecal_gui.presenters.check_presenter import check_cells, check_notes, check_verdict
 from spherecal_gui.presenters.connect_presenter import CameraLine, connect_summary, model_text
 from spherecal_gui.presenters.look_presenter import TileState, figures_text
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene
@@ -352,8 +352,8 @@ def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     found = read_kept_check(project.folder)
     assert found is not None
     assert check_verdict(found).word == "RECALIBRATE" and "C03" in check_verdict(found).sentence
-    (row,) = check_rows(found)
-    assert (row.move_px, row.point_mm, row.shift_mm) == (9.1, 7.5, 4.5) and row.turn_deg == pytest.approx(0.3)
+    (row,) = check_cells(found)
+    assert [text for text, *_ in row][2:] == ["9.100", "7.500", "4.500", "0.3000", "2.000", "0.100"]
     assert len(check_notes(found)) == 3 and found.to_repair == ("C03",)
     controller = Controller()
     monkeypatch.setattr(controller.cameras, "connect_all", lambda: None)

@@ -213,7 +213,14 @@ def load_project(folder: Path) -> Project:
         raise InputError(Phrase("error-no-project", {"folder": folder, "file": FILE}))
     check_folders(folder)
     project = WIZARD.read(folder / FILE, below=folder)
-    return _as_on_disk(replace(project, folder=folder, taken=taken_in(folder)))
+    project = replace(project, folder=folder, taken=taken_in(folder))
+    if project.calibrated is not None and not (project.result_folder / "rig.json").is_file():
+        project = replace(project, calibrated=None, accepted=None, verified=None)
+    if project.repaired is not None and not (project.repair_folder / "rig.json").is_file():
+        project = replace(project, repaired=None)
+    if project.verified is not None and not (project.result_folder / "verification.json").is_file():
+        project = replace(project, verified=None)
+    return project
 
 
 def taken_in(folder: Path) -> dict[str, str]:
@@ -231,17 +238,6 @@ def taken_in(folder: Path) -> dict[str, str]:
             why = error.parts[0] if isinstance(error, InputError) else other
             raise InputError(why, Phrase("error-restore-backup")) from error
     return taken
-
-
-def _as_on_disk(project: Project) -> Project:
-    """Without a result that is no longer there, and without planned sets of an unknown kind."""
-    if project.calibrated is not None and not (project.result_folder / "rig.json").is_file():
-        project = replace(project, calibrated=None, accepted=None, verified=None)
-    if project.repaired is not None and not (project.repair_folder / "rig.json").is_file():
-        project = replace(project, repaired=None)
-    if project.verified is not None and not (project.result_folder / "verification.json").is_file():
-        project = replace(project, verified=None)
-    return project
 
 
 def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Path:

@@ -12,7 +12,6 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
-    from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
 
@@ -20,10 +19,8 @@ if TYPE_CHECKING:  # checks need scipy, for which the window does not wait
 class CheckController(ControllerPart):
     """The check of the open project: what it `found`, and what it finds `after` a repair."""
 
-    def __init__(self, main: "Controller") -> None:
-        super().__init__(main)
-        self.found: Check | CheckSummary | None = None
-        self.after: Check | None = None  # the same check with the repaired rig
+    found: "Check | CheckSummary | None" = None
+    after: "Check | None" = None  # the same check with the repaired rig
 
     def load(self, project: Project) -> None:
         """Take up the check that is kept with a project."""
@@ -44,7 +41,7 @@ class CheckController(ControllerPart):
             return False
 
         def work(context: Context) -> "Check":
-            return jobs.check(project.folder, profile, project.folder / "check.json", context)
+            return jobs.check(project, profile, context)
 
         return self.main.cameras.start_alone("check", work, self._checked)
 
@@ -62,7 +59,7 @@ class CheckController(ControllerPart):
             return False
 
         def work(context: Context) -> "tuple[changes.Verdict, Check]":
-            return jobs.repair(project.folder, profile, found.to_repair, project.repair_folder, context)
+            return jobs.repair(project, profile, found.to_repair, context)
 
         return self.main.cameras.start_alone("check", work, self._repaired)
 

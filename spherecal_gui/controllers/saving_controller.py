@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
 from spherecal.base.errors import OutputError
@@ -17,16 +16,11 @@ from spherecal_gui.presenters.start_presenter import picture_name
 from spherecal_gui.project import Project
 from spherecal_gui.tasks import jobs
 
-if TYPE_CHECKING:  # which makes the parts
-    from spherecal_gui.controllers.controller import Controller
-
 
 class SavingController(ControllerPart):
     """What is written of the open project."""
 
-    def __init__(self, main: "Controller") -> None:
-        super().__init__(main)
-        self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
+    draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
     def _save(self, work: Callable[[Project, Context], Path | str], message: str) -> bool:
         project = self.project

@@ -1,7 +1,6 @@
 """Placements and bar poses: taken, taken again, deleted, brought back."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
 from spherecal_gui import languages
@@ -12,16 +11,11 @@ from spherecal_gui.project_folder import require_project, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.task import BackgroundTask
 
-if TYPE_CHECKING:  # which makes the parts
-    from spherecal_gui.controllers.controller import Controller
-
 
 class SetController(ControllerPart):
     """What is done with placements and poses."""
 
-    def __init__(self, main: "Controller") -> None:
-        super().__init__(main)
-        self._taking: tuple[str, BackgroundTask | None] = ("", None)
+    _taking: tuple[str, BackgroundTask | None] = ("", None)
 
     @property
     def taking(self) -> str | None:

@@ -1,6 +1,7 @@
 """The ball, its targets and the check of their print; placements and limits of the bench."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Signal
@@ -48,7 +49,7 @@ class BallTab(QWidget):
         column = add(spaced(QVBoxLayout(inner), 12), which, grid, self._own(), title, self.print_said, line)
         add(column, label(message, "soft"), None)
         for key, one in self.fields.items():
-            one.edited.connect(lambda _, text, key=key: self._edited(key, text))
+            one.line.textEdited.connect(partial(self._edited, key))
         QVBoxLayout(self).addWidget(Downwards(inner))
 
     def _own(self) -> QHBoxLayout:
@@ -119,7 +120,7 @@ class RigTab(QWidget):
         }
         self.fields["celsius"].line.setToolTip(self.tr("Read it on the day, on the bar itself; empty: not read."))
         for key, one in self.fields.items():
-            one.edited.connect(lambda _, text, key=key: self._edited(key, text))
+            one.line.textEdited.connect(partial(self._edited, key))
         row = add(QHBoxLayout(), *((one, 1) for one in self.fields.values()), None)
         self.limit = label("")
         self.open_limits = button(self.tr("Open the limits"), "open-limits", act=self.limits_wanted)

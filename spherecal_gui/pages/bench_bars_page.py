@@ -116,7 +116,7 @@ class BarsTab(QWidget):
         column = add(spaced(QVBoxLayout(inner), 10), grid, title, self.lengths, self.lengths_problem)
         add(column, add(QHBoxLayout(), self.more, None), head, below, None)
         for key, one in self.fields.items():
-            one.edited.connect(lambda _, text, key=key: self._put(key, **{key: text}))
+            one.line.textEdited.connect(lambda text, key=key: self._put(key, **{key: text}))
         return Downwards(inner)
 
     # --- changes -----------------------------------------------------------------------------------------------------

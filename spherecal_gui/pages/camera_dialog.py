@@ -34,7 +34,9 @@ class CameraDialog(QDialog):
         about = label(f"{model_text(info.model) if info is not None else ''}  {serial}".strip(), "soft")
         which = label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's."))
         side = add(QVBoxLayout(), label(self.name, "huge", wrap=False), about, which, self.blink, self.message, None)
-        add(QHBoxLayout(self), (self.tile, 1), add(side, self._form(), self._buttons()))
+        self.apply = button(self.tr("Apply"), "apply-camera", act=self._apply)
+        buttons = add(QHBoxLayout(), self.apply, button(self.tr("Close"), "close-camera", act=self.accept))
+        add(QHBoxLayout(self), (self.tile, 1), add(side, self._form(), buttons))
         self._timer = QTimer(self, interval=_TICK_MS)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
@@ -77,10 +79,6 @@ class CameraDialog(QDialog):
         enable(self.trigger, not self.controller.tuning.why_no_trigger(), self.controller.tuning.why_no_trigger())
         self.trigger.activated.connect(lambda _: self.controller.tuning.set_all(trigger=self.trigger.currentData()))
         return self.trigger
-
-    def _buttons(self) -> QHBoxLayout:
-        self.apply = button(self.tr("Apply"), "apply-camera", act=self._apply)
-        return add(QHBoxLayout(), self.apply, button(self.tr("Close"), "close-camera", act=self.accept))
 
     def _tick(self) -> None:
         """Follow the camera; the dialog goes when the camera is no longer there."""

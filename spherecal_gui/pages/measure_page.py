@@ -74,22 +74,18 @@ class MeasurePage(Page):
         self.pace, self.recording = label("", "soft"), label("", "soft")
         self.space = RenderedScene()
         self._rig: object = None  # the result whose rig the scene shows
-        left = add(QVBoxLayout(), (self.space, 3), (self._points(), 2))
+        self.points = named(QListWidget(), "measured-points", self.tr("Points that are seen now"))
+        self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
+        self.points.itemSelectionChanged.connect(self._choose)
+        self.hint, card = label(ruler_hint(()), "soft"), Card(self.tr("Points"))
+        add(card.body, (self.points, 1), self.hint)
+        left = add(QVBoxLayout(), (self.space, 3), (card, 2))
         self.large = label("", "huge")
         headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
         self.table = Table(headings, sortable=False, spare=(2,))
         self.chart = DeviationChart()
         row = add(QHBoxLayout(), (left, 4), (add(QVBoxLayout(), self.large, (self.table, 1), (self.chart, 1)), 5))
         add(QVBoxLayout(self), self.trust, self.pace, (row, 1), self.recording)
-
-    def _points(self) -> Card:
-        card = Card(self.tr("Points"))
-        self.points = named(QListWidget(), "measured-points", self.tr("Points that are seen now"))
-        self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
-        self.points.itemSelectionChanged.connect(self._choose)
-        self.hint = label(ruler_hint(()), "soft")
-        add(card.body, (self.points, 1), self.hint)
-        return card
 
     # --- the measurement ---------------------------------------------------------------------------------------------
 

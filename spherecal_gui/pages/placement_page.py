@@ -232,22 +232,12 @@ class PlacementPage(LivePage):
         if mine is not None:
             counts = {name: len(mine[name]) if name in mine else 0 for name in scene.counts}
             scene = replace(scene, counts=counts, still=True)
-        return PlacementFacts(
-            replace(scene, made_up=made_up),
-            self.is_taken,
-            self.is_taken and any(not flaw.kept for flaw in project.flaws_of(self.set_id)),
-            self.work,
-            self.controller.cameras.connection is not None,
-            self._stands_as_before(scene),
-            to_go,
-            self._is_enough(),
-            self.recorded,
-            len(project.placements) > FEW_PLACEMENTS,
-            bool(self.controller.cameras.moved()),
-            sets.can_undo is not None,
-            self.controller.staging.can_put_there,
-            bool(self.controller.recording.spots),
-        )
+        flawed = self.is_taken and any(not flaw.kept for flaw in project.flaws_of(self.set_id))
+        how = self.is_taken, flawed, self.work, self.controller.cameras.connection is not None
+        where = self._stands_as_before(scene), to_go, self._is_enough(), self.recorded
+        spare, moved = len(project.placements) > FEW_PLACEMENTS, bool(self.controller.cameras.moved())
+        can = sets.can_undo is not None, self.controller.staging.can_put_there, bool(self.controller.recording.spots)
+        return PlacementFacts(replace(scene, made_up=made_up), *how, *where, spare, moved, *can)
 
     def says(self) -> Said:
         """What to do with this placement."""

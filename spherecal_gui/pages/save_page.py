@@ -302,26 +302,13 @@ class SavePage(Page):
 
     def says(self) -> Said:
         """Save what is not in the profile yet; then the report."""
-        state, task = self.state, self.controller.runner.task
-        if state is None:
-            return Said("none", "")
-        return save_says(
-            SaveFacts(
-                state.status,
-                self._calibration,
-                not self._doubtful,
-                self._failed,
-                self.is_kept,
-                self._is_stale,
-                self.apply.isChecked(),
-                self._why_not_saved(),
-                self.report_path.is_file(),
-                self.controller.runner.running or "",
-                task is not None and task.stopping,
-                self.controller.progress_text(),
-                self._doubtful and self.open_project.verified is not None,
-            )
-        )
+        task, doubtful = self.controller.runner.task, self._doubtful
+        good = self._calibration, not doubtful, self._failed, self.is_kept, self._is_stale
+        asked = self.apply.isChecked(), self._why_not_saved(), self.report_path.is_file()
+        work = ("", False) if task is None else (task.name, task.stopping)
+        undecided = doubtful and self.open_project.verified is not None
+        left = self.controller.progress_text()
+        return save_says(SaveFacts(self.open_state.status, *good, *asked, *work, left, undecided))
 
     def tick(self) -> None:
         """How far the writing is."""

@@ -383,8 +383,8 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
         keep_verification(profile, number, verdict)
 
 
-def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
-    """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
+def check(project: Project, profile: Path, context: Context) -> "Check":
+    """The same calls as `spherecal check FOLDER --profile PROFILE -o FOLDER/check.json`; the engine's answer."""
     from spherecal_files.read_session import read_session
     from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
@@ -392,16 +392,15 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check
     from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)
-    found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
+    session = read_session(project.folder)
+    found = run(session, read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
     document = check_json(found)
-    write_file_whole(output, json_bytes(document))
+    write_file_whole(project.folder / "check.json", json_bytes(document))
     keep(profile, document)
     return found
 
 
-def repair(
-    folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context
-) -> "tuple[Verdict, Check]":
+def repair(project: Project, profile: Path, cameras: tuple[str, ...], context: Context) -> "tuple[Verdict, Check]":
     """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
     from spherecal_files.read_session import read_session
     from spherecal_files.write_result import write_result
@@ -410,10 +409,11 @@ def repair(
     from spherecal_rigs.repose import repose
     from spherecal_rigs.rig_source import points_file, read_source
 
-    check_folders(result.parent)
+    result = project.repair_folder
+    check_folders(project.folder)
     check_folder(result, RESULT)
     context.report("reading the session", 0.0)
-    session = read_session(folder)
+    session = read_session(project.folder)
     done = repose(session, read_source(profile).rig, cameras, context)
     write_result(done, result, {"method": "selected", "only": list(cameras), "estimate": "pose"})
     after = run(session, done.rig, read_known_ball(points_file(profile)), None, context)

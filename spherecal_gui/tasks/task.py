@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
@@ -105,9 +105,7 @@ class Runner(QObject):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.task: BackgroundTask | None = None
-        self._on_done: Callable[[Any], None] | None = None  # Any: a signal of Qt carries the result
-        self._on_failed: Callable[[BaseException], None] | None = None
-        self._on_cancelled: Callable[[], None] | None = None
+        self._then: dict[str, Callable[..., None] | None] = {}  # what to call, by how it ended
 
     @property
     def running(self) -> str | None:
@@ -125,7 +123,7 @@ class Runner(QObject):
         """Start work; False where something runs already. `on_cancelled` None: nothing is."""
         if self.task is not None:
             return False
-        self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled
+        self._then = {"done": on_done, "failed": on_failed, "cancelled": on_cancelled}
         task = BackgroundTask(name, work, self)
         task.succeeded.connect(self._succeeded)
         task.failed.connect(self._failed)
@@ -157,7 +155,6 @@ class Runner(QObject):
         if self.close(patience_ms) or self.task is None:
             return
         task, self.task = self.task, None
-        self._on_done = self._on_failed = self._on_cancelled = None
         for one in (task.succeeded, task.failed, task.cancelled):
             one.disconnect()
         task.setParent(None)
@@ -167,19 +164,18 @@ class Runner(QObject):
     def _succeeded(self, result: object) -> None:
         if self.task is not None:
             self.lasted.emit(self.task.name, time.perf_counter() - self.task.began_s)
-        self._end(self._on_done, result)
+        self._end("done", result)
 
     @Slot(object)
     def _failed(self, error: BaseException) -> None:
-        self._end(self._on_failed, error)
+        self._end("failed", error)
 
     @Slot()
     def _cancelled(self) -> None:
-        self._end(self._on_cancelled)
+        self._end("cancelled")
 
-    def _end(self, callback: Callable[..., None] | None, *found: object) -> None:
-        task, self.task = self.task, None
-        self._on_done = self._on_failed = self._on_cancelled = None
+    def _end(self, how: str, *found: object) -> None:
+        task, self.task, callback = self.task, None, self._then.get(how)
         if task is not None:
             task.wait()
             task.deleteLater()

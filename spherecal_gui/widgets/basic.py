@@ -179,6 +179,12 @@ def enable(target: QWidget, on: bool, why: str = "") -> None:
     target.setAccessibleDescription("" if on else why)
 
 
+def ink(painter: QPainter, line: QColor | str | None, width: float = 1.0, fill: QColor | str | None = None) -> None:
+    """Draw with this line and filling from now on; None: none."""
+    painter.setPen(Qt.PenStyle.NoPen if line is None else QPen(QColor(line), width))
+    painter.setBrush(Qt.BrushStyle.NoBrush if fill is None else QColor(fill))
+
+
 def open_file(path: Path) -> bool:
     """Open a file or folder with the system's own program; whether there is one. Without a screen there is none."""
     if QGuiApplication.platformName() in ("offscreen", "minimal"):
@@ -323,8 +329,7 @@ class Chip(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         c, box = theme.now(), QRectF(self.rect()).adjusted(1, 1, -1, -1)
         tint = c.soft if self.level == "none" else c.of(self.level)
-        painter.setBrush(QColor(c.raised if self.level == "none" else c.tint(self.level)))
-        painter.setPen(QPen(QColor(theme.mixed(c.surface, tint, 0.45)), 1))
+        ink(painter, theme.mixed(c.surface, tint, 0.45), 1, c.raised if self.level == "none" else c.tint(self.level))
         painter.drawRoundedRect(box, box.height() / 2, box.height() / 2)
         words = box.adjusted(theme.GAP, 0, -theme.GAP, 0)
         if self.level != "none":

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.connect_presenter import DrawnBench
+from spherecal_gui.widgets.basic import ink
 
 _LEAST_PX = 90.0
 _MARGIN_PX = 12.0
@@ -68,11 +69,9 @@ class BenchView(QWidget):
         c, shown = theme.now(), self._shown
         reach = max(max(abs(x), abs(y)) for _, x, y in shown.sticker) * 1.35 or 1.0
         places = {name: box.center() + QPointF(x, y) * (box.width() / 2 / reach) for name, x, y in shown.sticker}
-        painter.setPen(QPen(QColor(c.border), 1))
-        painter.setBrush(QColor("#1c1c1c"))
+        ink(painter, c.border, 1, "#1c1c1c")
         painter.drawRect(box)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor("#f4f4f2"))
+        ink(painter, None, fill="#f4f4f2")
         for place in places.values():
             painter.drawEllipse(place, 4, 4)
         ends = [places[name] for name in shown.between if name in places]
@@ -90,8 +89,7 @@ class BenchView(QWidget):
         painter.setPen(QPen(QColor(c.soft), 1.5))
         painter.setBrush(light)
         painter.drawEllipse(centre, radius, radius)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(c.soft))
+        ink(painter, None, fill=c.soft)
         for i in range(self._shown.targets):
             height = 1.0 - (2 * i + 1) / self._shown.targets
             out = math.sqrt(1.0 - height * height)
@@ -105,8 +103,7 @@ class BenchView(QWidget):
         half = scale * max(marks) / 2
         painter.setPen(QPen(QColor(c.soft), 3.0))
         painter.drawLine(at - QPointF(half, 0), at + QPointF(half, 0))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(c.accent))
+        ink(painter, None, fill=c.accent)
         for one in marks:
             painter.drawEllipse(at + QPointF(scale * one - half, 0), _MARK_PX, _MARK_PX)
         painter.setPen(QColor(c.text))

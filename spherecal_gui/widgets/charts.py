@@ -38,10 +38,11 @@ _TINT = 0.5  # of its colour in a cell that is covered: numbers and frames are r
 
 
 class Chart(pg.PlotWidget):
-    """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it again."""
+    """A plot in the window's colours that leaves wheel and mouse alone."""
 
     def __init__(self) -> None:
         super().__init__()
+        self.plot_item: Any = self.getPlotItem()  # pyqtgraph has no types
         self._drawn: object = None
         self.setMenuEnabled(False)
         self.hideButtons()
@@ -57,11 +58,6 @@ class Chart(pg.PlotWidget):
         wanted = (theme.now(), theme.pt(1.0), self.width(), self.height(), *shown)
         same, self._drawn = wanted == self._drawn, wanted
         return same
-
-    @property
-    def plot_item(self) -> Any:  # pyqtgraph has no types
-        """The plot inside."""
-        return self.getPlotItem()
 
     def span(self, x: tuple[float, float], y: tuple[float, float]) -> None:
         """Show exactly this range."""

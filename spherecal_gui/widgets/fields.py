@@ -1,6 +1,5 @@
 """Fields: of a number with its unit; of a text with its name above and what is wrong with it below, said at once."""
 
-from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
 
 from spherecal_gui.widgets.basic import add, bare, label, named, say
@@ -18,17 +17,13 @@ def number_field(
 
 
 class TextField(QWidget):
-    """One line of text; `edited` (its key, the text) with every letter."""
-
-    edited = Signal(str, str)
+    """One line of text."""
 
     def __init__(self, key: str, title: str, example: str = "", tip: str = "") -> None:
         super().__init__()
-        self.key, self.title = key, title
         column = bare(QVBoxLayout(self), 2)
         caption = label(title, wrap=False)
         self.line = named(QLineEdit(placeholderText=example, maxLength=_LONGEST), key, title, tip)
-        self.line.textEdited.connect(lambda text: self.edited.emit(self.key, text))
         caption.setBuddy(self.line)
         self.problem = label("", level="bad", hidden=True)
         add(column, caption, self.line, self.problem, None)

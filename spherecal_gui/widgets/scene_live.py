@@ -3,7 +3,7 @@
 import itertools
 
 import numpy as np
-from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
+from PySide6.QtCore import QLineF, QPointF, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPen, QPolygonF, QTransform
 
 from spherecal.base.arrays import FloatArray
@@ -11,6 +11,7 @@ from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import SceneData
 from spherecal_gui import theme
 from spherecal_gui.rig_scenes import LiveParts
+from spherecal_gui.widgets.basic import ink
 
 _EDGES = tuple((i, i ^ bit) for i in range(8) for bit in (1, 2, 4) if not i & bit)  # of a box, corners by x, y, z
 LYING, WANTED, THERE = "#35e0ff", "#ffb02e", "#3be37f"  # as in the images
@@ -23,8 +24,7 @@ def paint_live(painter: QPainter, data: SceneData, eye: Eye, live: LiveParts) ->
         if (image := live.images.get(camera.id)) is not None:
             draw_image(painter, corners, image)
         if (level := live.levels.get(camera.id, "none")) != "none":
-            painter.setPen(QPen(QColor(theme.now().of(level)), 2.5))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
+            ink(painter, theme.now().of(level), 2.5)
             painter.drawPolygon(corners)
     if live.box is not None:
         painter.setPen(QPen(theme.colour("soft"), 1, Qt.PenStyle.DotLine))
@@ -67,12 +67,10 @@ def _draw_ball(
     tint = QColor(THERE if near else LYING)
     middle, pole = _points(eye, np.stack([centre, top]))
     reach = radius_mm * eye.scale
-    painter.setPen(QPen(tint, 2.5))
     fill = QColor(tint)
     fill.setAlpha(46)
-    painter.setBrush(fill)
-    painter.drawEllipse(QRectF(middle.x() - reach, middle.y() - reach, 2 * reach, 2 * reach))
-    painter.setBrush(Qt.BrushStyle.NoBrush)
+    ink(painter, tint, 2.5, fill)
+    painter.drawEllipse(middle, reach, reach)
     painter.drawLine(QLineF(middle, pole))
     painter.setBrush(tint)
     painter.drawEllipse(pole, 3, 3)

@@ -13,6 +13,7 @@ from spherecal_documents.scene.model import AXIS_TINTS, SceneData, ramp
 from spherecal_gui import languages, theme
 from spherecal_gui.languages import translate, word
 from spherecal_gui.presenters.scene_hover import SceneItem
+from spherecal_gui.widgets.basic import ink
 
 _CUBE_PX = 30.0  # half of its side
 _CORNER = 2.05  # of its middle from the corner of the view, in half sides
@@ -152,9 +153,7 @@ class Overlay:
         for side, corners, depth, (right, up, middle) in faces:
             if depth <= 0.02:
                 continue
-            painter.setPen(QPen(QColor(c.border), 1.2))
-            ground = QColor(theme.mixed(c.raised, c.text, 0.1 * depth))
-            painter.setBrush(ground)
+            ink(painter, c.border, 1.2, theme.mixed(c.raised, c.text, 0.1 * depth))
             painter.drawPolygon(corners)
             painter.save()
             painter.setTransform(
@@ -203,8 +202,7 @@ class Overlay:
         height = sum(size.height() for size in sizes) + 2 * theme.SMALL
         left = min(max(x + 14, 4.0), self._view.width() - width - 4)
         top = min(max(y + 10, 4.0), self._view.height() - height - 4)
-        painter.setPen(QPen(QColor(c.border), 1))
-        painter.setBrush(QColor(c.raised))
+        ink(painter, c.border, 1, c.raised)
         painter.drawRoundedRect(QRectF(left, top, width, height), 6, 6)
         low = top + theme.SMALL
         for k, (font, line, size) in enumerate(zip(fonts, lines, sizes, strict=True)):

@@ -23,6 +23,7 @@ from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene_hover import SceneItem, items_of
 from spherecal_gui.rig_scenes import LiveParts
+from spherecal_gui.widgets.basic import ink
 from spherecal_gui.widgets.scene_live import paint_live
 from spherecal_gui.widgets.scene_overlay import Overlay
 
@@ -290,8 +291,7 @@ class SceneView(QWidget):
         paint_live(painter, self.data, eye, self.live)
         self._overlay.paint(painter, self.data, eye, self.layers, self.marked, self._hovered)
         if self._ringed:
-            painter.setPen(QColor(theme.now().accent))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
+            ink(painter, theme.now().accent)
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:

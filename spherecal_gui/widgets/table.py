@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from spherecal_gui import languages, theme
 from spherecal_gui.texts import Cell
@@ -39,10 +39,8 @@ class _Headings(QHeaderView):
 class Table(QTableWidget):
     """A table that is only read; `spare`: columns that are left out in this order where there is no room for all."""
 
-    def __init__(
-        self, headings: Sequence[str], sortable: bool = True, spare: Sequence[int] = (), parent: QWidget | None = None
-    ) -> None:
-        super().__init__(0, len(headings), parent)
+    def __init__(self, headings: Sequence[str], sortable: bool = True, spare: Sequence[int] = ()) -> None:
+        super().__init__(0, len(headings))
         self._spare = tuple(spare)
         self.setHorizontalHeader(_Headings(Qt.Orientation.Horizontal, self))
         self.horizontalHeader().setSectionsClickable(sortable)

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look_presenter import TileState
 from spherecal_gui.project import Rectangle
-from spherecal_gui.widgets.basic import MARKS, bare, button, named, plain
+from spherecal_gui.widgets.basic import MARKS, bare, button, ink, named, plain
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import Drawn
@@ -174,15 +174,13 @@ class CameraTile(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         tint = QColor(c.of(self.state.level))
         box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(c.surface))
+        ink(painter, None, fill=c.surface)
         painter.drawRoundedRect(box, 6, 6)
         self._draw_image(painter, self._room())
         self._draw_masks(painter)
         self._draw_ghost(painter)
         self._draw_words(painter, box, theme.pt(34), self._foot, tint)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setPen(QPen(tint, 5 if self.hasFocus() else 3))
+        ink(painter, tint, 5 if self.hasFocus() else 3)
         painter.drawRoundedRect(box, 6, 6)
         if self.need:
             painter.setPen(QPen(theme.colour("accent"), 3, Qt.PenStyle.DashLine))
@@ -301,7 +299,6 @@ class CameraTile(QWidget):
             painter.setPen(QPen(QColor("#ff5fd2"), 2))
             painter.setBrush(hatched)
             painter.drawRect(QRectF(*self._drag).normalized())
-        painter.setBrush(Qt.BrushStyle.NoBrush)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a mask, where one is to be drawn; a click on the name edits it."""

@@ -88,8 +88,13 @@ class WindowFrame(QMainWindow):
         self._build()
 
     def _build(self) -> None:
+        self.header = Header(languages.now())
+        self.header.toggled.connect(self._toggled)
+        self.header.language_chosen.connect(self.language_chosen)
+        self.header.about.triggered.connect(lambda: about_dialog(self))
+        self.source, self.validity, self.doing = self.header.source, self.header.validity, self.header.doing
         middle = QWidget()
-        outer = add(bare(QVBoxLayout(middle), 0), self._header())
+        outer = add(bare(QVBoxLayout(middle), 0), self.header)
         self.rail = Rail()
         self.stack = _Pages()
         self.start = StartPage(self.projects)
@@ -107,15 +112,11 @@ class WindowFrame(QMainWindow):
         outer.addLayout(add(spaced(QHBoxLayout(), 0), self.rail, (column, 1)), 1)
         self.setCentralWidget(middle)
         self.banner = Banner(middle)
-        self._log()
-
-    def _header(self) -> Header:
-        self.header = Header(languages.now())
-        self.header.toggled.connect(self._toggled)
-        self.header.language_chosen.connect(self.language_chosen)
-        self.header.about.triggered.connect(lambda: about_dialog(self))
-        self.source, self.validity, self.doing = self.header.source, self.header.validity, self.header.doing
-        return self.header
+        self.lines = named(QPlainTextEdit(readOnly=True, maximumBlockCount=5000), "", self.tr("Log"))
+        self.log_dock = named(QDockWidget(self.tr("Log"), self), "log-dock")
+        self.log_dock.setWidget(self.lines)
+        self.log_dock.hide()
+        self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
 
     def show_compiling(self, percent: int) -> None:
         """How far the kernels are compiled in the background; nothing at 100."""
@@ -123,13 +124,6 @@ class WindowFrame(QMainWindow):
         details = self.tr("Once after the installation, while the computer has time. Everything works already.")
         self.header.compiling.show_state(words if percent < 100 else "", "none", details)
         self.header.compiling.setVisible(percent < 100 and self.stack.currentWidget() is self.start)
-
-    def _log(self) -> None:
-        self.lines = named(QPlainTextEdit(readOnly=True, maximumBlockCount=5000), "", self.tr("Log"))
-        self.log_dock = named(QDockWidget(self.tr("Log"), self), "log-dock")
-        self.log_dock.setWidget(self.lines)
-        self.log_dock.hide()
-        self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
 
     def _restore(self) -> None:
         geometry = self.settings.value("geometry")

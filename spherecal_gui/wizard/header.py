@@ -33,20 +33,6 @@ class Header(QFrame):
         self.menu = QMenu(self)
         self.menu.setToolTipsVisible(True)
         self._icons: dict[QAction, str] = {}
-        self._fill(language)
-        self.more.setMenu(self.menu)
-        add(row, self.home, theme.SMALL, (self.name, 3), (self.doing, 2), self.compiling, self.source, self.validity)
-        add(row, self.help, self.more)
-        self.dress()
-
-    def dress(self) -> None:
-        """The menu's icons in the colours of now; large text needs the room of a word that an icon says as well."""
-        self.home.setText("" if theme.is_far() else self.tr("Start page"))
-        for action, name in self._icons.items():
-            action.setIcon(menu_icon(name))
-
-    def _fill(self, language: str) -> None:
-        """The menu."""
         self.dark = self._option(self.tr("Dark"), self.tr("Light letters on a dark ground."))
         self.far = self._option(self.tr("Large text"), self.tr("Larger letters, to read from three metres."))
         self.mute = self._option(self.tr("Mute"), self.tr("No sounds for accepted, rejected and done."))
@@ -65,6 +51,16 @@ class Header(QFrame):
         self.menu.addSeparator()
         self.bundle = self._action(self.tr("Save a support bundle"), "package")
         self.about = self._action(self.tr("About SphereCal"), "info-circle")
+        self.more.setMenu(self.menu)
+        add(row, self.home, theme.SMALL, (self.name, 3), (self.doing, 2), self.compiling, self.source, self.validity)
+        add(row, self.help, self.more)
+        self.dress()
+
+    def dress(self) -> None:
+        """The menu's icons in the colours of now; large text needs the room of a word that an icon says as well."""
+        self.home.setText("" if theme.is_far() else self.tr("Start page"))
+        for action, name in self._icons.items():
+            action.setIcon(menu_icon(name))
 
     def _action(self, text: str, icon: str) -> QAction:
         action = self.menu.addAction(text)

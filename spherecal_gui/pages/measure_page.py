@@ -111,7 +111,8 @@ class MeasurePage(Page):
             return
         if self.controller.cameras.live is not None:
             self.controller.cameras.live.stop()  # its detection would take the time that measuring needs
-        by_hardware = all(one.trigger == "hardware" for one in self.controller.tuning.of_all())
+        settings = map(self.controller.tuning.settings_of, connection.names)
+        by_hardware = all(one.trigger == "hardware" for one in settings)
         task = Task(
             connection.plan.target_set,
             bars=tuple(connection.plan.bars),

@@ -228,7 +228,6 @@ def _scale(_: Step, project: Project, running: Running) -> Judged:
 
 
 def _too_little(project: Project) -> Reason | None:
-    """What is missing for a calibration."""
     if project.purpose == "verify":
         return None
     placed = [name for name in project.placements if name in project.taken]
@@ -258,7 +257,6 @@ def _calibrate(_: Step, project: Project, __: Running) -> Judged:
 
 
 def _judge_verdict(calibrated: Computation) -> Judged:
-    """A calibration by its verdict."""
     if not usable(calibrated.verdict):
         return Status.FAILED, _NOT_VALID
     return (Status.DONE, None) if calibrated.verdict == "valid" else (Status.CARE, Reason("with care", (), "results"))
@@ -275,7 +273,6 @@ def _flawed_sets(project: Project) -> Reason | None:
 
 
 def _changed(run: Computation, inputs: tuple[tuple[str, str], ...]) -> tuple[str, ...]:
-    """The names of inputs that are not as they were."""
     before, now = dict(run.inputs), dict(inputs)
     return tuple(sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name)))
 
@@ -342,7 +339,8 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
     changed = _changed(project.checked, project.check_inputs)
     if changed:
         return Status.STALE, Reason("changed", changed, "check")
-    repaired = project.repaired if _repair_made(project) else None
+    by_check = (("check", fingerprint(project.checked)),)  # the cameras that this check found moved
+    repaired = project.repaired if project.repaired is not None and project.repaired.inputs == by_check else None
     used = project.saved.inputs if project.saved is not None else ()
     in_use = repaired is not None and used == (("repair", fingerprint(repaired)),)
     if in_use or project.checked.verdict == "ok":
@@ -350,11 +348,6 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
     if project.checked.verdict == "watch" or (repaired is not None and usable(repaired.verdict)):
         return Status.CARE, Reason("repair not in use" if repaired is not None else "watch", (), "check")
     return Status.FAILED, Reason("recalibrate", (), "check")
-
-
-def _repair_made(project: Project) -> bool:
-    """Whether the cameras that this check found moved were calibrated again."""
-    return project.repaired is not None and project.repaired.inputs == (("check", fingerprint(project.checked)),)
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

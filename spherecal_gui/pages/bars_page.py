@@ -151,6 +151,5 @@ class ScalePage(LivePage):
             self.controller.sets.take(self._last, self.step.id)
 
     def _take(self) -> None:
-        """Whatever lies there."""
         if self.current is not None and self.step is not None:
             self.controller.sets.take(self.current, self.step.id)

@@ -73,7 +73,6 @@ class CheckPage(Page):
 
     @property
     def _in_use(self) -> bool:
-        """Whether the repair is in use."""
         return self.open_state.status is Status.DONE
 
     def _verdict(self, found: Check | CheckSummary) -> VerdictText:

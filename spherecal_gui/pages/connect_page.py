@@ -173,20 +173,15 @@ class LensBar(QWidget):
         self.setVisible(line is not None)
         if line is None:
             return
+        at, found = self.focal.findData(line.focal_mm), ", ".join(f"{one:g}" for one in line.found_um)
         with QSignalBlocker(self.focal), QSignalBlocker(self.pitch):
-            self._show(line, why_not)
-
-    def _show(self, line: LensLine, why_not: str) -> None:
-        at = self.focal.findData(line.focal_mm)
-        if at < 0 and line.focal_mm is not None:
-            self.focal.addItem(languages.by_locale(f"{line.focal_mm:g} mm"), line.focal_mm)
-            at = self.focal.count() - 1
-        self.focal.setCurrentIndex(-1 if line.differ else at)
+            if at < 0 and line.focal_mm is not None:
+                self.focal.addItem(languages.by_locale(f"{line.focal_mm:g} mm"), line.focal_mm)
+                at = self.focal.count() - 1
+            self.focal.setCurrentIndex(-1 if line.differ else at)
+            self.pitch.setValue(line.pitch_um or 0.0)
         self.focal.setPlaceholderText(self.tr("different ones"))
-        found = ", ".join(f"{one:g}" for one in line.found_um)
-        unknown = self.tr("not known")
-        self.pitch.setSpecialValueText(languages.by_locale(f"{found} µm") if found else unknown)
-        self.pitch.setValue(line.pitch_um or 0.0)
+        self.pitch.setSpecialValueText(languages.by_locale(f"{found} µm") if found else self.tr("not known"))
         needed = line.focal_mm is not None and not found and not line.pitch_um
         set_level(self._of_pitch, "bad" if needed else "none")
         for field in (self.focal, self.pitch):

@@ -53,7 +53,6 @@ class ImportDialog(QDialog):
         self.setMinimumWidth(640)
 
     def _rows(self, found: ImageLayout) -> list[tuple[str, str]]:
-        """What was recognised."""
         cameras, placements = list(found.files), list(found.placements)
         lists = [(self.tr("Cameras: {count}"), cameras), (self.tr("Placements: {count}"), placements)]
         if found.left_out:

@@ -32,7 +32,7 @@ from spherecal_gui.standing import Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import add, button, label, named, option, say, set_level, spaced
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
-from spherecal_gui.widgets.need_label import NeedLabel
+from spherecal_gui.widgets.fields import NeedLabel
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
@@ -223,7 +223,6 @@ class PlacementPage(LivePage):
         self._carry()
 
     def _facts_of(self, scene: Scene) -> PlacementFacts:
-        """What is known of this placement now."""
         project, advice, sets = self.open_project, self.controller.advice, self.controller.sets
         to_go = advice.to_go if advice.guidance is not None and not self.recorded else None
         in_place = self.is_taken or (to_go is not None and to_go.near)
@@ -286,7 +285,6 @@ class PlacementPage(LivePage):
         return before is not None and cov.same_place(before, now)
 
     def _was_turned(self) -> None:
-        """Somebody says that the ball does not stand as before."""
         self._turned = True
         self.tick()
 
@@ -360,7 +358,6 @@ class PlacementPage(LivePage):
             self._looked_s = now
 
     def _ball_seen(self) -> None:
-        """The ball was looked at again."""
         if self.isVisible():
             self._show_ghosts()
 
@@ -384,7 +381,6 @@ class PlacementPage(LivePage):
         self.space.show_live(LiveParts(ball, to_go is not None and to_go.near, (), levels, images))
 
     def _is_enough(self) -> bool:
-        """Whether one more placement would not be worth it."""
         shown = self.controller.advice.guidance
         return shown is not None and is_enough(shown, self._all_taken)
 
@@ -393,7 +389,6 @@ class PlacementPage(LivePage):
         return all(name in self.open_project.taken for name in self.open_project.placements)
 
     def _show_guidance(self) -> None:
-        """The engine's advice, where it gives one."""
         advice, at = self.controller.advice, self.tabs.indexOf(self.guidance)
         shown, known = advice.guidance, advice.known
         if self.space.data is None and known is None:  # as the cameras stood when they were calibrated last

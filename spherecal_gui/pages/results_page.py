@@ -189,7 +189,6 @@ class ResultsPage(Page):
         enable(self.leave_camera, ("--leave-out", f"camera:{self._camera}") not in asked, stale)
 
     def _picture(self, shown: CameraResiduals | None) -> QImage | None:
-        """The image behind the residuals of one placement."""
         if shown is None or shown.placement is None:
             return None
         path = self.controller.recording.image_path(shown.placement, shown.camera)
@@ -212,7 +211,6 @@ class ResultsPage(Page):
             self.show_camera(self.table.name_of(rows[0].row()))
 
     def _do(self, kind: str, target: str) -> None:
-        """Do what a finding advises."""
         if kind == "add placement":
             self.controller.sets.add_placement()
         elif kind == "retake":

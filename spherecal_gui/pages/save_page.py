@@ -127,7 +127,6 @@ class SavePage(Page):
 
     @property
     def _is_stale(self) -> bool:
-        """Whether the calibration itself is out of date."""
         state = self.state
         reason = state.reason if state is not None and state.status is Status.STALE else None
         return reason is not None and reason.code == "calibration stale"
@@ -152,11 +151,9 @@ class SavePage(Page):
 
     @property
     def _calibration(self) -> str:
-        """The verdict on the calibration."""
         return self.open_project.calibrated.verdict if self.open_project.calibrated is not None else "not valid"
 
     def _enable(self) -> None:
-        """What can be saved now, and why not."""
         if self.project is None:
             return
         idle, why = self.controller.runner.running is None, self._why_not_saved()
@@ -246,7 +243,6 @@ class SavePage(Page):
         enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
 
     def _show_rig(self) -> None:
-        """What is saved."""
         outcome = self.controller.outcome
         if outcome is not self._drawn:
             self._drawn = outcome
@@ -267,7 +263,6 @@ class SavePage(Page):
             self.controller.saving.export(name, Path(path))
 
     def _choose_axes(self) -> None:
-        """Origin and axes, by a dialog."""
         outcome = self.controller.outcome
         if outcome is None:
             return

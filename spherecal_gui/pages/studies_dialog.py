@@ -96,5 +96,4 @@ class StudiesDialog(QDialog):
 
 def run_one(name: str, folder: Path, context: Context) -> Path:
     """Run one study as `spherecal study NAME -o FOLDER --workers 0` does; the file of its page."""
-    asked = Options(STUDIES[name].RUNS, 0.04, 1)
-    return run_study(name, asked, folder, workers_for(0, None), context)
+    return run_study(name, Options(STUDIES[name].RUNS, 0.04, 1), folder, workers_for(0, None), context)

@@ -255,7 +255,6 @@ class VerifyPage(ScalePage):
             super().tick()
 
     def _show_ghosts(self) -> None:
-        """The bar where it should lie, in every image."""
         pose = self.current if not self.is_taking else None
         found = self.controller.bars.ghosts(pose) if pose is not None else {}
         accepted = self.guide is not None and self.guide.accepted
@@ -280,7 +279,6 @@ class VerifyPage(ScalePage):
             self._take()
 
     def _show_guide(self) -> None:
-        """The picture and the one sentence."""
         if not self.guided or self.current is None:
             at = self.tabs.indexOf(self.view)
             if at >= 0:

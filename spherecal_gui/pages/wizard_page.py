@@ -1,5 +1,6 @@
-"""What all pages have in common."""
+"""What all pages have in common; the page of each kind of step."""
 
+import threading
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import Signal
@@ -11,7 +12,7 @@ from spherecal_gui.standing import NEEDS_CAMERAS, Button, Deed, Part, Said, Stan
 from spherecal_gui.texts import moved_text, reason_text
 from spherecal_gui.widgets.basic import set_level
 from spherecal_gui.widgets.scene_view import SceneView
-from spherecal_gui.workflow import Reason, Status, Step, StepState
+from spherecal_gui.workflow import Reason, Status, Step, StepKind, StepState
 
 
 class Page(QWidget):
@@ -144,3 +145,43 @@ class Page(QWidget):
         """The open project, for what is shown and done only while there is one."""
         assert self.controller.project is not None
         return self.controller.project
+
+
+loaded: list[StepKind] = []  # kinds of step whose pages are imported, of those that `load_pages` imports
+
+
+def load_pages() -> None:
+    """Import the later steps' pages in a thread of its own: the window would stand still for it, at each a little."""
+    kinds: tuple[StepKind, ...] = ("placement", "scale", "calibrate", "results", "verify", "save")
+
+    def load() -> None:
+        for kind in kinds:
+            page_class(kind)
+            loaded.append(kind)
+
+    threading.Thread(target=load, name="pages", daemon=True).start()
+
+
+def page_class(kind: str) -> Callable[[Controller], Page]:
+    """The page of a kind of step."""
+    if kind == "connect":
+        from spherecal_gui.pages.connect_page import ConnectPage as Made
+    elif kind == "look":
+        from spherecal_gui.pages.look_page import LookPage as Made
+    elif kind == "placement":
+        from spherecal_gui.pages.placement_page import PlacementPage as Made
+    elif kind == "scale":
+        from spherecal_gui.pages.bars_page import ScalePage as Made
+    elif kind == "calibrate":
+        from spherecal_gui.pages.calibrate_page import CalibratePage as Made
+    elif kind == "results":
+        from spherecal_gui.pages.results_page import ResultsPage as Made
+    elif kind == "verify":
+        from spherecal_gui.pages.verify_page import VerifyPage as Made
+    elif kind == "measure":
+        from spherecal_gui.pages.measure_page import MeasurePage as Made
+    elif kind == "check":
+        from spherecal_gui.pages.check_page import CheckPage as Made
+    else:
+        from spherecal_gui.pages.save_page import SavePage as Made
+    return Made

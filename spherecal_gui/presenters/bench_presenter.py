@@ -134,7 +134,6 @@ def said(problem: object) -> str:
 def _number(
     text: str, key: str, problems: Problems, low: float | None = None, high: float | None = None
 ) -> float | None:
-    """The number in a field; what is wrong with it goes to the problems."""
     value = number_of(text)
     if value is None:
         problems[key] = said(Phrase("problem-cell-number", {"text": printable(text.strip())}))

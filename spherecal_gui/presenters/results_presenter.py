@@ -3,12 +3,12 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.data.findings import AdvisedRepair, Finding, RepairKind
+from spherecal.data.findings import Finding
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
@@ -281,7 +281,9 @@ def advice(result: "Result", placements: tuple[str, ...]) -> list[FindingAdvice]
     for finding in result.rig.quality.findings:
         actions: list[Action] = []
         if finding.severity != "info":
-            actions += [_repair(one) for one in finding.repairs]
+            for one in finding.repairs:
+                option = cast("ActionKind", f"--{one.kind}")
+                actions.append(Action(option, one.target, repair_text(option, one.target)))
             actions += _steps_for(finding, placements)
         if not actions:
             names = [name for name in finding.where if name in cameras][:1]
@@ -313,13 +315,6 @@ def _steps_for(finding: Finding, placements: tuple[str, ...]) -> list[Action]:
     if finding.code in _BENCH:
         return [Action("bench", "", translate("Results", "Go to the bench"))]
     return []
-
-
-def _repair(repair: AdvisedRepair) -> Action:
-    """A repair as a button."""
-    kinds: dict[RepairKind, ActionKind] = {"leave-out": "--leave-out", "split": "--split", "swap": "--swap"}
-    kind = kinds[repair.kind]
-    return Action(kind, repair.target, repair_text(kind, repair.target))
 
 
 def repair_text(option: str, value: str) -> str:

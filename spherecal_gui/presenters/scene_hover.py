@@ -22,7 +22,17 @@ class SceneItem:
 
     def lines(self) -> list[str]:
         """The name, then the figures."""
-        return [self.name, *_figures(self)]
+        if self.kind == "camera":
+            return [self.name, *_camera(self)]
+        if self.kind == "bar":
+            return [self.name, *_bar(self)]
+        if self.kind == "ball":
+            return [self.name, translate("Scene", "Ball, radius {radius:.2f} mm").format(radius=self.radius_mm)]
+        if self.kind == "map":
+            text = translate("Scene", "Uncertainty {u:.3f} mm (95 %)")
+            return [self.name, text.format(u=self.data.map_mm[self.index])]
+        px = float(self.data.sizes[self.index]) * self.data.most_px
+        return [self.name, translate("Scene", "Residual {px:.3f} px rms").format(px=px)]
 
 
 def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
@@ -45,19 +55,6 @@ def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
         names = [text.format(placement=placement, target=target, dot=dot) for placement, target, dot in data.names]
         found += [SceneItem("dot", name, data.points[i], 0.0, data, i, 2) for i, name in enumerate(names)]
     return found
-
-
-def _figures(item: SceneItem) -> list[str]:
-    if item.kind == "camera":
-        return _camera(item)
-    if item.kind == "bar":
-        return _bar(item)
-    if item.kind == "ball":
-        return [translate("Scene", "Ball, radius {radius:.2f} mm").format(radius=item.radius_mm)]
-    if item.kind == "map":
-        return [translate("Scene", "Uncertainty {u:.3f} mm (95 %)").format(u=item.data.map_mm[item.index])]
-    px = float(item.data.sizes[item.index]) * item.data.most_px
-    return [translate("Scene", "Residual {px:.3f} px rms").format(px=px)]
 
 
 def _camera(item: SceneItem) -> list[str]:

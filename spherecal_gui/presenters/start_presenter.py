@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from spherecal.base.errors import SpherecalError
 from spherecal_files.filesystem import is_plain_file_below
 from spherecal_gui.coverage import Level
+from spherecal_gui.in_use import last_verification
 from spherecal_gui.languages import translate, word
-from spherecal_gui.last_verification import last_verification
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.standing import worst

@@ -30,7 +30,6 @@ def _unconnected() -> str:
 
 
 def _also(can: Mapping[str, bool]) -> frozenset[str]:
-    """The keys of what can be done."""
     return frozenset(key for key, on in can.items() if on)
 
 
@@ -348,7 +347,6 @@ def verify_says(f: VerifyFacts) -> Said:
 
 
 def _measured_button(f: VerifyFacts, words: str) -> Button:
-    """What can be done about what was measured."""
     if f.bar.work:
         return Button(words, "measure", False, _busy())
     if f.outdated:  # to measure with it would be in vain

@@ -18,8 +18,8 @@ from spherecal_files.atomic import RESULT, check_folder, write_file_whole
 from spherecal_files.json_file import JsonValue, json_bytes, read_json
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots
+from spherecal_gui.in_use import keep_verification
 from spherecal_gui.languages import translate
-from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
 
@@ -322,7 +322,6 @@ def calibrate(project: Project, context: Context, reference: str | None = None) 
 
 
 def _word(verdict: str) -> Verdict:
-    """The verdict on a calibration as projects keep it."""
     words: dict[str, Verdict] = {"valid": "valid", "use-with-care": "use with care"}
     return words.get(verdict, "not valid")
 
@@ -356,8 +355,7 @@ def verify(project: Project, context: Context, seen: ObservedBars) -> Verdict:
     box = points_box(result / "points.csv")
     corners = None if box is None else (np.array(box[0]), np.array(box[1]))
     settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners)
-    verification = run(session, rig, context, settings)
-    write_verification(verification, result, result / "rig.json")
+    write_verification(run(session, rig, context, settings), result, result / "rig.json")
     report = read_bar_report(result)
     assert report is not None
     return _verified_word(report)

@@ -112,8 +112,7 @@ def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapp
         bare["scale"] = printed_scale(target_set) if target_set is not None else None
         bare = {key: value for key, value in bare.items() if value is not None}
     bare["placements"] = [{"id": name} for name in placements]
-    session = _read(bare, target_set)
-    return replace(session, observations=observations_of(placements, cameras, dots, target_set))
+    return replace(_read(bare, target_set), observations=observations_of(placements, cameras, dots, target_set))
 
 
 def observations_of(

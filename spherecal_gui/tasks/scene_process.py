@@ -126,7 +126,6 @@ class SceneProcess(QObject):
             return None if self._closing else wish
 
     def _room(self, eye: Eye) -> shared_memory.SharedMemory:
-        """Shared memory for a picture of this size."""
         size = 3 * eye.width * eye.height
         if self._memory is None or self._memory.size < size:
             if self._memory is not None:

@@ -26,7 +26,6 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
 
 
 def _write_by_locale(axis: Any) -> None:  # Any: pyqtgraph has no types, and a method is put in place of its own
-    """The axis writes its numbers as the language does."""
     plainly = axis.tickStrings
     axis.tickStrings = lambda *given: [languages.by_locale(text) for text in plainly(*given)]
 

@@ -86,8 +86,7 @@ class PaintedScene(SceneView):
         """Outlines: the shadow of an ellipsoid is the ellipse whose covariance is the projected one."""
         if not len(data.ellipsoids):
             return
-        c = theme.now()
-        painter.setPen(QPen(QColor(c.caution), 1.2))
+        painter.setPen(QPen(QColor(theme.now().caution), 1.2))
         flat = np.stack([eye.right, -eye.up])
         halves = data.ellipsoid_factor * eye.scale * data.ellipsoids @ flat.T
         values, vectors = np.linalg.eigh(np.einsum("nij,nik->njk", halves, halves))
@@ -127,8 +126,7 @@ class PaintedScene(SceneView):
             flat, depth = eye.flat(corners), corners @ eye.towards
             painter.setPen(QPen(QColor(c.scene), 1))
             for face in sorted(_FACES, key=lambda face: float(depth[list(face)].mean()))[3:]:
-                shade = blended(tint, (0, 0, 0), 0.12 * (face[0] % 3))
-                painter.setBrush(QColor(*shade))
+                painter.setBrush(QColor(*blended(tint, (0, 0, 0), 0.12 * (face[0] % 3))))
                 painter.drawPolygon(QPolygonF([QPointF(x, y) for x, y in flat[list(face)].tolist()]))
             front = eye.flat((corners[1::2].mean(axis=0))[None])[0].tolist()
             end = eye.flat(camera.centre[None])[0].tolist()
@@ -158,7 +156,6 @@ def _draw_points(painter: QPainter, flat: FloatArray, tints: IntArray, size: flo
 
 
 def _by_colour(colours: ArrayLike, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
-    """The rows of each colour."""
     key = np.asarray(colours, dtype=np.int64) @ np.array([65536, 256, 1])
     return [((one >> 16, one >> 8 & 255, one & 255), rows[key == one]) for one in np.unique(key).tolist()]
 

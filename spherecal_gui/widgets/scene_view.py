@@ -268,7 +268,6 @@ class SceneView(QWidget):
         return self._items[order[0]]
 
     def _hidden(self, i: int, balls: list[int], places: FloatArray, eye: Eye) -> bool:
-        """Whether a ball lies in front of an item."""
         for k in balls:
             way = places[i] - places[k]
             across = way - (way @ eye.towards) * eye.towards

@@ -151,11 +151,9 @@ class CameraTile(QWidget):
 
     @property
     def _foot(self) -> float:
-        """The height of the lines below the image."""
         return theme.pt(40 if self._has_two_lines else 22) + (_DASHES_PX if self.need else 0)
 
     def _room(self) -> QRectF:
-        """Where the image may be."""
         box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
         head, foot = theme.pt(34), self._foot
         return QRectF(box.left() + 4, box.top() + head, box.width() - 8, max(box.height() - head - foot, 1))
@@ -363,7 +361,6 @@ class CameraTile(QWidget):
             painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
     def _name_box(self) -> QRectF:
-        """Where the name is."""
         return QRectF(8, 2, self.width() / 2, theme.pt(34))
 
     def edit_name(self) -> None:

@@ -36,8 +36,7 @@ def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = No
     text = QTextBrowser(openExternalLinks=False)
     text.setSearchPaths([str(folder)] if folder is not None else [])
     text.setHtml(html)
-    column = QVBoxLayout(dialog)
-    column.addWidget(text)
+    QVBoxLayout(dialog).addWidget(text)
     dialog.resize(720, 560)
     dialog.show()
     return dialog

@@ -143,7 +143,6 @@ class WindowFrame(QMainWindow):
     # --- look --------------------------------------------------------------------------------------------------------
 
     def _options(self) -> dict[str, QAction]:
-        """The options that are remembered, by the name in the settings."""
         head = self.header
         return {"dark": head.dark, "far": head.far, "mute": head.mute, "goes-on": head.goes_on}
 

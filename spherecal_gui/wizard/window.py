@@ -13,7 +13,7 @@ from spherecal_gui import languages, theme
 from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.limits_dialog import LimitsDialog
-from spherecal_gui.pages.wizard_page import Page
+from spherecal_gui.pages.wizard_page import Page, load_pages, loaded, page_class
 from spherecal_gui.presenters.limits_presenter import load_limits
 from spherecal_gui.presenters.look_presenter import bump_text
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
@@ -24,7 +24,6 @@ from spherecal_gui.texts import error_text, reason_text, step_title
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys, Onward
-from spherecal_gui.wizard.page_classes import load_pages, loaded, page_class
 from spherecal_gui.wizard.window_settings import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.workflow import Status, Step, StepKind
 
@@ -67,7 +66,6 @@ class WizardWindow(WindowFrame):
             self.banner.tell("bad", damaged)
 
     def _connect(self) -> None:
-        """Which part does what."""
         self.controller.changed.connect(self.refresh)
         self.controller.said.connect(self._say)
         self.controller.logged.connect(self.lines.appendPlainText)
@@ -310,7 +308,6 @@ class WizardWindow(WindowFrame):
         self._ready = ready
 
     def _show_source(self) -> None:
-        """Where the images come from, and from how many cameras."""
         project, connection = self.controller.project, self.controller.cameras.connection
         self.source.setVisible(project is not None)
         if project is not None:
@@ -344,8 +341,7 @@ class WizardWindow(WindowFrame):
         state = self.controller.state
         if state is None or state.now.status is not Status.FAILED or state.now.reason is None:
             return False
-        code = state.now.reason.code
-        return text in reason_text(state.now.reason) or code in _SAID_BY_PAGES
+        return text in reason_text(state.now.reason) or state.now.reason.code in _SAID_BY_PAGES
 
     def _tick(self) -> None:
         self._ticks += 1
@@ -478,7 +474,6 @@ class WizardWindow(WindowFrame):
         return help_dialog(self._shown_step.kind if self._shown_step is not None else "start", self)
 
     def _bundle_of(self, trouble: str) -> tuple[Path | None, str, str]:
-        """The project's folder, the log and the versions."""
         project = self.controller.project
         about = "\n".join(f"{name} {version}" for name, version in versions())
         return project.folder if project is not None else None, f"{self.lines.toPlainText()}\n{trouble}", about
@@ -511,7 +506,6 @@ class WizardWindow(WindowFrame):
         return output
 
     def _ask_driver(self, question: DriverQuestion) -> None:
-        """Have somebody say whether a driver that was never allowed may be loaded."""
         self.question = driver_dialog(question, self)
 
     def may_close(self) -> bool:

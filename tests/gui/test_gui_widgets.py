@@ -27,8 +27,8 @@ from spherecal_gui.presenters.results_presenter import Action, CameraResiduals, 
 from spherecal_gui.project import Project
 from spherecal_gui.widgets.basic import button, once
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart, ErrorChart, PairMatrix
+from spherecal_gui.widgets.fields import NeedLabel
 from spherecal_gui.widgets.findings_list import FindingsList
-from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.widgets.rendered_scene import RenderedScene

@@ -75,9 +75,9 @@ LAST_VERIFICATION = FileFormat(
 )
 
 
-def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: datetime | None = None) -> None:
-    """Write it, whole. `now` None: at this moment."""
-    at = (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
+def keep_verification(profile: Path, calibration: str, verdict: Verdict) -> None:
+    """Write it, whole, with the moment of now."""
+    at = datetime.now(UTC).replace(microsecond=0)
     document = LAST_VERIFICATION.document(LastVerification(calibration, at, verdict))
     write_below(profile, FILE, (json.dumps(document, indent=1) + "\n").encode())
 

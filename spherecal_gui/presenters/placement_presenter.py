@@ -75,13 +75,11 @@ def short_text(short: Mapping[str, int]) -> str:
 class Hold:
     """Whether something has been as it should for a while; then it begins anew."""
 
-    def __init__(self, hold_s: float = HOLD_S) -> None:
-        self._hold_s = hold_s
-        self._since: float | None = None
+    _since: float | None = None
 
     def held(self, now_s: float) -> float:
         """The share of the wait that has passed; 0 where nothing is waited for."""
-        return 0.0 if self._since is None else min((now_s - self._since) / self._hold_s, 1.0)
+        return 0.0 if self._since is None else min((now_s - self._since) / HOLD_S, 1.0)
 
     def lasts(self, good: bool, now_s: float) -> bool:
         """Whether it has been good for long enough now."""
@@ -89,7 +87,7 @@ class Hold:
             self._since = None
         elif self._since is None:
             self._since = now_s
-        over = self._since is not None and now_s - self._since >= self._hold_s
+        over = self._since is not None and now_s - self._since >= HOLD_S
         self._since = None if over else self._since
         return over
 

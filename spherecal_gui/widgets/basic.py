@@ -280,7 +280,26 @@ class Card(QFrame):
         outer.addLayout(self.body, 1)
 
 
-class Chip(QWidget):
+class Canvas(QWidget):
+    """A widget that paints itself, with smooth edges; `hint` is the size that it would like, px."""
+
+    hint = (0, 0)
+
+    def sizeHint(self) -> QSize:
+        """As its class says."""
+        return QSize(*self.hint)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Paint it."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        self.paint(painter)
+
+    def paint(self, painter: QPainter) -> None:
+        """The picture itself."""
+
+
+class Chip(Canvas):
     """A word with the mark of its level on a thinned ground, such as the source or the validity of the calibration."""
 
     clicked = Signal()
@@ -323,10 +342,8 @@ class Chip(QWidget):
     def _shown(self) -> str:
         return self.text if self.width() >= self.sizeHint().width() else self._shorter
 
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """Draw it."""
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         c, box = theme.now(), QRectF(self.rect()).adjusted(1, 1, -1, -1)
         tint = c.soft if self.level == "none" else c.of(self.level)
         ink(painter, theme.mixed(c.surface, tint, 0.45), 1, c.raised if self.level == "none" else c.tint(self.level))

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Sequence
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QRadialGradient
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPen, QRadialGradient
+from PySide6.QtWidgets import QSizePolicy
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.connect_presenter import DrawnBench
-from spherecal_gui.widgets.basic import ink
+from spherecal_gui.widgets.basic import Canvas, ink
 
 _LEAST_PX = 90.0
 _MARGIN_PX = 12.0
@@ -18,8 +18,10 @@ _STICKER_PX = 84.0
 _TURN = math.pi * (3.0 - math.sqrt(5.0))  # the golden angle spreads points evenly over a ball
 
 
-class BenchView(QWidget):
+class BenchView(Canvas):
     """The drawing; nothing where nothing is known, or where there is no room for it."""
+
+    hint = (240, 0)  # as high as the page leaves
 
     def __init__(self) -> None:
         super().__init__()
@@ -32,11 +34,7 @@ class BenchView(QWidget):
         self._shown = shown
         self.update()
 
-    def sizeHint(self) -> QSize:
-        """As much as the page leaves."""
-        return QSize(240, 0)
-
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """Ball and bars, as large as there is room for both at one scale: below each other, or beside each other."""
         shown, line = self._shown, 2.4 * self.fontMetrics().height()
         ball, bar = shown.diameter_mm or 0.0, max((max(marks) for _, marks in shown.bars), default=0.0)
@@ -49,8 +47,6 @@ class BenchView(QWidget):
         scale = max(below, beside)
         if scale * max(ball, bar) < _LEAST_PX:
             return
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         middle = QPointF(self.width() / 2, _MARGIN_PX + scale * ball / 2)
         at = QPointF(middle.x(), _MARGIN_PX + scale * ball)
         if beside > below:

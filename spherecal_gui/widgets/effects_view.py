@@ -2,13 +2,13 @@
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QPainter, QPen
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.results_presenter import drift_text, field_text
 from spherecal_gui.tasks.outcome import CameraEffect
-from spherecal_gui.widgets.basic import add, label
+from spherecal_gui.widgets.basic import Canvas, add, label
 
 _FEW, _GAP_PX = 9, 10.0  # so many maps stand three in a row, more of them five
 
@@ -34,22 +34,10 @@ class EffectsView(QWidget):
             part.update()
 
 
-class _Picture(QWidget):
+class _Picture(Canvas):
     """Something painted of all cameras."""
 
     effects: tuple[CameraEffect, ...] = ()
-
-    def paintEvent(self, _: QPaintEvent) -> None:
-        """Paint it in the palette's colours."""
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setFont(theme.font(theme.CAPTION))
-        if self.effects:
-            self.paint(painter)
-
-    def paint(self, painter: QPainter) -> None:
-        """The picture itself."""
-        raise NotImplementedError
 
 
 class _Maps(_Picture):
@@ -57,6 +45,9 @@ class _Maps(_Picture):
 
     def paint(self, painter: QPainter) -> None:
         """Maps in rows, the camera's name and figure above each."""
+        if not self.effects:
+            return
+        painter.setFont(theme.font(theme.CAPTION))
         fields = [one.field_px for one in self.effects if one.field_px is not None]
         most = max(float(one.max()) for one in fields) or 1.0
         columns = 3 if len(self.effects) <= _FEW else 5
@@ -87,6 +78,7 @@ class _Lines(_Picture):
         drifts = [one for one in self.effects if len(one.drift_px) > 1]
         if not drifts:
             return
+        painter.setFont(theme.font(theme.CAPTION))
         most = max(float(one.drift_px.max()) for one in drifts) or 1.0
         metrics = painter.fontMetrics()
         left, right = metrics.horizontalAdvance("0.00 px "), metrics.horizontalAdvance(" C0000")

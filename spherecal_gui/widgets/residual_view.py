@@ -1,23 +1,23 @@
 """One camera's residuals as arrows over its image field."""
 
 import numpy as np
-from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QWidget
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPen
 
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.results_presenter import CameraResiduals
-from spherecal_gui.widgets.basic import plain
+from spherecal_gui.widgets.basic import Canvas, plain
 
 _ON_IMAGE = "#35e0ff"  # as the dots on the tiles: seen on light and on dark grey
 _FOOT_PT, _NEAR_PX = 26.0, 10.0
 _LONGEST = 0.03  # of the image's width: the arrow of the 95th percentile
 
 
-class ResidualView(QWidget):
+class ResidualView(Canvas):
     """Residuals as arrows from the observed places, magnified; red those left out."""
 
     image_chosen = Signal(str)  # the placement in whose image a dot was clicked
+    hint = (420, 320)
 
     def __init__(self) -> None:
         super().__init__()
@@ -69,14 +69,9 @@ class ResidualView(QWidget):
         if row is not None and shown is not None and shown.taken_at:
             self.image_chosen.emit(shown.taken_at[row])
 
-    def sizeHint(self) -> QSize:
-        """As a usual image."""
-        return QSize(420, 320)
-
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """Draw the field, the arrows and the key."""
-        c, painter = theme.now(), QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        c = theme.now()
         shown = self._shown
         if shown is None or not len(shown.uv):
             painter.setPen(QColor(c.soft))

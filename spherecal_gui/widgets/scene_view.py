@@ -1,7 +1,7 @@
 """What all views of the rig have in common: turning, what is under the mouse, names, legend, cube (scene_overlay)."""
 
 import numpy as np
-from PySide6.QtCore import QBuffer, QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QBuffer, QPointF, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QFocusEvent,
@@ -9,12 +9,10 @@ from PySide6.QtGui import (
     QKeyEvent,
     QMouseEvent,
     QPainter,
-    QPaintEvent,
     QPixmap,
     QResizeEvent,
     QWheelEvent,
 )
-from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.eye import Eye, View, fitting_view
@@ -23,7 +21,7 @@ from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene_hover import SceneItem, items_of
 from spherecal_gui.rig_scenes import LiveParts
-from spherecal_gui.widgets.basic import ink
+from spherecal_gui.widgets.basic import Canvas, ink
 from spherecal_gui.widgets.scene_live import paint_live
 from spherecal_gui.widgets.scene_overlay import Overlay
 
@@ -35,10 +33,11 @@ _CLICK_PX = 4
 _TURN_KEY_DEG = 10.0
 
 
-class SceneView(QWidget):
+class SceneView(Canvas):
     """A rig that is turned by dragging, moved with the right button and enlarged by the wheel."""
 
     camera_chosen = Signal(str)  # it was double-clicked
+    hint = (560, 420)
 
     def __init__(self) -> None:
         super().__init__()
@@ -59,10 +58,6 @@ class SceneView(QWidget):
         self._overlay = Overlay(self)
         self._items: list[SceneItem] = []
         self._hovered: SceneItem | None = None
-
-    def sizeHint(self) -> QSize:
-        """As a picture in a page."""
-        return QSize(560, 420)
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
@@ -278,10 +273,8 @@ class SceneView(QWidget):
 
     # --- painting ----------------------------------------------------------------------------------------------------
 
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """The picture, and over it names, legend and cube."""
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), QColor(theme.now().scene))
         if self.data is None:
             return

@@ -4,7 +4,7 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QBrush,
     QColor,
@@ -14,7 +14,6 @@ from PySide6.QtGui import (
     QKeySequence,
     QMouseEvent,
     QPainter,
-    QPaintEvent,
     QPen,
     QResizeEvent,
     QShortcut,
@@ -24,7 +23,7 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look_presenter import TileState
 from spherecal_gui.project import Rectangle
-from spherecal_gui.widgets.basic import MARKS, bare, button, ink, named, plain
+from spherecal_gui.widgets.basic import MARKS, Canvas, bare, button, ink, named, plain
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import Drawn
@@ -57,12 +56,13 @@ def _fitting(message: str, metrics: QFontMetrics, width: float) -> str:
     return metrics.elidedText(shown, Qt.TextElideMode.ElideRight, int(width))
 
 
-class CameraTile(QWidget):
+class CameraTile(Canvas):
     """One camera: image, dots found in it, name, counter, what is wrong with it; the border is the state's colour."""
 
     opened = Signal(str)
     renamed = Signal(str, str)  # serial; the new name
     masked = Signal(str, object)  # serial; left, top, width, height in px of the image
+    hint = (320, 260)
 
     def __init__(self, serial: str, name: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -140,10 +140,6 @@ class CameraTile(QWidget):
             self.setToolTip(plain(need or self.state.word))
             self.update()
 
-    def sizeHint(self) -> QSize:
-        """As a usual image."""
-        return QSize(320, 260)
-
     @property
     def _has_two_lines(self) -> bool:
         """Whether the figures have a line of their own below the word."""
@@ -165,11 +161,9 @@ class CameraTile(QWidget):
         width, height = self._size[0] * scale, self._size[1] * scale
         return QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height), scale
 
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """Draw header, image, dots and border."""
         c = theme.now()
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         tint = QColor(c.of(self.state.level))
         box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
         ink(painter, None, fill=c.surface)

@@ -217,7 +217,12 @@ class PlacementPage(LivePage):
         waiting = self.automatic.isChecked() and not (facts.taken or facts.work or facts.as_before or facts.stuck)
         waiting = waiting and not facts.away and level != "bad"  # where it should go is known: there, and nowhere else
         taken = waiting and self._trigger.feed(facts.scene, time.monotonic())
-        self._show_hold(waiting)
+        # how long it must still lie: until it is taken by itself, then until all images are there
+        held = self._trigger.held(time.monotonic()) if waiting else 0.0
+        self.hold.setVisible(waiting or self.is_taking)
+        self.hold.setRange(0, 0 if self.is_taking else 100)
+        if not self.is_taking:
+            self.hold.setValue(round(100 * held))
         if taken:
             self._take()
         self._carry()
@@ -257,14 +262,6 @@ class PlacementPage(LivePage):
         if now - self._carried_s > _CARRY_S and not guidance.coarse and self.controller.staging.can_put_there:
             self._carried_s = now
             self.controller.staging.put_there()
-
-    def _show_hold(self, waiting: bool) -> None:
-        """How long it must still lie: until it is taken by itself, then until all images are there."""
-        held = self._trigger.held(time.monotonic()) if waiting else 0.0
-        self.hold.setVisible(waiting or self.is_taking)
-        self.hold.setRange(0, 0 if self.is_taking else 100)
-        if not self.is_taking:
-            self.hold.setValue(round(100 * held))
 
     def _troubles(self) -> tuple[Part, ...]:
         """Beside what any page minds, the worst that a camera's own image shows: out of focus, dark, too bright."""

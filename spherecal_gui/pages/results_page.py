@@ -154,7 +154,13 @@ class ResultsPage(Page):
             return
         shown = residuals_of(result, camera, placement)
         self._camera = camera
-        self._list_images(shown)
+        with QSignalBlocker(self.image):
+            self.image.clear()
+            if shown is not None:
+                self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
+                for name in shown.placements:
+                    self.image.addItem(f"{shown.camera} · {name}", name)
+                self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
         self.residuals.show_camera(shown, self._picture(shown))
         self.residual_size.setText(residual_text(result, shown) if shown is not None else "")
         if shown is not None:
@@ -167,16 +173,6 @@ class ResultsPage(Page):
             self.table.select_name(camera)
             self.tabs.setCurrentIndex(2)
         self._show_repairs(shown)
-
-    def _list_images(self, shown: CameraResiduals | None) -> None:
-        """The camera's images, the one that is shown chosen."""
-        with QSignalBlocker(self.image):
-            self.image.clear()
-            if shown is not None:
-                self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
-                for name in shown.placements:
-                    self.image.addItem(f"{shown.camera} · {name}", name)
-                self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
 
     def _show_repairs(self, shown: CameraResiduals | None) -> None:
         """What can be left out of what is shown."""

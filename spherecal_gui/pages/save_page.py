@@ -100,30 +100,26 @@ class SavePage(Page):
         return self._compared[1]
 
     def _why_not_saved(self) -> str:
-        """What is in the way of saving in the profile; empty where nothing is."""
-        if self._is_stale:
-            return self.tr("The calibration is out of date.")
-        if not self.apply.isChecked():
-            return ""
-        if self._calibration == "not valid":
-            return self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
-        if self._refused:
-            return self.tr("Its verification failed: it cannot be put to use. Find the cause, or save it without.")
-        if self._doubtful and not limits.now().unverified_use:
-            return self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
-        return "" if self.note.text().strip() else self._why_a_note()
-
-    def _why_a_note(self) -> str:
-        """Why a reason is needed to put it to use; empty where none is."""
-        if self._failed:
-            return self.tr("Its verification failed: write in the note why it is put to use all the same.")
-        if self._doubtful and self.open_project.verified is not None:
-            return self.tr("Its verification decided nothing: write in the note why it is put to use.")
-        if self._doubtful:
-            return self.tr("It was not verified: write in the note why it is put to use.")
-        if self._calibration == "use with care":
-            return self.tr("It is to be used with care: write in the note why it is put to use.")
-        return ""
+        """What is in the way of saving in the profile, and of putting it to use if asked; empty where nothing is."""
+        invalid = self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
+        refused = self.tr("Its verification failed: it cannot be put to use. Find the cause, or save it without.")
+        forbidden = self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
+        failed = self.tr("Its verification failed: write in the note why it is put to use all the same.")
+        undecided = self.tr("Its verification decided nothing: write in the note why it is put to use.")
+        careful = self.tr("It is to be used with care: write in the note why it is put to use.")
+        rows = (
+            (self._is_stale, self.tr("The calibration is out of date.")),
+            (not self.apply.isChecked(), ""),
+            (self._calibration == "not valid", invalid),
+            (self._refused, refused),
+            (self._doubtful and not limits.now().unverified_use, forbidden),
+            (bool(self.note.text().strip()), ""),
+            (self._failed, failed),
+            (self._doubtful and self.open_project.verified is not None, undecided),
+            (self._doubtful, self.tr("It was not verified: write in the note why it is put to use.")),
+            (self._calibration == "use with care", careful),
+        )
+        return next((text for applies, text in rows if applies), "")
 
     @property
     def _is_stale(self) -> bool:

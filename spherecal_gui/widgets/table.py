@@ -71,7 +71,12 @@ class Table(QTableWidget):
                 if level in ("good", "caution", "bad"):
                     item.setForeground(QColor(theme.now().of(level)))
                 self.setItem(i, j, item)
-        self._align_headings()
+        # each heading over its column: at the side where the column's cells are written
+        for column in range(self.columnCount()):
+            cell, heading = self.item(0, column), self.horizontalHeaderItem(column)
+            if cell is not None and heading is not None:
+                side = Qt.AlignmentFlag(cell.textAlignment()) & Qt.AlignmentFlag.AlignHorizontal_Mask
+                heading.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
         self.verticalHeader().setDefaultSectionSize(int(theme.pt(32)))
         self.horizontalHeader().setMinimumSectionSize(int(theme.pt(32)))  # Qt's own is the font's widest letter
         if self._sortable:
@@ -98,14 +103,6 @@ class Table(QTableWidget):
         """There is room for more columns, or for fewer."""
         super().resizeEvent(event)
         self._leave_out()
-
-    def _align_headings(self) -> None:
-        """Each heading over its column: at the side where the column's cells are written."""
-        for column in range(self.columnCount()):
-            cell, heading = self.item(0, column), self.horizontalHeaderItem(column)
-            if cell is not None and heading is not None:
-                side = Qt.AlignmentFlag(cell.textAlignment()) & Qt.AlignmentFlag.AlignHorizontal_Mask
-                heading.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
 
     def name_of(self, row: int) -> str:
         """The name of a row."""

@@ -1,7 +1,7 @@
 """The window's foot: back, why not, the one large button, next."""
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout
+from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton
 
 from spherecal_gui import theme
 from spherecal_gui.standing import Button, Standing
@@ -63,12 +63,8 @@ class Footer(QFrame):
         reason = None if can_go or after is None or stay else after.reason
         enable(self.next, can_go, stay or reason_text(reason))
         self.next.setVisible(after is not None)
-        for name, one in (("next", self.next), ("action", self.action)):
-            kind = "primary" if standing.default == name else "plain"
-            if one.objectName() != kind:
-                one.setObjectName(kind)
-                one.style().unpolish(one)
-                one.style().polish(one)
+        self._set_kind(self.next, "primary" if standing.default == "next" else "plain")
+        self._set_kind(self.action, "primary" if standing.default == "action" else "plain")
         enable(self.back, state.before(state.current) is not None, self.tr("This is the first step."))
         blocked = button.why if button is not None and not button.enabled and not button.done else ""
         why = blocked or stay or ("" if running else reason_text(reason))
@@ -118,3 +114,10 @@ class Footer(QFrame):
         best = {"next": self.next, "action": self.action}.get(self.default)
         usable = best is not None and best.isVisible() and not self._running
         (best if best is not None and usable else self.window()).setFocus()
+
+    @staticmethod
+    def _set_kind(one: QPushButton, kind: str) -> None:
+        if one.objectName() != kind:
+            one.setObjectName(kind)
+            one.style().unpolish(one)
+            one.style().polish(one)

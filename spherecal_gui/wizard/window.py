@@ -18,7 +18,7 @@ from spherecal_gui.presenters.limits_presenter import load_limits
 from spherecal_gui.presenters.look_presenter import bump_text
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
-from spherecal_gui.standing import Standing, camera_level
+from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.texts import error_text, reason_text, step_title
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
@@ -296,16 +296,13 @@ class WizardWindow(WindowFrame):
         self._show_source()
         standing = self.page.standing()
         self.rail.show_state(state, standing)
-        self._sound_ready(standing)
-        self.footer.show_standing(standing, state, self.controller.runner.running is not None)
-
-    def _sound_ready(self, standing: Standing) -> None:
-        """A tone when ball or bar can be captured: somebody may stand at the rig with the back to the screen."""
+        # a tone when ball or bar can be captured: somebody may stand at the rig with the back to the screen
         kind = self._shown_step.kind if self._shown_step is not None else None
         ready = kind in ("placement", "scale", "verify") and standing.level == "good" and standing.default == "action"
         if ready and not self._ready:
             self.sounds.play("ready")
         self._ready = ready
+        self.footer.show_standing(standing, state, self.controller.runner.running is not None)
 
     def _show_source(self) -> None:
         project, connection = self.controller.project, self.controller.cameras.connection
@@ -531,24 +528,18 @@ class WizardWindow(WindowFrame):
         if self._closed:
             event.accept()
             return
-        self._timer.stop()
-        self.controller.changed.disconnect(self.refresh)
-        self.controller.runner.lasted.disconnect(self._remember_pace)
-        if not self._own:
-            self._closed = True
-            event.accept()
-            return
-        self.settings.setValue("geometry", self.saveGeometry())
-        self.settings.sync()
-        if not self._work_ended() or not self.start.close_work():
-            self._timer.start()
-            self.controller.changed.connect(self.refresh)
-            self.controller.runner.lasted.connect(self._remember_pace)
+        if self._own and not (self._work_ended() and self.start.close_work()):
             self._say("info", self.tr("The computation is still stopping; close the window again in a moment."), "")
             event.ignore()
             return
-        self._drop_pages()
-        self.controller.close_project()
-        self.sounds.close()
+        self._timer.stop()
+        self.controller.changed.disconnect(self.refresh)
+        self.controller.runner.lasted.disconnect(self._remember_pace)
+        if self._own:
+            self.settings.setValue("geometry", self.saveGeometry())
+            self.settings.sync()
+            self._drop_pages()
+            self.controller.close_project()
+            self.sounds.close()
         self._closed = True
         event.accept()

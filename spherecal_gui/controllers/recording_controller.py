@@ -9,12 +9,11 @@ from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import masks_of
 from spherecal_gui.controllers.project_controller import ControllerPart
-from spherecal_gui.coverage import Dots, unmasked
+from spherecal_gui.coverage import Dots, DotStore, unmasked
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.project_folder import Document, taken_in
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.dot_store import DotStore
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
     import numpy as np

@@ -12,8 +12,7 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.bars_page import ScalePage
-from spherecal_gui.presenters.bars_presenter import BarGuide, lay_text, pose_columns
-from spherecal_gui.presenters.certificates import reminder
+from spherecal_gui.presenters.bars_presenter import BarGuide, lay_text, pose_columns, reminder
 from spherecal_gui.presenters.connect_presenter import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement_presenter import Hold
 from spherecal_gui.presenters.step_states import VerifyFacts, verify_says

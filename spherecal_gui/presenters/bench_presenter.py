@@ -19,7 +19,7 @@ from spherecal_files.filesystem import as_id
 from spherecal_files.json_file import JsonValue, printable
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
-from spherecal_gui.presenters.certificates import state_words
+from spherecal_gui.presenters.bars_presenter import state_words
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
 from spherecal_rigs.ball_registry import (

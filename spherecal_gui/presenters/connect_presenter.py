@@ -11,8 +11,8 @@ from spherecal_cameras.protocol import CameraStatus
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
+from spherecal_gui.presenters.bars_presenter import reminder
 from spherecal_gui.presenters.bench_presenter import targets_words
-from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.project import Artefacts
 from spherecal_gui.tasks.jobs import artefacts_of, as_people_count
 from spherecal_gui.texts import camera_details, camera_trouble, error_text

@@ -9,10 +9,10 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.project_controller import ControllerPart
+from spherecal_gui.languages import error_line
 from spherecal_gui.presenters.bars_presenter import BarGuide, bar_guide
-from spherecal_gui.tasks.guided_bar import lay_bar, lying_ends
+from spherecal_gui.tasks.placement_advice import lay_bar, lying_ends
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_line
 from spherecal_verify.limit import parse_limit
 
 if TYPE_CHECKING:  # planning, ghosts and live images need scipy, for which the window does not wait

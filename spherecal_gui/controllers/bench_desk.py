@@ -13,7 +13,7 @@ from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal_files.target_set_file import read_target_set
 from spherecal_gui import languages
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import error_line, translate
 from spherecal_gui.presenters.bench_presenter import (
     BallDraft,
     BarDraft,
@@ -26,7 +26,6 @@ from spherecal_gui.presenters.bench_presenter import (
     targets_words,
 )
 from spherecal_gui.project_folder import rig_bench
-from spherecal_gui.texts import error_line
 from spherecal_rigs.ball_registry import BALL_REGISTRY, Bench, write_bench
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 

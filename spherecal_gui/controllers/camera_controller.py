@@ -11,10 +11,9 @@ from PySide6.QtCore import Signal
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.project_controller import ControllerPart
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import error_text, translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
-from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
     from spherecal.data.session import Bar

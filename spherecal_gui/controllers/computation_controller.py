@@ -8,13 +8,12 @@ from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.project_controller import ControllerPart
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import translate, verdict_word
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome, read_outcome
 from spherecal_gui.tasks.task import BackgroundTask
-from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_gui.controllers.controller import Controller

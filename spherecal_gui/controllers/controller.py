@@ -17,9 +17,8 @@ from spherecal_gui.controllers.bar_controller import BarController, StagingContr
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.computation_controller import CheckController, ComputationController
 from spherecal_gui.controllers.project_controller import ProjectController
-from spherecal_gui.controllers.recording_controller import RecordingController
+from spherecal_gui.controllers.recording_controller import RecordingController, SetController
 from spherecal_gui.controllers.saving_controller import FrameController, SavingController
-from spherecal_gui.controllers.set_controller import SetController
 from spherecal_gui.controllers.tuning_controller import TuningController
 from spherecal_gui.languages import translate, word
 from spherecal_gui.presenters.step_states import left_text

@@ -14,12 +14,11 @@ from PySide6.QtCore import QObject, Signal
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import project as changes
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import error_text, translate
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, profile_of, save_project
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_gui.controllers.controller import Controller

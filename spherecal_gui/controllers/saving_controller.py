@@ -12,13 +12,12 @@ from spherecal_files.filesystem import remove_below, write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.project_controller import ControllerPart
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import error_text, translate
 from spherecal_gui.presenters.start_presenter import picture_name
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome
-from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:
     from spherecal_gui.controllers.controller import Controller

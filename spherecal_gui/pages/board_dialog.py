@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 
 from spherecal.base.errors import SpherecalError
 from spherecal_boards.pattern_entry import SQUARED, board_entry, partial_board
-from spherecal_gui.texts import error_line
+from spherecal_gui.languages import error_line
 from spherecal_gui.widgets.basic import WheelGuard, add, button, enable, label
 from spherecal_gui.widgets.fields import number_field
 

@@ -12,13 +12,12 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QPlainTextEdit, QProgressB
 from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.languages import word
+from spherecal_gui.languages import reason_text, word
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, input_rows
 from spherecal_gui.presenters.step_states import CalibrateFacts, calibrate_says
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Said
-from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, add, bare, button, enable, label, named
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
 from spherecal_gui.widgets.table import Table

@@ -8,6 +8,7 @@ from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import reason_text, verdict_word
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.check_presenter import (
     check_cells,
@@ -22,7 +23,6 @@ from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import check_scene, rig_scene
 from spherecal_gui.standing import Level, Said
 from spherecal_gui.tasks.kept_check import CheckSummary
-from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, add, button, enable, label, say
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Table

@@ -46,9 +46,8 @@ from spherecal_gui.widgets.basic import (
     set_level,
     spaced,
 )
-from spherecal_gui.widgets.bench_view import BenchView
+from spherecal_gui.widgets.connect_views import BenchView, Thumbnail
 from spherecal_gui.widgets.fields import number_field
-from spherecal_gui.widgets.thumbnail import Thumbnail
 
 _ROOMY_PX = 1200
 _BENCH_PT = 237  # what its rows need in two lines at most; Chinese has no wide word that would ask for it

@@ -11,10 +11,10 @@ from spherecal.base.context import Context
 from spherecal.targets.family import CODE_COUNT, make_target_set
 from spherecal_app.recordings.image_layout import ImageLayout, recognise
 from spherecal_gui import languages
+from spherecal_gui.languages import error_line
 from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.project_folder import new_folder
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import add, button, label, say
 from spherecal_gui.widgets.fields import number_field
 

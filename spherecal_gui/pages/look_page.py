@@ -5,12 +5,12 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import moved_text
 from spherecal_gui.pages.camera_dialog import MOST_GAIN_DB
 from spherecal_gui.pages.live_page import LivePage, RigSpace
 from spherecal_gui.presenters.look_presenter import TileState, summary, warm_up_text
 from spherecal_gui.presenters.step_states import LookFacts, look_says
 from spherecal_gui.standing import Level, Said
-from spherecal_gui.texts import moved_text
 from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.tile import Wall

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBox
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import error_text
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.measure_presenter import (
     large_text,
@@ -29,7 +30,6 @@ from spherecal_gui.presenters.step_states import MeasureFacts, measure_says
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
 from spherecal_gui.standing import Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
-from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, add, label, named, say
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.rendered_scene import RenderedScene

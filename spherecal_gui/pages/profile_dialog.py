@@ -9,10 +9,10 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, Q
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import limits_in_force as limits
+from spherecal_gui.languages import Cell, error_line, figure
 from spherecal_gui.presenters.results_presenter import compared_text
 from spherecal_gui.presenters.start_presenter import ProfileRow, picture_of, profile_rows, validity_of
 from spherecal_gui.tasks.outcome import Compared
-from spherecal_gui.texts import Cell, error_line, figure
 from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, say
 from spherecal_gui.widgets.table import Table
 from spherecal_rigs.compare_rigs import compare, seen_volume

@@ -6,6 +6,7 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, Q
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import Cell, figure
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.results_presenter import (
     CameraResiduals,
@@ -22,12 +23,9 @@ from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Said
-from spherecal_gui.texts import Cell, figure
 from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.charts import HistogramChart
-from spherecal_gui.widgets.effects_view import EffectsView
-from spherecal_gui.widgets.findings_list import FindingsList
-from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.results_views import EffectsView, FindingsList, ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.scene_view import png_of
 from spherecal_gui.widgets.table import Table

@@ -11,10 +11,10 @@ from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QPushButton, QVBoxLayout
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
+from spherecal_gui.languages import error_text
 from spherecal_gui.presenters.bars_presenter import bench_reminder
 from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, ProjectLine, in_use, picture_of, project_lines
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
-from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, say, spaced
 from spherecal_gui.widgets.icons import Drawing
 

@@ -9,8 +9,8 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QProgressBar, QPushButton, Q
 
 from spherecal.base.context import Context
 from spherecal_gui import languages
+from spherecal_gui.languages import error_line
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import add, button, enable, label, say
 from spherecal_study.executor import workers_for
 from spherecal_study.studies import STUDIES, run_study

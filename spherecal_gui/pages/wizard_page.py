@@ -7,9 +7,9 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import moved_text, reason_text
 from spherecal_gui.project import Project
 from spherecal_gui.standing import NEEDS_CAMERAS, Button, Deed, Part, Said, Standing, level_of, stand
-from spherecal_gui.texts import moved_text, reason_text
 from spherecal_gui.widgets.basic import set_level
 from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.workflow import Reason, Status, Step, StepKind, StepState

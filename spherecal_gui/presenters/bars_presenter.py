@@ -11,10 +11,9 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal_files.json_file import read_json
-from spherecal_gui.languages import translate, word
+from spherecal_gui.languages import Cell, figure, translate, word
 from spherecal_gui.rig_scenes import RigPlanes
 from spherecal_gui.standing import Level, worst
-from spherecal_gui.texts import Cell, figure
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.session import Bar, Certificate

@@ -6,9 +6,8 @@ import numpy as np
 
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate, word
+from spherecal_gui.languages import Cell, figure, translate, word
 from spherecal_gui.presenters.results_presenter import VerdictText
-from spherecal_gui.texts import Cell, figure
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
     from spherecal_gui.tasks.kept_check import CheckSummary

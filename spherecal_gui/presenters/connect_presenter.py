@@ -10,12 +10,11 @@ from spherecal.data.session import Bar
 from spherecal_cameras.protocol import CameraStatus
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import camera_details, camera_trouble, error_text, translate
 from spherecal_gui.presenters.bars_presenter import reminder
 from spherecal_gui.presenters.bench_presenter import targets_words
 from spherecal_gui.project import Artefacts
 from spherecal_gui.tasks.jobs import artefacts_of, as_people_count
-from spherecal_gui.texts import camera_details, camera_trouble, error_text
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
     from spherecal_cameras.camera_network import WireCamera

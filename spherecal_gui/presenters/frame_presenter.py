@@ -9,8 +9,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal_documents.scene.model import SceneData, scene_data
-from spherecal_gui.languages import translate
-from spherecal_gui.texts import error_line
+from spherecal_gui.languages import error_line, translate
 from spherecal_rigs.user_frame import FrameDefinition, UserFrame, turn_matrix
 
 if TYPE_CHECKING:  # imports scipy.optimize

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate
-from spherecal_gui.texts import camera_details, camera_trouble, reason_text
+from spherecal_gui.languages import camera_details, camera_trouble, reason_text, translate
 from spherecal_gui.workflow import Reason
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels

@@ -9,11 +9,10 @@ from spherecal.base.errors import SpherecalError
 from spherecal_files.filesystem import is_plain_file_below
 from spherecal_gui.coverage import Level
 from spherecal_gui.in_use import last_verification
-from spherecal_gui.languages import translate, word
+from spherecal_gui.languages import error_line, translate, verdict_word, word
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.standing import worst
-from spherecal_gui.texts import error_line, verdict_word
 from spherecal_rigs.kept_checks import last_check
 
 if TYPE_CHECKING:

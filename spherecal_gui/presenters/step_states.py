@@ -5,10 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from spherecal_gui import languages
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import reason_text, translate
 from spherecal_gui.presenters.placement_presenter import Scene, is_stuck, ready_text, short_text
 from spherecal_gui.standing import Button, Level, Said
-from spherecal_gui.texts import reason_text
 from spherecal_gui.workflow import Reason, Status
 
 if TYPE_CHECKING:  # imports scipy

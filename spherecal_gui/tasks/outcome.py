@@ -14,7 +14,7 @@ from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
 from spherecal.data.observations import Observations, find_features
 from spherecal_gui.rig_scenes import RigPlanes
-from spherecal_gui.tasks.guided_bar import plan_poses_of
+from spherecal_gui.tasks.placement_advice import plan_poses_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

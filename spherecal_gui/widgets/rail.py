@@ -7,8 +7,8 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
+from spherecal_gui.languages import reason_text, status_word, step_title
 from spherecal_gui.standing import Level, Standing, level_of, status_shown
-from spherecal_gui.texts import reason_text, status_word, step_title
 from spherecal_gui.widgets.basic import bare, ink, plain
 from spherecal_gui.widgets.icons import pixmap
 from spherecal_gui.workflow import Status, StepState, WorkflowState

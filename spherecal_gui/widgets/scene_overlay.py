@@ -12,7 +12,7 @@ from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData, ramp
 from spherecal_gui import languages, theme
 from spherecal_gui.languages import translate, word
-from spherecal_gui.presenters.scene_hover import SceneItem
+from spherecal_gui.rig_scenes import SceneItem
 from spherecal_gui.widgets.basic import ink
 
 _CUBE_PX = 30.0  # half of its side

@@ -12,8 +12,8 @@ from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import SHOWN_AT_FIRST
 from spherecal_files.filesystem import write_whole
 from spherecal_gui import theme
+from spherecal_gui.languages import error_text
 from spherecal_gui.presenters.gltf import scene_glb
-from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import add, bare, button, spaced
 from spherecal_gui.widgets.icons import menu_icon
 from spherecal_gui.widgets.rendered_scene import RenderedScene

@@ -19,8 +19,7 @@ from spherecal_documents.scene.eye import Eye, View, fitting_view
 from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
-from spherecal_gui.presenters.scene_hover import SceneItem, items_of
-from spherecal_gui.rig_scenes import LiveParts
+from spherecal_gui.rig_scenes import LiveParts, SceneItem, items_of
 from spherecal_gui.widgets.basic import Canvas, ink
 from spherecal_gui.widgets.scene_live import paint_live
 from spherecal_gui.widgets.scene_overlay import Overlay

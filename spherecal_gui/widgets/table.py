@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QFontMetricsF, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from spherecal_gui import languages, theme
-from spherecal_gui.texts import Cell
+from spherecal_gui.languages import Cell
 
 _PADDING_PX, _ARROW_PX = 9.0, 14.0
 

@@ -24,8 +24,7 @@ from spherecal_gui.widgets.basic import Banner, add, bare, label, named, spaced
 from spherecal_gui.widgets.icons import dress_icons
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.wizard.dialogs import about_dialog
-from spherecal_gui.wizard.footer import Footer
-from spherecal_gui.wizard.header import Header
+from spherecal_gui.wizard.header import Footer, Header
 from spherecal_gui.wizard.window_settings import default_projects, window_settings
 
 

@@ -12,6 +12,7 @@ from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import error_text, reason_text, step_title
 from spherecal_gui.pages.limits_dialog import LimitsDialog
 from spherecal_gui.pages.wizard_page import Page, load_pages, loaded, page_class
 from spherecal_gui.presenters.limits_presenter import load_limits
@@ -20,7 +21,6 @@ from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.task import BackgroundTask
-from spherecal_gui.texts import error_text, reason_text, step_title
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys, Onward

@@ -23,7 +23,7 @@ from spherecal_gui.presenters.bars_presenter import errors_of as verification_er
 from spherecal_gui.presenters.results_presenter import CameraResiduals
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.widgets.charts import ConvergenceChart, ErrorChart
-from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.results_views import ResidualView
 from spherecal_gui.widgets.scene_panel import SceneSplit
 from spherecal_gui.widgets.table import Table
 from spherecal_verify.limit import Acceptance, LengthConformity, parse_limit

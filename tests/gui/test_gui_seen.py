@@ -23,6 +23,7 @@ from spherecal_cameras.simulated.simulated_source import SimulatedFault
 from spherecal_gui.controllers import project_controller
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import moved_text, reason_text, status_word
 from spherecal_gui.pages import wizard_page
 from spherecal_gui.pages.import_dialog import ImportDialog
 from spherecal_gui.pages.placement_page import PlacementPage
@@ -38,9 +39,8 @@ from spherecal_gui.project_folder import is_project, load_project
 from spherecal_gui.rig_scenes import GuidanceView
 from spherecal_gui.standing import Part
 from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
-from spherecal_gui.texts import moved_text, reason_text, status_word
-from spherecal_gui.widgets.findings_list import FindingsList
-from spherecal_gui.widgets.thumbnail import Thumbnail
+from spherecal_gui.widgets.connect_views import Thumbnail
+from spherecal_gui.widgets.results_views import FindingsList
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Reason, Running, Status, Step, StepState, resolve

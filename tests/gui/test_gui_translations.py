@@ -109,7 +109,7 @@ def test_help_is_there_in_every_language(language):
 
 @pytest.mark.parametrize(("language", "word", "step"), [("de", "Kalibrieren", "Verbinden"), ("zh_CN", "标定", "连接")])
 def test_the_window_speaks(qtbot, tmp_path, monkeypatch, english_again, language, word, step):
-    from spherecal_gui.texts import step_title
+    from spherecal_gui.languages import step_title
 
     monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
     languages.use(language)

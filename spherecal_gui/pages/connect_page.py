@@ -8,8 +8,7 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, 
 
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.camera_dialog import CameraDialog
-from spherecal_gui.pages.drivers_panel import DriversPanel
+from spherecal_gui.pages.connect_dialogs import CameraDialog, DriversPanel
 from spherecal_gui.pages.live_page import RigSpace
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.connect_presenter import (

@@ -19,7 +19,7 @@ from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, en
 from spherecal_gui.widgets.icons import Drawing
 
 if TYPE_CHECKING:  # dialogs that need scipy or matplotlib; imported when they are first shown
-    from spherecal_gui.pages.board_dialog import BoardDialog
+    from spherecal_gui.pages.images_dialogs import BoardDialog
     from spherecal_gui.pages.profile_dialog import ProfileDialog
     from spherecal_gui.pages.studies_dialog import StudiesDialog
 
@@ -86,7 +86,7 @@ class StartPage(QWidget):
         return self._card(self.tr("Check"), text, "check", self.check)
 
     def _choose_board(self) -> None:
-        from spherecal_gui.pages.board_dialog import BoardDialog  # needs scipy and cv2
+        from spherecal_gui.pages.images_dialogs import BoardDialog  # needs scipy and cv2
 
         if self.board_dialog is None:
             self.board_dialog = BoardDialog(self)

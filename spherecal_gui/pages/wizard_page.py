@@ -167,7 +167,7 @@ def page_class(kind: str) -> Callable[[Controller], Page]:
     if kind == "connect":
         from spherecal_gui.pages.connect_page import ConnectPage as Made
     elif kind == "look":
-        from spherecal_gui.pages.look_page import LookPage as Made
+        from spherecal_gui.pages.live_page import LookPage as Made
     elif kind == "placement":
         from spherecal_gui.pages.placement_page import PlacementPage as Made
     elif kind == "scale":

@@ -19,7 +19,7 @@ from spherecal_documents.scene.shapes import (
     solid_balls,
 )
 from spherecal_gui import theme
-from spherecal_gui.widgets.scene_live import draw_image
+from spherecal_gui.widgets.scene_overlay import draw_image
 from spherecal_gui.widgets.scene_view import SceneView
 
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time

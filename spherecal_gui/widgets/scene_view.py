@@ -21,8 +21,7 @@ from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
 from spherecal_gui.rig_scenes import LiveParts, SceneItem, items_of
 from spherecal_gui.widgets.basic import Canvas, ink
-from spherecal_gui.widgets.scene_live import paint_live
-from spherecal_gui.widgets.scene_overlay import Overlay
+from spherecal_gui.widgets.scene_overlay import Overlay, paint_live
 
 _NEAR_PX, _HOVER_PX = 28.0, 14.0
 DEG_PER_PX = 0.4

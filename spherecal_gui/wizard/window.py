@@ -148,7 +148,7 @@ class WizardWindow(WindowFrame):
 
     def _import(self, images: Path) -> None:
         """Show how a folder of images is read, and make a session of it once somebody agrees."""
-        from spherecal_gui.pages.import_dialog import ImportDialog  # needs scipy and OpenCV
+        from spherecal_gui.pages.images_dialogs import ImportDialog  # needs scipy and OpenCV
 
         try:
             self.import_dialog = ImportDialog(images, self.projects, self)

@@ -25,7 +25,7 @@ from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.languages import moved_text, reason_text, status_word
 from spherecal_gui.pages import wizard_page
-from spherecal_gui.pages.import_dialog import ImportDialog
+from spherecal_gui.pages.images_dialogs import ImportDialog
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.verify_page import VerifyPage
 from spherecal_gui.presenters.connect_presenter import connect_summary

@@ -28,8 +28,8 @@ from spherecal_gui import languages
 from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.coverage import Dots, unmasked
 from spherecal_gui.languages import error_text
-from spherecal_gui.pages.camera_dialog import CameraDialog
-from spherecal_gui.pages.look_page import LookPage
+from spherecal_gui.pages.connect_dialogs import CameraDialog
+from spherecal_gui.pages.live_page import LookPage
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.widgets.tile import CameraTile

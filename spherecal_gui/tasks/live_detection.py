@@ -29,9 +29,7 @@ from spherecal_gui.tasks.jobs import detector_of
 # Of the median dot. At rest it stays below 0.03 px (simulated rigs, 32 to 420 dots); a camera that warms up drifts by
 # some tenths in an hour. A ball that was moved shows in every camera that sees it.
 BUMP_PX = 1.0
-_OTHERS_STILL_PX = (
-    0.25  # the others: a ball that was nudged by what is BUMP_PX for one camera is more than this for another
-)
+_OTHERS_STILL_PX = 0.25  # the others: a ball nudged by BUMP_PX in one camera's image moves by more in another's
 _LEAST_DOTS = 16  # that two images have in common: half of a bar's
 _LEAST_OTHERS = 2  # cameras that must have stayed where they are
 _SETTLE_S = 1.0  # images that arrive sooner after a movement may still be older than it

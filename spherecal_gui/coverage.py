@@ -67,8 +67,8 @@ class Dots:
 
 SetDots = Mapping[str, Dots]  # by camera
 
-# The median dot of a ball at rest stays within 0.03 px (tasks/bump_watch.py); one that was moved by a hand's breadth
-# goes 40 px and more on the demo rig (0.5 px/mm). In between, half a pixel is what warming up does in an hour.
+# The median dot of a ball at rest stays within 0.03 px (tasks/live_detection.py); one that was moved by a hand's
+# breadth goes 40 px and more on the demo rig (0.5 px/mm). In between, half a pixel is what warming up does in an hour.
 SAME_PX = 1.0
 _SAME_DOTS = 16  # that two images of one camera have in common
 

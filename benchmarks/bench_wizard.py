@@ -340,7 +340,7 @@ def _window(home: Path) -> tuple[Any, Any]:
     from PySide6.QtWidgets import QApplication
 
     from spherecal_gui import app
-    from spherecal_gui.tasks.garbage import Collector
+    from spherecal_gui.tasks.task import Collector
 
     application = QApplication.instance() or QApplication(["bench"])
     if application.findChild(Collector) is None:

@@ -383,7 +383,7 @@ def saving(p: Photographer) -> None:
     p.wait()
     window.show_start()
     p.take("start-with-projects")
-    window.header.limits.emit()
+    window.header.limits.trigger()
     p.take_dialog(window.findChild(LimitsDialog), "limits")
 
 
@@ -478,7 +478,7 @@ def checking(p: Photographer) -> None:
 
 def _camera(p: Photographer) -> None:
     """The dialog of one camera."""
-    from spherecal_gui.pages.camera_dialog import CameraDialog
+    from spherecal_gui.pages.connect_dialogs import CameraDialog
 
     dialog = CameraDialog(p.window.controller, "SIM-C03", p.window)
     dialog.show()

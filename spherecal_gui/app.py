@@ -1,29 +1,33 @@
 """The program: one QApplication, our hooks, the wizard's window."""
 
 import argparse
+import json
 import logging
+import multiprocessing
 import os
+import signal
+import socket
 import sys
 import threading
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-from PySide6.QtCore import QObject, Qt, Signal, Slot
+from PySide6.QtCore import QObject, QProcess, QSocketNotifier, Qt, QTimer, Signal, Slot
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 import spherecal
 from spherecal.base.resources import resource_path
+from spherecal.base.working_folder import own_program
+from spherecal_app.kernel_state import state
 from spherecal_gui import click_map, languages
-from spherecal_gui.ending import Ending, end_children
-from spherecal_gui.tasks.compiling import Compiling
-from spherecal_gui.tasks.garbage import Collector
-from spherecal_gui.tasks.task import something_left
+from spherecal_gui.tasks.task import Collector, leave_behind, something_left
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.wizard.window import WizardWindow
-from spherecal_gui.wizard.window_settings import WindowSettings
+from spherecal_gui.wizard.window_settings import window_settings
 
 log = logging.getLogger("spherecal.gui")
 
@@ -126,8 +130,7 @@ class Program(QObject):
         self.compiling = Compiling(self)
         self.compiling.progressed.connect(self._show_compiling)
         self._percent = 100
-        kept = WindowSettings()
-        languages.use(language or kept.text("language", languages.preferred()))
+        languages.use(language or str(window_settings().value("language", languages.preferred())))
         self.window = self._make()
 
     def _make(self) -> WizardWindow:
@@ -156,7 +159,7 @@ class Program(QObject):
         if language == languages.now() or not old.may_close():
             return
         project = old.controller.project
-        old.settings.set_text("language", language)
+        old.settings.setValue("language", language)
         old.controller.keeps_empty = True
         if not old.close():
             return
@@ -165,3 +168,93 @@ class Program(QObject):
         old.deleteLater()
         if project is not None:
             self.window.open_project(str(project.folder))
+
+
+_AGAIN_MS = 1000  # a computation may still be stopping: the window refuses to close until it has
+_MOST_TIMES = 15
+
+
+class Ending(QObject):
+    """Closes the window when the system asks the program to end; `close` says whether it has closed."""
+
+    def __init__(self, close: Callable[[], bool], quit_now: Callable[[], None], parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._close, self._quit, self._times = close, quit_now, 0
+        self._reader, self._writer = socket.socketpair()
+        for one in (self._reader, self._writer):
+            one.setblocking(False)
+        signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: None)  # Python wakes the socket; Qt hears it there
+        self._notifier = QSocketNotifier(self._reader.fileno(), QSocketNotifier.Type.Read, self)
+        self._notifier.activated.connect(self._heard)
+
+    def _heard(self) -> None:
+        numbers = self._reader.recv(64)
+        if signal.SIGTERM in numbers or signal.SIGINT in numbers:
+            self._end()
+
+    def _end(self) -> None:
+        self._times += 1
+        if self._close():
+            self._quit()
+        elif self._times < _MOST_TIMES:
+            QTimer.singleShot(_AGAIN_MS, self._end)
+        else:  # nothing is lost: all that was recorded is on disk
+            end_children()
+            os._exit(128 + signal.SIGTERM)
+
+
+def end_children() -> None:
+    """End the processes that this one has started, such as that of the cameras."""
+    for child in multiprocessing.active_children():
+        child.terminate()
+
+
+_PATIENCE_MS = 2000
+
+
+class Compiling(QObject):
+    """Runs `spherecal compile-kernels` when idle, where kernels are still to be compiled; ends with the program."""
+
+    progressed = Signal(int)  # percent; 100 when it has ended, however it has
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._process = QProcess(self)
+        self._process.setProcessChannelMode(QProcess.ProcessChannelMode.SeparateChannels)
+        self._process.readyReadStandardOutput.connect(self._read)
+        self._process.finished.connect(self._ended)
+        self._process.errorOccurred.connect(self._ended)
+
+    def start(self, idle: bool = True) -> bool:
+        """Begin, unless there is nothing to do; whether it has begun. `idle`: only while nothing else runs."""
+        if getattr(sys, "frozen", False) or state() != "to compile":
+            return False
+        when = ["--idle"] if idle else []
+        program, *arguments = own_program("spherecal", "compile-kernels", *when, "--json", "--quiet")
+        self._process.start(program, arguments)
+        return True
+
+    def stop(self) -> None:
+        """End it; what is compiled so far is kept. Its processes yield to all others, and may take their time to go."""
+        if self._process.state() == QProcess.ProcessState.NotRunning:
+            return
+        self._process.terminate()
+        if self._process.waitForFinished(_PATIENCE_MS):
+            return
+        self._process.kill()  # its parts see that it is gone, and end
+        if not self._process.waitForFinished(_PATIENCE_MS):
+            self._process.setParent(None)  # else Qt waits for it
+            leave_behind(lambda process=self._process: process.state() != QProcess.ProcessState.NotRunning)
+
+    @Slot()
+    def _read(self) -> None:
+        for line in bytes(self._process.readAllStandardOutput().data()).decode("utf-8", "replace").splitlines():
+            with suppress(ValueError, KeyError, TypeError):
+                said = json.loads(line)
+                self.progressed.emit(min(round(100 * said["done"] / max(said["all"], 1)), 99))
+
+    @Slot()
+    def _ended(self) -> None:
+        self.progressed.emit(100)

@@ -12,10 +12,7 @@ _EVERY_MS = 100
 
 
 class ClickMap(QObject):
-    """Writes the visible buttons' places several times a second: key -> [x, y, enabled, text, has the focus].
-
-    `enabled`: a press is heard now; on a button that has just changed its meaning it is not (footer.QUIET_S).
-    """
+    """Writes where the buttons are, ten times a second: key -> [x, y, a press is heard now, text, has the focus]."""
 
     def __init__(self, path: Path, parent: QObject | None = None) -> None:
         super().__init__(parent)

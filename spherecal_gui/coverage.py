@@ -1,12 +1,18 @@
-"""What the cameras have seen of the ball: counters against need, image coverage, common dots of pairs."""
+"""What the cameras have seen of the ball: counters against need, image coverage, common dots of pairs; kept on disk."""
 
+import io
+import zipfile
+import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.errors import SpherecalError
+from spherecal_files.filesystem import read_below, write_below
 from spherecal_gui import limits_in_force as limits
 
 CELLS = 10
@@ -61,8 +67,8 @@ class Dots:
 
 SetDots = Mapping[str, Dots]  # by camera
 
-# The median dot of a ball at rest stays within 0.03 px (tasks/bump_watch.py); one that was moved by a hand's breadth
-# goes 40 px and more on the demo rig (0.5 px/mm). In between, half a pixel is what warming up does in an hour.
+# The median dot of a ball at rest stays within 0.03 px (tasks/live_detection.py); one that was moved by a hand's
+# breadth goes 40 px and more on the demo rig (0.5 px/mm). In between, half a pixel is what warming up does in an hour.
 SAME_PX = 1.0
 _SAME_DOTS = 16  # that two images of one camera have in common
 
@@ -189,3 +195,48 @@ def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
             lacks = "bad" if not linked or dots < MIN_COMMON * max(len(sets), 1) else "caution"
         found.append(_need(camera, images, lacks))
     return found
+
+
+# Ten thousand dots in each of a hundred cameras are 36 MB.
+_MOST_BYTES = 64 << 20
+
+
+class DotStore:
+    """The dots of each set that was taken, on disk beside the project, so that counters survive a crash."""
+
+    def __init__(self, folder: Path) -> None:
+        self._root = folder
+
+    def save(self, set_id: str, taken: str, dots: Mapping[str, Dots]) -> None:
+        """Keep the dots of a set; where the disk refuses they are found again in the images."""
+        arrays: dict[str, Any] = {"taken": np.array(taken)}  # Any: savez has a keyword that is no array
+        for camera, one in dots.items():
+            arrays |= {f"{camera}/{key}": getattr(one, key) for key in ("target", "point", "uv")}
+            arrays[f"{camera}/size"] = np.array(one.image_size)
+        try:
+            data = io.BytesIO()
+            np.savez(data, **arrays)
+            write_below(self._root, f"wizard/{set_id}.npz", data.getvalue())
+        except SpherecalError:
+            return
+
+    def load(self, set_id: str, taken: str) -> dict[str, Dots] | None:
+        """The dots of this taking of a set; None where there are none."""
+        try:
+            data = read_below(self._root, f"wizard/{set_id}.npz", _MOST_BYTES)
+            with zipfile.ZipFile(io.BytesIO(data)) as packed:
+                if sum(one.file_size for one in packed.infolist()) > _MOST_BYTES:
+                    return None
+            with np.load(io.BytesIO(data), allow_pickle=False) as kept:
+                if str(kept["taken"]) != taken:
+                    return None
+                cameras = {key.rsplit("/", 1)[0] for key in kept.files if "/" in key}
+                return {camera: _kept(kept, camera) for camera in sorted(cameras)}
+        except (SpherecalError, OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
+            return None  # not ours, or damaged: the dots are found again in the images
+
+
+def _kept(kept: Mapping[str, np.ndarray], camera: str) -> Dots:
+    width, height = kept[f"{camera}/size"]
+    target, point, uv = (kept[f"{camera}/{key}"] for key in ("target", "point", "uv"))
+    return Dots(target, point, uv, (int(width), int(height)))

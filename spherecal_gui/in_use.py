@@ -1,25 +1,28 @@
-"""The calibration in use as a result folder, so that it can be verified again without the project that it came from."""
+"""The calibration in use: as a result folder, to be verified without its project; and its last verification."""
 
 import hashlib
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import get_args
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal_files.filesystem import read_below, write_together
-from spherecal_files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal_files.codec import FileFormat, choice, field, record, text, time
+from spherecal_files.filesystem import is_plain_file_below, read_below, write_below, write_together
 from spherecal_gui.project import Verdict
-from spherecal_rigs.entry import FILES, RIG_FILE
-from spherecal_rigs.store import Profile, is_profile, open_profile
 
 _MOST_BYTES = 64 << 20
 _OF_OTHERS = ("verification.json", "bars.csv", "targets.json")  # of the verification before; of the session
 
 
 def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
-    """Write the calibration in use of a profile as a result folder; its number and verdict.
+    """Write a profile's calibration in use as a result folder, residuals and spheres empty; its number and verdict."""
+    from spherecal_files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
+    from spherecal_rigs.entry import FILES, RIG_FILE  # imports scipy, as the next
+    from spherecal_rigs.store import open_profile
 
-    The profile keeps no residuals and no spheres: these tables are empty.
-    """
     kept = open_profile(profile)
     number, entry = kept.active_id, kept.active
     if number is None or entry is None:
@@ -36,10 +39,55 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
 
 def number_of(profile: Path, result: Path) -> str | None:
     """The number of the calibration in use where it is that of a result folder; None where it is another."""
-    if not is_profile(profile):
-        return None
-    kept: Profile = open_profile(profile)
-    if kept.active is None:
+    from spherecal_rigs.entry import RIG_FILE  # imports scipy, as the next
+    from spherecal_rigs.store import is_profile, open_profile
+
+    kept = open_profile(profile) if is_profile(profile) else None
+    if kept is None or kept.active is None:
         return None
     own = hashlib.sha256(read_below(result, RIG_FILE, _MOST_BYTES)).hexdigest()
     return kept.active_id if kept.active.files.get(RIG_FILE) == own else None
+
+
+FILE = "last-verification.json"
+
+
+@dataclass(frozen=True)
+class LastVerification:
+    """Which calibration of the profile was verified, when, and what came out."""
+
+    calibration: str
+    at: datetime
+    verdict: Verdict
+
+
+LAST_VERIFICATION = FileFormat(
+    "spherecal/last-verification",
+    FILE,
+    "The last verification of the calibration in use, beside a profile.",
+    record(
+        "",
+        LastVerification,
+        field("calibration", text("Which calibration.")),
+        field("at", time("When.")),
+        field("verdict", choice("What came out.", get_args(Verdict))),
+    ),
+)
+
+
+def keep_verification(profile: Path, calibration: str, verdict: Verdict) -> None:
+    """Write it, whole, with the moment of now."""
+    at = datetime.now(UTC).replace(microsecond=0)
+    document = LAST_VERIFICATION.document(LastVerification(calibration, at, verdict))
+    write_below(profile, FILE, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def last_verification(profile: Path, calibration: str | None) -> LastVerification | None:
+    """The last verification, if it was of this calibration; None where there is none that can be read."""
+    if calibration is None or not is_plain_file_below(profile, FILE):
+        return None
+    try:
+        found = LAST_VERIFICATION.read(profile / FILE, below=profile)
+    except InputError:
+        return None
+    return found if found.calibration == calibration else None

@@ -1,13 +1,20 @@
-"""The languages of the window: Qt's translations of ours and of Qt's own words."""
+"""The languages of the window; words for what the workflow says by code, for errors and for cells of tables."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
+from spherecal.base.errors import OutputError, SpherecalError, reason
 from spherecal.base.messages.catalogue import LANGUAGES, fill, table
-from spherecal.base.messages.values import plain
+from spherecal.base.messages.values import Phrase, plain
 from spherecal.base.resources import resource_path
+from spherecal_gui.workflow import Reason, Status, Step, StepKind
+
+if TYPE_CHECKING:
+    from spherecal_cameras.protocol import CameraStatus
+
 
 translate = QCoreApplication.translate  # (context, text): texts that belong to no widget
 
@@ -49,11 +56,7 @@ def word(group: str, code: str, otherwise: str | None = None, **values: object) 
 
 
 def by_locale(text: str) -> str:
-    """A text for the screen, its decimal numbers as the language writes them; files keep the point.
-
-    Versions, addresses and names such as `P1.5` or `0.03+L/20000` are no decimal numbers and stay. Numbers in a row are
-    parted by semicolons where they have a comma of their own.
-    """
+    """A text with its decimal numbers as the language writes them, for the screen alone; not names such as `P1.5`."""
     if now() not in _WITH_COMMA:
         return text
     return _IN_A_ROW.sub(r"\1; ", _DECIMAL.sub(r"\1,\2", text))
@@ -64,11 +67,13 @@ def listed(names: Iterable[str]) -> str:
     return ("、" if now() == "zh_CN" else ", ").join(names)  # as the catalogue of messages has it
 
 
-def unbroken(text: str) -> str:
-    """A text for a label of several lines: no line ends between a number and its unit, or within the unit.
+def some(names: Sequence[str], most: int) -> str:
+    """The first names in a row, and that there are more."""
+    return listed(names[:most]) + (" …" if len(names) > most else "")
 
-    By no-break spaces, as all three languages have them there, and word joiners: for the screen only.
-    """
+
+def unbroken(text: str) -> str:
+    """A text for several lines: no-break spaces and word joiners keep numbers and units together."""
     return _RATE.sub("\\1/\u2060s", _BEFORE_UNIT.sub("\u00a0", text))
 
 
@@ -91,3 +96,67 @@ def use(language: str) -> str:
                 application.installTranslator(translator)
                 _installed.append(translator)
     return now()
+
+
+Cell = str | float | int | None  # what a table sorts by
+
+
+def step_title(step: Step) -> str:
+    """The step's name on the rail."""
+    return word("steps", step.kind, name=(step.set_id or "").removeprefix("P"))
+
+
+def status_word(status: Status, kind: StepKind | None = None) -> str:
+    """The state in a word; of a placement that is not there yet that it is not. `kind` None: of any step."""
+    return word("statuses", "not captured" if status is Status.READY and kind in ("placement", "scale") else status)
+
+
+def reason_text(reason: Reason | None) -> str:
+    """Why a step is blocked, stale or failed: one plain sentence."""
+    if reason is None:
+        return ""
+    values = tuple(word("inputs", value, value) for value in reason.values)
+    return word("reasons", reason.code, names=values, first=values[:1], others=values[1:])
+
+
+def moved_text(cameras: tuple[str, ...], here: bool = True) -> str:
+    """That cameras were moved, and what to do; `here`: the page has the button."""
+    return word("reasons", "moved" if here else "moved elsewhere", names=cameras)
+
+
+def camera_trouble(status: "CameraStatus") -> str:
+    """What is wrong with a camera and what to do, by its state; the engine's own words are `camera_details`."""
+    return word("states", status.state.value, camera_details(status))
+
+
+def camera_details(status: "CameraStatus") -> str:
+    """The engine's own words on a camera, which are English."""
+    return f"{status.state.value}. {status.cause} {status.remedy}".strip()
+
+
+def verdict_word(verdict: str) -> str:
+    """A verdict of the engine, for people."""
+    return word("verdicts", verdict, verdict)
+
+
+def error_text(error: BaseException) -> tuple[str, str]:
+    """What happened and what to do, for people; bugs say that they are ours."""
+    if isinstance(error, SpherecalError):
+        return error.words(now())
+    if isinstance(error, OSError) and error.strerror:
+        file = error.filename or Phrase("error-the-disk")
+        what = Phrase("error-cannot-write", {"file": file, "why": reason(error)})
+        return OutputError(what, Phrase("error-free-disk-again")).words(now())
+    what = translate("Errors", "Something went wrong inside the program ({kind}: {text}).")
+    hint = translate("Errors", "What was recorded is safe. Try again; if it happens again, send the log to us.")
+    return what.format(kind=type(error).__name__, text=error), hint
+
+
+def error_line(error: BaseException) -> str:
+    """What happened and what to do in one line, in the interface's language as far as the error is one of ours."""
+    return " ".join(error.words(now())).strip() if isinstance(error, SpherecalError) else str(error)
+
+
+def figure(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
+    """The cell of a number in a table; a dash, sorted as the largest, where there is none."""
+    return ("-", float("inf"), level) if value is None else (f"{value:.{digits}f}", value, level)

@@ -1,11 +1,41 @@
 """A project: what the wizard knows of one calibration. Frozen; each change is a function that gives a new one."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from spherecal_gui.fingerprint import fingerprint
+_DIGITS = 32  # of the SHA-256: two contents never share them by chance
+
+
+def fingerprint(content: object) -> str:
+    """A short text (hexadecimal) that is equal for equal content.
+
+    Dataclasses count by the names and values of their fields. A field that has its default does not count, so that a
+    field that a later version adds changes no fingerprint of what was saved before.
+    """
+    text = json.dumps(_plain(content), sort_keys=True, ensure_ascii=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
+
+
+def _plain(content: object) -> object:
+    if is_dataclass(content) and not isinstance(content, type):
+        values = ((one, getattr(content, one.name)) for one in fields(content))
+        return {one.name: _plain(value) for one, value in values if value != _default(one)}
+    if isinstance(content, Mapping):
+        return {str(key): _plain(value) for key, value in content.items()}
+    if isinstance(content, Sequence) and not isinstance(content, str):
+        return [_plain(value) for value in content]
+    return content
+
+
+def _default(one: "Field[object]") -> object:
+    if one.default is not MISSING:
+        return one.default
+    return one.default_factory() if one.default_factory is not MISSING else MISSING
+
 
 # The engine's own FEW_PLACEMENTS (spherecal.diagnose.run_checks; a test compares them), which takes a second to import.
 FEW_PLACEMENTS = 3
@@ -41,84 +71,56 @@ def usable(verdict: Verdict) -> bool:
 
 @dataclass(frozen=True)
 class Artefacts:
-    """What is on the bench, as somebody has confirmed it: words for people, and the bars by id.
-
-    `check` are the words for the check bars. `scale_bar` gives the scale (None: the targets' spacing does),
-    `check_bars` verify; a bar is never both. `board`: a board calibrates, not a ball.
-    """
+    """What is on the bench, as somebody has confirmed it: words for people, and the bars by id."""
 
     target_set: str = ""
     ball: str = ""
     scale: str = ""
-    scale_bar: str | None = None
-    check_bars: tuple[str, ...] = ()
-    check: str = ""
-    board: bool = False
+    scale_bar: str | None = None  # gives the scale; None: the targets' spacing does
+    check_bars: tuple[str, ...] = ()  # verify; a bar is never both
+    check: str = ""  # the words for them
+    board: bool = False  # a board calibrates, not a ball
 
 
 @dataclass(frozen=True)
 class Computation:
-    """One finished computation: from which inputs it came, what it said.
+    """One finished computation: from which inputs it came, what it said."""
 
-    `inputs` are names with the moment of taking, the words or the fingerprint of each.
-    """
-
-    inputs: tuple[tuple[str, str], ...]
+    inputs: tuple[tuple[str, str], ...]  # name; moment of taking, words or fingerprint
     verdict: Verdict
 
 
 @dataclass(frozen=True)
 class Project:
-    """The state of one project; nothing in it says what is blocked or stale: `workflow.resolve` computes that.
-
-    `bench` is the file that describes targets, ball and bars where the source does not. `cameras` are the serials
-    chosen at Connect; `looked` those that were looked at. `placements`, `scale_poses`, `check_poses` are the sets that
-    are planned, `taken` (id -> moment of taking) those that are there.
-
-    The `purpose` is a calibration, the quick check (`checked`) of the one in use, which may have `repaired` cameras
-    that moved, or a verification of the one in use. `step` is where the user is. `failures` (step -> plain text) are
-    the last attempts that ended with an error.
-
-    `repairs` are asked for at the next calibration: options of the command line with their values, such as
-    ("--leave-out", "C05@P3"). `masks` are parts of cameras' images in which nothing is a target, in the order in which
-    they were drawn.
-
-    `limit` is that of the length errors, as somebody has written it. `pose_bars` tells of guided poses of check bars
-    which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it.
-
-    `method` is that of the next calibration, as of the command line; empty for the program's own.
-
-    `flaws` are those of all sets that were ever taken, so that one that is brought back has its own again. `note` is
-    what the operator has written on it.
-    """
+    """The state of one project; nothing in it says what is blocked or stale: `workflow.resolve` computes that."""
 
     folder: Path
     source: str
-    bench: str = ""
-    cameras: tuple[str, ...] = ()
+    bench: str = ""  # the file that describes targets, ball and bars where the source does not
+    cameras: tuple[str, ...] = ()  # serials chosen at Connect
     artefacts: Artefacts | None = None
-    looked: tuple[str, ...] = ()
-    placements: tuple[str, ...] = ("P1", "P2", "P3", "P4")
+    looked: tuple[str, ...] = ()  # serials that were looked at
+    placements: tuple[str, ...] = ("P1", "P2", "P3", "P4")  # planned, as are the poses
     scale_poses: tuple[str, ...] = ()
     check_poses: tuple[str, ...] = ()
-    taken: Mapping[str, str] = field(default_factory=dict)
+    taken: Mapping[str, str] = field(default_factory=dict)  # id -> moment of taking
     calibrated: Computation | None = None
     accepted: Computation | None = None
     verified: Computation | None = None
     saved: Computation | None = None
-    step: str = "connect"
-    failures: Mapping[str, str] = field(default_factory=dict)
-    repairs: tuple[tuple[str, str], ...] = ()
+    step: str = "connect"  # where the user is
+    failures: Mapping[str, str] = field(default_factory=dict)  # step -> the error of its last attempt
+    repairs: tuple[tuple[str, str], ...] = ()  # asked for at the next calibration, such as ("--leave-out", "C05@P3")
     purpose: Purpose = "calibrate"
-    checked: Computation | None = None
-    repaired: Computation | None = None
-    masks: tuple[tuple[str, Rectangle], ...] = ()
-    limit: str = ""
-    pose_bars: tuple[tuple[str, str], ...] = ()
-    bar_celsius: float | None = None
-    flaws: tuple[Flaw, ...] = ()
-    note: str = ""
-    method: str = ""
+    checked: Computation | None = None  # the quick check of the calibration in use
+    repaired: Computation | None = None  # cameras that it found moved
+    masks: tuple[tuple[str, Rectangle], ...] = ()  # by camera, in which nothing is a target; as drawn
+    limit: str = ""  # of the length errors, as somebody has written it
+    pose_bars: tuple[tuple[str, str], ...] = ()  # which bar a guided pose of a check bar is of
+    bar_celsius: float | None = None  # as somebody has read it
+    flaws: tuple[Flaw, ...] = ()  # of all sets ever taken: one that is brought back has its own again
+    note: str = ""  # the operator's
+    method: str = ""  # as on the command line; empty for the program's own
 
     def flaws_of(self, set_id: str) -> tuple[Flaw, ...]:
         """What is wrong with a set as it is now."""
@@ -278,10 +280,7 @@ def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
 
 
 def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
-    """One more part of a camera's image in which nothing is a target.
-
-    `rectangle`: left, top, width and height of the part, px.
-    """
+    """One more part of a camera's image in which nothing is a target."""
     return replace(project, masks=(*project.masks, (camera, rectangle)))
 
 

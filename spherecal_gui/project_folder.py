@@ -1,7 +1,4 @@
-"""A project on disk: `wizard.json` in the session's folder, written whole at every step.
-
-What was taken is not in it: capture.json beside the images says that, so that a crash between the two loses nothing.
-"""
+"""A project on disk: `wizard.json`, written whole at every step; what was taken is said by capture.json alone."""
 
 import hashlib
 import json
@@ -42,8 +39,16 @@ from spherecal_files.filesystem import (
     write_below,
 )
 from spherecal_files.json_file import JsonValue
-from spherecal_gui.fingerprint import fingerprint
-from spherecal_gui.project import Artefacts, Computation, Flaw, FlawCode, Project, Purpose, Rectangle, Verdict
+from spherecal_gui.project import (
+    Artefacts,
+    Computation,
+    Flaw,
+    FlawCode,
+    Project,
+    Purpose,
+    Verdict,
+    fingerprint,
+)
 
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
@@ -61,10 +66,6 @@ def _purpose(text: str) -> Purpose:
 
 def _method(text: str) -> str:
     return text if text == "tao2021" else ""
-
-
-def _mask(camera: str, rectangle: Rectangle) -> tuple[str, Rectangle]:
-    return camera, rectangle
 
 
 _ARTEFACTS = record(
@@ -92,7 +93,7 @@ def _run(about: str) -> Kind[Computation]:
 
 _MASK = record(
     "",
-    _mask,
+    lambda camera, rectangle: (camera, rectangle),
     replace(field("camera", text("The camera.")), get=itemgetter(0)),
     replace(field("rectangle", numbers("`[left, top, width, height]` in px.", 4)), get=itemgetter(1)),
 )
@@ -108,10 +109,7 @@ _FLAW = record(
 
 
 def _by_content(document: Document) -> Document:
-    """Version 1 knew what a computation was made from by Python's repr of it: the fingerprint of the same content.
-
-    A document that is not as declared stays as it is, for the reader to say what is wrong.
-    """
+    """Version 1 knew inputs by their repr: their fingerprints instead. A damaged document is left to the reader."""
     try:
         return _with_fingerprints(document)
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
@@ -215,7 +213,14 @@ def load_project(folder: Path) -> Project:
         raise InputError(Phrase("error-no-project", {"folder": folder, "file": FILE}))
     check_folders(folder)
     project = WIZARD.read(folder / FILE, below=folder)
-    return _as_on_disk(replace(project, folder=folder, taken=taken_in(folder)))
+    project = replace(project, folder=folder, taken=taken_in(folder))
+    if project.calibrated is not None and not (project.result_folder / "rig.json").is_file():
+        project = replace(project, calibrated=None, accepted=None, verified=None)
+    if project.repaired is not None and not (project.repair_folder / "rig.json").is_file():
+        project = replace(project, repaired=None)
+    if project.verified is not None and not (project.result_folder / "verification.json").is_file():
+        project = replace(project, verified=None)
+    return project
 
 
 def taken_in(folder: Path) -> dict[str, str]:
@@ -233,17 +238,6 @@ def taken_in(folder: Path) -> dict[str, str]:
             why = error.parts[0] if isinstance(error, InputError) else other
             raise InputError(why, Phrase("error-restore-backup")) from error
     return taken
-
-
-def _as_on_disk(project: Project) -> Project:
-    """Without a result that is no longer there, and without planned sets of an unknown kind."""
-    if project.calibrated is not None and not (project.result_folder / "rig.json").is_file():
-        project = replace(project, calibrated=None, accepted=None, verified=None)
-    if project.repaired is not None and not (project.repair_folder / "rig.json").is_file():
-        project = replace(project, repaired=None)
-    if project.verified is not None and not (project.result_folder / "verification.json").is_file():
-        project = replace(project, verified=None)
-    return project
 
 
 def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Path:

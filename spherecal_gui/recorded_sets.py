@@ -46,7 +46,16 @@ class RecordedSession(SessionFolder):
         if (self.folder / "capture.json").exists():
             super()._take_up()
             self._take_recorded_poses()
-            self._end_retakes()
+            # sets that were being taken again when the program was killed: back, unless the new one is there
+            for marker in sorted((self.folder / _REMOVED).glob(f"*/{_RETAKING}")):
+                aside = f"{_REMOVED}/{marker.parent.name}"
+                if not is_plain_file_below(self.folder, f"{aside}/{_RETAKING}"):
+                    continue
+                set_id = self._set_aside(aside)
+                planned = {one.id for one in self.plan.sets}
+                if set_id in planned and set_id not in self._images:
+                    self._bring_back(set_id, aside)
+                remove_below(self.folder, f"{aside}/{_RETAKING}")
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
             write_below(self.folder, "targets.json", TARGETS.bytes(self.plan.target_set))
@@ -174,18 +183,6 @@ class RecordedSession(SessionFolder):
         remove_below(self.folder, f"{aside}/{_RETAKING}")
         self._sets.append(entry)
         self._images[set_id] = entry["images"]
-
-    def _end_retakes(self) -> None:
-        """Sets that were being taken again when the program was killed: back, unless the new one is there."""
-        for marker in sorted((self.folder / _REMOVED).glob(f"*/{_RETAKING}")):
-            aside = f"{_REMOVED}/{marker.parent.name}"
-            if not is_plain_file_below(self.folder, f"{aside}/{_RETAKING}"):
-                continue
-            set_id = self._set_aside(aside)
-            planned = {one.id for one in self.plan.sets}
-            if set_id in planned and set_id not in self._images:
-                self._bring_back(set_id, aside)
-            remove_below(self.folder, f"{aside}/{_RETAKING}")
 
     def _set_aside(self, aside: str) -> str:
         """The id of the set in a folder of `removed`; empty where it was never put aside, or is not ours."""

@@ -1,4 +1,4 @@
-"""The scene of each page, from what the page has: a result, a verification, a check."""
+"""The scene of each page, from what the page has, and what is said of a thing in it; advice for the next placement."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.model import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_documents.scene.shapes import map_step
+from spherecal_gui.languages import translate
 from spherecal_gui.standing import Level
 
 if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wait
@@ -48,10 +50,7 @@ def rig_scene(rig: "Rig") -> SceneData | None:
 
 
 def rig_in_use(profile: "Path | None", cameras: Collection[str]) -> "Rig | None":
-    """The calibration in use of a profile, where it has all of these cameras; else None, also where it cannot be read.
-
-    `profile` None: there is none.
-    """
+    """The calibration in use of a profile, where it can be read and has all of these cameras; else None."""
     from spherecal.base.errors import SpherecalError
     from spherecal_rigs.store import open_profile  # imports scipy
 
@@ -65,10 +64,7 @@ def rig_in_use(profile: "Path | None", cameras: Collection[str]) -> "Rig | None"
 
 
 def next_scene(rig: "Rig", spheres: "Sequence[PlacedSphere]", centre_mm: ArrayLike) -> SceneData | None:
-    """The rig as it is known so far, the ball where it was and where it should go next.
-
-    `centre_mm`: centre (3,) of the ball where it should go, mm in the rig's world.
-    """
+    """The rig as it is known so far, the ball where it was and where it should go next (3,), mm in the rig's world."""
     from spherecal_documents.report.rig_view import DrawnPlacement  # imports scipy
 
     data = rig_scene(rig)
@@ -94,20 +90,15 @@ def without_balls(data: SceneData) -> SceneData:
 
 @dataclass(frozen=True, eq=False)
 class LiveParts:
-    """What changes in a scene while it is looked at; places in the scene's frame, mm.
+    """What changes in a scene while it is looked at; places in the scene's frame, mm."""
 
-    `ball`: its centre, top (both (3,)) and radius as it lies now; `near`: where it should. `bars`: ends (2, 3) and
-    whether these are of the bar as it lies, not as it should. `points`: measured ones by name. `levels` and `images` by
-    camera; `box`: the corners (8, 3) of the measuring volume.
-    """
-
-    ball: tuple[FloatArray, FloatArray, float] | None = None
-    near: bool = False
-    bars: tuple[tuple[FloatArray, bool], ...] = ()
+    ball: tuple[FloatArray, FloatArray, float] | None = None  # centre (3,), top (3,), radius
+    near: bool = False  # it lies where it should
+    bars: tuple[tuple[FloatArray, bool], ...] = ()  # ends (2, 3); lies so, not: should
     levels: Mapping[str, Level] = field(default_factory=dict)
-    images: Mapping[str, Any] = field(default_factory=dict)
-    points: tuple[tuple[str, FloatArray], ...] = ()
-    box: FloatArray | None = None
+    images: Mapping[str, Any] = field(default_factory=dict)  # QImage by camera, as are the levels
+    points: tuple[tuple[str, FloatArray], ...] = ()  # measured ones by name
+    box: FloatArray | None = None  # corners (8, 3) of the measuring volume
 
 
 def in_scene(data: SceneData, places_mm: FloatArray) -> FloatArray:
@@ -162,3 +153,105 @@ class RigPlanes:
         centres = np.array([camera.centre_mm for camera in rig.cameras])
         axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
         return RigPlanes(axes, tuple(camera.id for camera in rig.cameras), centres)
+
+
+# More than this says no more than "not determined yet" (the demo with one placement: 25 mm, with two 0.18 mm).
+NOT_YET_MM = 5.0
+# A placement that makes lengths better by less than this part is not worth a walk to the ball.
+WORTH = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class GuidanceView:
+    """One piece of advice; lengths are those of 500 mm (k = 2), None where they are not known."""
+
+    now_mm: float | None  # when stopping now
+    next_mm: float | None  # after the next placement
+    ghost: "Ghost | None" = None  # the ball where it should go as the cameras would see it
+    scene: SceneData | None = None  # the whole in space
+    coarse: bool = False  # a first answer: the lengths are still being worked out
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras of which it is known where they are."""
+        return tuple(camera.id for camera in self.scene.scene.cameras) if self.scene is not None else ()
+
+
+@dataclass(frozen=True, eq=False)
+class SceneItem:
+    """One thing: `kind`, name, place (3,), how far it reaches in mm, its figures; `rank`: small things first."""
+
+    kind: str
+    name: str
+    place: FloatArray
+    radius_mm: float
+    data: SceneData
+    index: int
+    rank: int
+
+    def lines(self) -> list[str]:
+        """The name, then the figures."""
+        if self.kind == "camera":
+            return [self.name, *_camera(self)]
+        if self.kind == "bar":
+            return [self.name, *_bar(self)]
+        if self.kind == "ball":
+            return [self.name, translate("Scene", "Ball, radius {radius:.2f} mm").format(radius=self.radius_mm)]
+        if self.kind == "map":
+            text = translate("Scene", "Uncertainty {u:.3f} mm (95 %)")
+            return [self.name, text.format(u=self.data.map_mm[self.index])]
+        px = float(self.data.sizes[self.index]) * self.data.most_px
+        return [self.name, translate("Scene", "Residual {px:.3f} px rms").format(px=px)]
+
+
+def items_of(data: SceneData, layers: frozenset[str]) -> list[SceneItem]:
+    """Everything that can be asked about."""
+    found = [
+        SceneItem("camera", camera.id, camera.centre, 0.0, data, i, 0) for i, camera in enumerate(data.scene.cameras)
+    ]
+    found += [
+        SceneItem("ball", one.name, one.ball_centre, one.ball_radius, data, i, 3)
+        for i, one in enumerate(data.scene.placements)
+        if one.ball_centre is not None
+    ]
+    found += [SceneItem("bar", bar.name, (bar.start + bar.end) / 2, 0.0, data, i, 1) for i, bar in enumerate(data.bars)]
+    if "map" in layers and len(data.map_mm):
+        name = translate("Scene", "{length:.0f} mm at this place").format(length=data.map_length_mm)
+        half = 0.3 * map_step(data.map_places)
+        found += [SceneItem("map", name, place, half, data, i, 2) for i, place in enumerate(data.map_places)]
+    elif "dots" in layers and data.names:
+        text = translate("Scene", "{placement}, target {target}, dot {dot}")
+        names = [text.format(placement=placement, target=target, dot=dot) for placement, target, dot in data.names]
+        found += [SceneItem("dot", name, data.points[i], 0.0, data, i, 2) for i, name in enumerate(names)]
+    return found
+
+
+def _camera(item: SceneItem) -> list[str]:
+    known = item.data.figures.get(item.name)
+    if known is None:
+        return []
+    lines = []
+    if known.serial:
+        lines.append(translate("Scene", "Serial number {serial}").format(serial=known.serial))
+    if known.sensor_px is not None:
+        (width, height), text = known.sensor_px, translate("Scene", "Sensor {width} × {height} px")
+        lines.append(text.format(width=width, height=height))
+    if known.rms_px is not None:
+        lines.append(translate("Scene", "Residuals {rms:.3f} px rms").format(rms=known.rms_px))
+    if known.sd_mm is not None:
+        lines.append(translate("Scene", "Place ± {sd:.3f} mm").format(sd=known.sd_mm))
+    for one in item.data.moved:
+        if one.id == item.name:
+            text = translate("Scene", "Moved by {mm:.3f} mm and {deg:.3f}°")
+            lines.append(text.format(mm=one.shift_mm, deg=one.turn_deg))
+    return lines
+
+
+def _bar(item: SceneItem) -> list[str]:
+    bar = item.data.bars[item.index]
+    lines = []
+    if bar.error_mm is not None:
+        lines.append(translate("Scene", "Length error {error:+.3f} mm").format(error=bar.error_mm))
+    if bar.expanded_mm is not None:
+        lines.append(translate("Scene", "Uncertainty {u:.3f} mm (95 %)").format(u=bar.expanded_mm))
+    return lines

@@ -1,8 +1,4 @@
-"""One state: the instruction, its colour, the large button, the counter, what else can be done, why not, time left.
-
-Header, headline, rail, tiles, footer and help draw a `Standing` and make no sentence, count or button of their own.
-What a step says of itself is `Said` (presenters/step_states.py); here it is joined with what is wrong elsewhere. Pure.
-"""
+"""One state for header, headline, rail, tiles and footer: what a step says, joined with what is wrong elsewhere."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -37,18 +33,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Button:
-    """The one large button: what it says and does, whether it can be pressed, else why not.
-
-    `done`: the step's work is done, and the space bar goes on to the next step instead. `accepts`: it accepts what is
-    shown, which the space bar does not do where that is red.
-    """
+    """The one large button."""
 
     text: str
     does: Deed = ""
     enabled: bool = True
-    why: str = ""
-    done: bool = False
-    accepts: bool = False
+    why: str = ""  # it cannot be pressed
+    done: bool = False  # the step's work is: the space bar goes on to the next step instead
+    accepts: bool = False  # what is shown, which the space bar does not do where that is red
 
 
 @dataclass(frozen=True)
@@ -93,10 +85,7 @@ def worse(one: Level, other: Level) -> bool:
 def stand(
     said: Said, step: Part, troubles: Sequence[Part] = (), may_go_on: bool = False, alarmed: bool = False
 ) -> Standing:
-    """The standing of a page from what it says itself, its step's status, and troubles from elsewhere.
-
-    Of parts that are equally bad the page's own comes first, then the step's.
-    """
+    """The standing of a page; of parts that are equally bad the page's own comes first, then the step's."""
     parts = (Part(said.level, said.text), step, *troubles)
     level = worst(part.level for part in parts)
     text = next((part.text for part in parts if part.level == level and part.text), said.text)
@@ -121,10 +110,7 @@ def status_shown(status: Status, level: Level) -> Status:
 
 
 def camera_level(lost: bool, connected: bool, kind: StepKind | None, live: bool, page: Level = "none") -> Level:
-    """The colour of the chip with the cameras: red only where the page needs them, and never greener than the page.
-
-    `kind` None: no project is open. `page`: what the page says of the cameras.
-    """
+    """The colour of the cameras' chip: red only where the page needs them, never greener than what the `page` says."""
     if (lost or not connected) and (kind is None or kind in NEEDS_CAMERAS):
         return "bad"
     return worst((page, "caution" if lost or not connected or not live else "good"))

@@ -12,26 +12,22 @@ from spherecal.base.working_folder import elsewhere
 
 @dataclass(frozen=True)
 class Colours:
-    """The colours by their role; `good`, `caution`, `bad` mean the same everywhere and never appear without a word.
-
-    `window` is the ground of the page, `surface` that of cards and bars. `raised` is that of controls, `scene` that of
-    the 3-D view. `text` and `soft` are letters, `idle` what is disabled or not yet done.
-    """
+    """The colours by their role; `good`, `caution`, `bad` mean the same everywhere and never appear without a word."""
 
     dark: bool
-    window: str
-    surface: str
-    raised: str
+    window: str  # the ground of the page
+    surface: str  # ... of cards and bars
+    raised: str  # ... of controls
     border: str
-    text: str
+    text: str  # letters, as is `soft`
     soft: str
     accent: str
     on_accent: str
     good: str
     caution: str
     bad: str
-    idle: str
-    scene: str
+    idle: str  # what is disabled or not yet done
+    scene: str  # the ground of the 3-D view
 
     def of(self, level: str) -> str:
         """The colour of a level `good`, `caution`, `bad`, else that of nothing in particular."""

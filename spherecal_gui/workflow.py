@@ -4,8 +4,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from spherecal_gui.fingerprint import fingerprint
-from spherecal_gui.project import FEW_PLACEMENTS, VERIFIED, Computation, Flaw, Project, saved_inputs, usable
+from spherecal_gui.project import (
+    FEW_PLACEMENTS,
+    VERIFIED,
+    Computation,
+    Flaw,
+    Project,
+    fingerprint,
+    saved_inputs,
+    usable,
+)
 
 StepKind = Literal[
     "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check", "measure"
@@ -67,17 +75,13 @@ class StepState:
 
 @dataclass(frozen=True)
 class Running:
-    """What goes on at the moment and is not kept: the step whose work runs, the cameras that are open.
+    """What goes on at the moment and is not kept."""
 
-    `lost` cameras send no images; `moved` ones were moved, and nobody has seen to them yet. `gone`: the project's
-    folder is no longer there.
-    """
-
-    step: str | None = None
-    connected: bool = False
-    lost: tuple[str, ...] = ()
-    moved: tuple[str, ...] = ()
-    gone: bool = False
+    step: str | None = None  # whose work runs
+    connected: bool = False  # the cameras are open
+    lost: tuple[str, ...] = ()  # cameras that send no images
+    moved: tuple[str, ...] = ()  # cameras that nobody has seen to yet
+    gone: bool = False  # the project's folder is no longer there
 
 
 @dataclass(frozen=True)
@@ -131,12 +135,11 @@ def resolve(project: Project, running: Running) -> WorkflowState:
     steps = steps_of(project)
     ids = [step.id for step in steps]
     states = tuple(_state(step, project, running) for step in steps)
-    return WorkflowState(states, project.step if project.step in ids else _nearest(project.step, project))
-
-
-def _nearest(step_id: str, project: Project) -> str:
-    """Where to be when the step is no longer there: a placement that was dropped, the scale of another bench."""
-    return f"placement:{project.placements[-1]}" if step_id.startswith("placement:") and project.placements else "look"
+    current = project.step
+    if current not in ids:  # a placement that was dropped, the scale of another bench
+        was_placement = current.startswith("placement:") and project.placements
+        current = f"placement:{project.placements[-1]}" if was_placement else "look"
+    return WorkflowState(states, current)
 
 
 def _state(step: Step, project: Project, running: Running) -> StepState:
@@ -225,7 +228,6 @@ def _scale(_: Step, project: Project, running: Running) -> Judged:
 
 
 def _too_little(project: Project) -> Reason | None:
-    """What is missing for a calibration."""
     if project.purpose == "verify":
         return None
     placed = [name for name in project.placements if name in project.taken]
@@ -255,7 +257,6 @@ def _calibrate(_: Step, project: Project, __: Running) -> Judged:
 
 
 def _judge_verdict(calibrated: Computation) -> Judged:
-    """A calibration by its verdict."""
     if not usable(calibrated.verdict):
         return Status.FAILED, _NOT_VALID
     return (Status.DONE, None) if calibrated.verdict == "valid" else (Status.CARE, Reason("with care", (), "results"))
@@ -272,7 +273,6 @@ def _flawed_sets(project: Project) -> Reason | None:
 
 
 def _changed(run: Computation, inputs: tuple[tuple[str, str], ...]) -> tuple[str, ...]:
-    """The names of inputs that are not as they were."""
     before, now = dict(run.inputs), dict(inputs)
     return tuple(sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name)))
 
@@ -339,23 +339,15 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
     changed = _changed(project.checked, project.check_inputs)
     if changed:
         return Status.STALE, Reason("changed", changed, "check")
-    if _repair_in_use(project) or project.checked.verdict == "ok":
+    by_check = (("check", fingerprint(project.checked)),)  # the cameras that this check found moved
+    repaired = project.repaired if project.repaired is not None and project.repaired.inputs == by_check else None
+    used = project.saved.inputs if project.saved is not None else ()
+    in_use = repaired is not None and used == (("repair", fingerprint(repaired)),)
+    if in_use or project.checked.verdict == "ok":
         return Status.DONE, None
-    repaired = project.repaired if _repair_made(project) else None
     if project.checked.verdict == "watch" or (repaired is not None and usable(repaired.verdict)):
         return Status.CARE, Reason("repair not in use" if repaired is not None else "watch", (), "check")
     return Status.FAILED, Reason("recalibrate", (), "check")
-
-
-def _repair_made(project: Project) -> bool:
-    """Whether the cameras that this check found moved were calibrated again."""
-    return project.repaired is not None and project.repaired.inputs == (("check", fingerprint(project.checked)),)
-
-
-def _repair_in_use(project: Project) -> bool:
-    """Whether that is in use."""
-    saved = project.saved
-    return _repair_made(project) and saved is not None and saved.inputs == (("repair", fingerprint(project.repaired)),)
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

@@ -259,7 +259,7 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 @pytest.fixture(scope="session")
 def qapp(qapp: Any) -> Iterator[Any]:
     """Qt's application; garbage is collected as in the program, never in the thread of a worker."""
-    from spherecal_gui.tasks.garbage import Collector
+    from spherecal_gui.tasks.task import Collector
 
     collector = Collector(qapp)
     collector.start()

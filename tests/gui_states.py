@@ -8,8 +8,7 @@ from typing import Any
 
 from spherecal_gui import languages
 from spherecal_gui.presenters import step_states as st
-from spherecal_gui.presenters.bar_guide import lay_text
-from spherecal_gui.presenters.bars_presenter import pose_name
+from spherecal_gui.presenters.bars_presenter import lay_text, pose_name
 from spherecal_gui.presenters.connect_presenter import CameraLine, connect_summary
 from spherecal_gui.presenters.look_presenter import TileState, summary
 from spherecal_gui.presenters.placement_presenter import Scene

@@ -28,7 +28,7 @@ from spherecal_files.json_file import JsonValue
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_files.target_set_file import read_target_set
-from spherecal_gui.last_verification import last_verification
+from spherecal_gui.in_use import last_verification
 from spherecal_gui.project_folder import load_project, taken_in
 from spherecal_measuring.pose import read_body
 from spherecal_rigs.ball_registry import BALL_REGISTRY

@@ -18,7 +18,7 @@ from file_formats.vocabulary import (
     text,
     written,
 )
-from spherecal_gui.last_verification import LAST_VERIFICATION
+from spherecal_gui.in_use import LAST_VERIFICATION
 from spherecal_gui.project_folder import WIZARD
 from spherecal_measuring.pose import BODY
 

@@ -9,12 +9,11 @@ import numpy as np
 from PySide6.QtCore import Signal
 
 from spherecal_gui import limits_in_force as limits
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.coverage import SetDots
-from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.languages import translate
-from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.rig_scenes import without_balls
+from spherecal_gui.project import fingerprint
+from spherecal_gui.rig_scenes import GuidanceView, without_balls
 from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next, survey
 from spherecal_gui.tasks.task import Runner
 
@@ -31,15 +30,10 @@ _KEPT = 8  # answers, for placements that are deleted and brought back
 
 
 class AdviceController(ControllerPart):
-    """Where the ball should be next.
+    """Where the ball should be next; worked out while a placement is shown: other pages need the processors."""
 
-    It is worked out while a placement is shown, and stopped on every other page, whose work needs the processors.
-
-    `guidance_changed` when there is other advice, `ball_seen` when the ball was looked at again.
-    """
-
-    guidance_changed = Signal()
-    ball_seen = Signal()
+    guidance_changed = Signal()  # there is other advice
+    ball_seen = Signal()  # the ball was looked at again
 
     def __init__(self, main: "Controller") -> None:
         super().__init__(main)
@@ -117,10 +111,9 @@ class AdviceController(ControllerPart):
                 self._planned(found)
 
         def failed(error: BaseException) -> None:
-            if coarse:
-                done(None)
-            else:
-                self._not_planned(error)
+            if not coarse:  # advice is a help, not a need
+                self.main.note(translate("Log", "no advice for the next placement: {why}").format(why=error))
+            done(None)
 
         self.planner.start(
             "guidance", lambda context: work(document, target_set, dots, context), done, failed, self._plan_again
@@ -216,11 +209,6 @@ class AdviceController(ControllerPart):
         if carried < _CARRIED * first.ghost.body.radius_mm:
             return found
         return replace(first, now_mm=found.now_mm, next_mm=None, coarse=False)
-
-    def _not_planned(self, error: BaseException) -> None:
-        """Advice is a help, not a need: what went wrong is in the log."""
-        self.main.note(translate("Log", "no advice for the next placement: {why}").format(why=error))
-        self._planned(None)
 
     def _plan_again(self) -> None:
         self._planned_for = None

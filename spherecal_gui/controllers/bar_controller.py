@@ -1,4 +1,4 @@
-"""Check bars: the poses that the engine plans, where the bar is laid now, the limit of its errors."""
+"""Check bars: where the engine wants them, where they lie now; what a simulated or recorded rig is asked to show."""
 
 from typing import TYPE_CHECKING
 
@@ -8,15 +8,16 @@ from PySide6.QtCore import Signal
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
-from spherecal_gui.tasks.guided_bar import lying_ends
+from spherecal_gui.controllers.project_controller import ControllerPart
+from spherecal_gui.languages import error_line
+from spherecal_gui.presenters.bars_presenter import BarGuide, bar_guide
+from spherecal_gui.tasks.placement_advice import lay_bar, lying_ends
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_line
 from spherecal_verify.limit import parse_limit
 
 if TYPE_CHECKING:  # planning, ghosts and live images need scipy, for which the window does not wait
     from spherecal.data.session import Bar
+    from spherecal_cameras.simulated.stage import Stage
     from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.ghost import Drawn
     from spherecal_gui.tasks.live_detection import Sight
@@ -66,8 +67,7 @@ class BarController(ControllerPart):
 
     def bar(self, name: str) -> "Bar":
         """A bar on the bench."""
-        assert self.main.cameras.connection is not None
-        return next(one for one in self.main.cameras.connection.plan.bars if one.id == name)
+        return next(one for one in self.main.cameras.bars if one.id == name)
 
     def ghosts(self, pose: str) -> "dict[str, Drawn]":
         """The bar of a guided pose as each camera would see it where it should lie, and as it lies."""
@@ -96,26 +96,19 @@ class BarController(ControllerPart):
                 self.guide = bar_guide(outcome.planes, planned, ends, still)
                 self.seen.emit()
 
-        return self.looker.start(
-            "bar",
-            lambda _: lying_ends(rig, bar, target_set, dots),
-            looked,
-            lambda error: self.main.note(f"bar {planned.bar}: {error}"),
-        )
+        def failed(error: BaseException) -> None:
+            self.main.note(f"bar {planned.bar}: {error}")
+
+        return self.looker.start("bar", lambda _: lying_ends(rig, bar, target_set, dots), looked, failed)
 
     def celsius(self) -> float | None:
         """The bars' temperature: as it was read, else as the bench's description has it."""
-        if self.project is None or self.project.bar_celsius is not None:
+        connection = self.main.cameras.connection
+        if self.project is None or self.project.bar_celsius is not None or connection is None:
             return self.project.bar_celsius if self.project is not None else None
-        if self.main.cameras.connection is None:
-            return None
-        plan = self.main.cameras.connection.plan
+        plan = connection.plan
         bars = {bar.id for bar in plan.bars if bar.role == "check"}
         return next((one.temperature_c for one in plan.sets if one.bar in bars and one.temperature_c is not None), None)
-
-    def set_celsius(self, celsius: float | None) -> None:
-        """Poses taken from now on have this temperature."""
-        self.main.change(bar_celsius=celsius)
 
     def set_limit(self, limit: str) -> str:
         """Judge the errors by this limit (A+L/K, empty: none); what is wrong with it, empty where all is well."""
@@ -126,3 +119,61 @@ class BarController(ControllerPart):
             return error_line(error)
         self.main.change(limit=limit)
         return ""
+
+
+class StagingController(ControllerPart):
+    """What a simulated or recorded rig is asked to show."""
+
+    @property
+    def _stage(self) -> "Stage | None":
+        """Where ball and bars of a simulated rig are, which the program can move."""
+        return getattr(self.main.cameras.source, "stage", None)
+
+    def can_show(self, pose: str) -> bool:
+        """Whether it can show a bar's pose: one of its own, or one that the plan describes."""
+        poses = self.main.cameras.staged_poses
+        return pose in poses or (bool(poses) and self.main.bars.planned_pose(pose) is not None)
+
+    def show_pose(self, pose: str) -> None:
+        """Show a pose; a guided one is laid as the plan asks."""
+        planned, stage, result = self.main.bars.planned_pose(pose), self._stage, self.main.result
+        if planned is None or result is None or stage is None:
+            self._show_own(pose)
+            return
+        lay_bar(stage, result.rig, planned, self.main.bars.bar(planned.bar))
+        self._forget_sights()
+
+    def _show_own(self, pose: str) -> None:
+        """Show a pose that the rig was simulated or recorded with."""
+        source, poses = self.main.cameras.staged, self.main.cameras.staged_poses
+        if source is None or not poses:
+            return
+        if pose in poses:
+            if source.shown != pose:
+                source.show(pose)
+        elif (stage := self._stage) is not None:  # one more placement than the rig was simulated with
+            placed = [one for one in poses if one in stage.truth.placements]
+            number = int(pose[1:]) if pose[1:].isdecimal() else 1
+            source.show(placed[number % len(placed)])
+            stage.move((40.0, -30.0, 60.0), (25.0, 40.0, 0.0))
+        self._forget_sights()
+
+    @property
+    def can_put_there(self) -> bool:
+        """Whether a simulated rig can have its ball where the ghost is."""
+        guidance = self.main.advice.guidance
+        return guidance is not None and guidance.ghost is not None and self._stage is not None
+
+    def put_there(self) -> None:
+        """Have a simulated rig move its ball to the ghost, as somebody would do by hand."""
+        from spherecal_gui.tasks.ghost import stage_ball  # needs scipy
+
+        stage, guidance = self._stage, self.main.advice.guidance
+        ghost = guidance.ghost if guidance is not None else None
+        if stage is not None and ghost is not None and self.main.cameras.live is not None:
+            stage_ball(stage, ghost, self.main.advice.lying)
+            self._forget_sights()
+
+    def _forget_sights(self) -> None:
+        if self.main.cameras.live is not None:
+            self.main.cameras.live.forget()

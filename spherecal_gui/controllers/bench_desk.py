@@ -13,7 +13,7 @@ from spherecal_cameras.plan import CapturePlan, read_plan
 from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal_files.target_set_file import read_target_set
 from spherecal_gui import languages
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import error_line, translate
 from spherecal_gui.presenters.bench_presenter import (
     BallDraft,
     BarDraft,
@@ -26,8 +26,7 @@ from spherecal_gui.presenters.bench_presenter import (
     targets_words,
 )
 from spherecal_gui.project_folder import rig_bench
-from spherecal_gui.texts import error_line
-from spherecal_rigs.ball_registry import BALL_REGISTRY, Bench, RegisteredBall, write_bench
+from spherecal_rigs.ball_registry import BALL_REGISTRY, Bench, write_bench
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 
 _MOST_STEPS = 500
@@ -63,13 +62,13 @@ class BenchDesk:
         self.projects = projects
         self.trouble = ""  # why the library could not be read
         self._known = self._read(BAR_REGISTRY.read, {})
-        self._balls = self._read(BALL_REGISTRY.read, {})
+        self.balls = self._read(BALL_REGISTRY.read, {})  # of the library
         if plan is None and rig_bench(projects).is_file():
             plan = self._read(lambda: read_plan(rig_bench(projects)), None)
-        self.draft = bench_draft(plan, self._balls, self._known)
+        self.draft = bench_draft(plan, self.balls, self._known)
         self._saved = self.draft
-        self._past: list[tuple[str, BenchDraft]] = []
-        self._future: list[tuple[str, BenchDraft]] = []
+        self.past: list[tuple[str, BenchDraft]] = []  # what was changed, and the draft before
+        self.future: list[tuple[str, BenchDraft]] = []  # what was undone
 
     def _read(self, read: Callable[[], T], otherwise: T) -> T:
         try:
@@ -84,29 +83,19 @@ class BenchDesk:
         """Another draft."""
         if draft == self.draft and draft.ball.own is self.draft.ball.own:
             return
-        if not (what and self._past and self._past[-1][0] == what):
-            self._past.append((what, self.draft))
-            del self._past[:-_MOST_STEPS]
-        self._future.clear()
+        if not (what and self.past and self.past[-1][0] == what):
+            self.past.append((what, self.draft))
+            del self.past[:-_MOST_STEPS]
+        self.future.clear()
         self.draft = draft
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is a step back."""
-        return bool(self._past)
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether a step back can be done again."""
-        return bool(self._future)
 
     def undo(self) -> None:
         """One step back."""
-        self._step(self._past, self._future)
+        self._step(self.past, self.future)
 
     def redo(self) -> None:
         """One step forward again."""
-        self._step(self._future, self._past)
+        self._step(self.future, self.past)
 
     def _step(self, steps: list[tuple[str, BenchDraft]], others: list[tuple[str, BenchDraft]]) -> None:
         if steps:
@@ -119,14 +108,9 @@ class BenchDesk:
         """Whether something is not on disk."""
         return self.draft != self._saved or self.draft.ball.own is not self._saved.ball.own
 
-    @property
-    def balls(self) -> tuple[str, ...]:
-        """The balls of the library."""
-        return tuple(self._balls)
-
     def take_ball(self, name: str) -> None:
         """A ball of the library; an empty name begins a new one."""
-        ball = ball_draft(self._balls[name]) if name in self._balls else BallDraft()
+        ball = ball_draft(self.balls[name]) if name in self.balls else BallDraft()
         self.change("", replace(self.draft, ball=ball))
 
     def take_targets(self, path: Path) -> str:
@@ -206,12 +190,12 @@ class BenchDesk:
                     balls = {**balls, bench.ball.name: bench.ball}
                 if registry or self._known:
                     BAR_REGISTRY.write(registry)
-                if balls != self._balls and balls:
+                if balls != self.balls and balls:
                     BALL_REGISTRY.write(balls)
                 path = write_bench(bench, rig_bench(self.projects).parent) if bench is not None else None
         except SpherecalError as error:
             return None, error_line(error)
-        self._known, self._balls = registry, balls
+        self._known, self.balls = registry, balls
         kept = tuple(  # one that only another program has changed is shown as it is now
             replace(one, kept=bar.serial)
             if registry.get(bar.serial) == bar
@@ -244,7 +228,3 @@ class BenchDesk:
     def library(self) -> str:
         """Where the library is."""
         return f"{BAR_REGISTRY.path()}, {BALL_REGISTRY.path()}"
-
-    def ball_known(self) -> RegisteredBall | None:
-        """The ball of the library with the draft's name."""
-        return self._balls.get(self.draft.ball.name.strip())

@@ -1,6 +1,7 @@
 """The cameras of the open project: connected, looked at, live, lost, moved."""
 
-from collections.abc import Callable, Iterable
+import threading
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -9,19 +10,18 @@ from PySide6.QtCore import Signal
 
 from spherecal.base.context import Context
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.languages import translate
+from spherecal_gui.controllers.project_controller import ControllerPart
+from spherecal_gui.languages import error_text, translate
 from spherecal_gui.project import Project, Rectangle
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.driver_question import DriverQuestion
-from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
+    from spherecal.data.session import Bar
     from spherecal_cameras.builtin_driver import BuiltinDriver, DriverTrouble
     from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.genicam.trust import Ask, Driver
     from spherecal_cameras.in_process import Staged
-    from spherecal_cameras.protocol import CameraStatus
+    from spherecal_cameras.protocol import CameraSource, CameraStatus
     from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.tasks.live_detection import Connection, LiveView
 
@@ -35,15 +35,11 @@ _Found = TypeVar("_Found")  # what a piece of work gives
 
 
 class CameraController(ControllerPart):
-    """The connection to the cameras and their live images.
-
-    `connected` when the cameras were opened. `driver_asked` (DriverQuestion) when a driver was never allowed; it is
-    only asked where `somebody_answers`.
-    """
+    """The connection to the cameras and their live images."""
 
     live_hz = LIVE_HZ
-    connected = Signal()
-    driver_asked = Signal(object)
+    connected = Signal()  # the cameras were opened
+    driver_asked = Signal(object)  # a DriverQuestion: one that was never allowed; only where `somebody_answers`
 
     def __init__(self, main: "Controller") -> None:
         super().__init__(main)
@@ -54,6 +50,21 @@ class CameraController(ControllerPart):
         self.wire: tuple[WireCamera, ...] = ()  # who answered on the network then
         self.builtin: BuiltinDriver | None = None  # as it was before that search
         self.facts: tuple[InterfaceFact, ...] = ()  # of this computer's network
+
+    @property
+    def names(self) -> "Mapping[str, str]":
+        """The names of the rig's cameras by serial; none without a connection."""
+        return self.connection.names if self.connection is not None else {}
+
+    @property
+    def source(self) -> "CameraSource | None":
+        """The open source; None without a connection."""
+        return self.connection.source if self.connection is not None else None
+
+    @property
+    def bars(self) -> "tuple[Bar, ...]":
+        """The bars on the bench; none without a connection."""
+        return tuple(self.connection.plan.bars) if self.connection is not None else ()
 
     def close(self) -> None:
         """Let go of the cameras."""
@@ -152,11 +163,7 @@ class CameraController(ControllerPart):
             self.connect_all()
 
     def set_lenses(self, focal_mm: float | None, pitch_um: float | None) -> None:
-        """State the lens of all cameras of the rig; nothing is opened again.
-
-        `focal_mm` None: nobody knows it, the calibration finds it from the ball; `pitch_um` None: as the cameras or
-        their data sheets say.
-        """
+        """State the lens of all cameras of the rig, None where nobody knows it; nothing is opened again."""
         connection, project = self.connection, self.project
         if connection is None or project is None:
             return
@@ -238,23 +245,18 @@ class CameraController(ControllerPart):
 
     def lost(self) -> tuple[str, ...]:
         """The names of cameras that send no images now, or none that is whole."""
-        if self.connection is None:
-            return ()
-        statuses, names = self.connection.source.statuses(), self.connection.names
-        return tuple(names[s] for s in names if s in statuses and not _delivers(statuses[s]))
+        statuses = self.source.statuses() if self.source is not None else {}
+        return tuple(
+            name for serial, name in self.names.items() if serial in statuses and not _delivers(statuses[serial])
+        )
 
     def moved(self) -> tuple[str, ...]:
         """The names of cameras that were moved, and that nobody has seen to yet."""
-        live = self.live
-        if live is None or self.connection is None:
-            return ()
-        return tuple(self.connection.names[serial] for serial in live.watch.bumped)
+        bumped = self.live.watch.bumped if self.live is not None else {}
+        return tuple(self.names[serial] for serial in bumped if serial in self.names)
 
     def accept_moved(self) -> None:
-        """Somebody has seen to the cameras that were moved: they count as they stand now.
-
-        What was taken before shows them where they were, so it has to be taken again.
-        """
+        """The cameras that were moved count as they stand now; what was taken before has to be taken again."""
         moved = self.moved()
         if self.live is None or self.project is None or not moved:
             return
@@ -265,16 +267,15 @@ class CameraController(ControllerPart):
 
     def apply_masks(self, project: Project) -> None:
         """Examine live images without what the project's masks cover."""
-        names = self.connection.names if self.connection is not None else {}
         if self.live is not None:
-            self.live.masks = {serial: masks_of(project, name) for serial, name in names.items()}
+            self.live.masks = {serial: masks_of(project, name) for serial, name in self.names.items()}
 
     def start_alone(self, step: str, work: Callable[[Context], _Found], done: Callable[[_Found], None]) -> bool:
-        """Start work without live images, for it needs their cores; they go on when it has ended.
-
-        They are ended beside the window, which never waits.
-        """
-        live = self.live
+        """Start work without live images, which need its cores; they end beside the window and go on after it."""
+        project, live = self.project, self.live
+        if project is None or self.runner.running:
+            return False
+        self.main.update(changes.without_failure(project, step))
 
         def run(context: Context) -> _Found:
             if live is not None:
@@ -304,18 +305,16 @@ class CameraController(ControllerPart):
     @property
     def staged(self) -> "Staged | None":
         """The simulated or recorded source, which shows what it is asked for; None for real cameras."""
-        if self.connection is None:
+        if self.source is None:
             return None
         from spherecal_cameras.in_process import Staged  # the window starts without the cameras' modules
 
-        source = self.connection.source
-        return source if isinstance(source, Staged) else None
+        return self.source if isinstance(self.source, Staged) else None
 
     @property
     def staged_poses(self) -> tuple[str, ...]:
         """What a simulated or recorded source can show; empty for real cameras."""
-        source = self.staged
-        return source.poses if source is not None else ()
+        return self.staged.poses if self.staged is not None else ()
 
 
 def keep_in_profile(serials: Iterable[str], **changes: object) -> None:
@@ -338,3 +337,27 @@ def _delivers(status: "CameraStatus") -> bool:
     """Whether a camera sends images, and some of them whole."""
     counted = status.counters
     return status.state.usable and (counted.delivered > 0 or counted.incomplete + counted.underrun < _ALL_DAMAGED)
+
+
+_LOOK_S = 0.1
+
+
+class DriverQuestion:
+    """Whether a driver file may be loaded: which one, the hash of its contents, whether it was another one before."""
+
+    def __init__(self, file: str, sha256: str, changed: bool) -> None:
+        self.file, self.sha256, self.changed = file, sha256, changed
+        self._answered = threading.Event()
+        self._answer = False
+
+    def answer(self, yes: bool) -> None:
+        """Say yes or no; the first answer counts."""
+        if not self._answered.is_set():
+            self._answer = yes
+            self._answered.set()
+
+    def wait(self, context: Context) -> bool:
+        """The answer; Cancelled where the work is to stop."""
+        while not self._answered.wait(_LOOK_S):
+            context.check()
+        return self._answer

@@ -1,23 +1,25 @@
-"""Calibrating and verifying, and the results; cancelled at any moment; what was taken stays."""
+"""Calibrating, verifying, checking and repairing; cancelled at any moment; what was taken stays."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
+from spherecal_gui import languages
 from spherecal_gui import project as changes
-from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.languages import translate
+from spherecal_gui.controllers.project_controller import ControllerPart
+from spherecal_gui.languages import translate, verdict_word
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome, read_outcome
 from spherecal_gui.tasks.task import BackgroundTask
-from spherecal_gui.texts import verdict_word
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
+    from spherecal_gui.tasks.kept_check import CheckSummary
+    from spherecal_rigs.check_rig import Check
 
 
 class ComputationController(ControllerPart):
@@ -46,8 +48,7 @@ class ComputationController(ControllerPart):
 
     def _reading(self, project: Project) -> Callable[[Context], Outcome]:
         """Read the project's result, and compare it with the calibration in use."""
-        profile, connection = profile_of(project), self.main.cameras.connection
-        bars = connection.plan.bars if connection is not None else ()
+        profile, bars = profile_of(project), self.main.cameras.bars
         return lambda context: read_outcome(project.result_folder, project.folder, profile, bars, context)
 
     def _result_read(self, outcome: Outcome) -> None:
@@ -60,13 +61,10 @@ class ComputationController(ControllerPart):
         project = self.project
         if project is None or self.runner.running:
             return False
-        self.main.update(changes.without_failure(project, "calibrate"))
-        read = self._reading(project)
-        reference = self.kept_reference()
+        read, reference = self._reading(project), self.kept_reference()
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            folders = project.folder, project.result_folder
-            return jobs.calibrate(*folders, project.repairs_now, context, reference, project.method), read(context)
+            return jobs.calibrate(project, context, reference), read(context)
 
         from spherecal_gui.presenters.calibrate_presenter import CourseOfWork  # needs numpy
 
@@ -92,11 +90,6 @@ class ComputationController(ControllerPart):
         text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.main.tell(kind, text)
         self._warn_of_frame()  # the last word, which the window keeps on the screen
-
-    def choose_method(self, method: str) -> None:
-        """Make the next calibration by this method; empty: the program's own."""
-        if self.runner.running is None:
-            self.main.change(method=method)
 
     def kept_reference(self) -> str | None:
         """The camera whose frame was the world so far; it stays so, that coordinates of two days can be compared."""
@@ -143,15 +136,12 @@ class ComputationController(ControllerPart):
     def verify(self) -> bool:
         """Measure the check bars in the poses taken."""
         project = self.project
-        if project is None or self.runner.running:
+        if project is None:
             return False
-        self.main.update(changes.without_failure(project, "verify"))
         read = self._reading(project)
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            verdict = jobs.verify(
-                project.verification_folder, project.result_folder, project.limit, context, self.seen_bars
-            )
+            verdict = jobs.verify(project, context, self.seen_bars)
             jobs.keep_if_in_use(profile_of(project), project.result_folder, verdict)
             return verdict, read(context)
 
@@ -164,3 +154,77 @@ class ComputationController(ControllerPart):
         text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
         said_by_page = (*changes.VERIFIED, "undecided", "no data")  # the page and the rail are amber
         self.main.tell("good" if verdict in said_by_page else "bad", text)
+
+
+class CheckController(ControllerPart):
+    """The check of the open project: what it `found`, and what it finds `after` a repair."""
+
+    found: "Check | CheckSummary | None" = None
+    after: "Check | None" = None  # the same check with the repaired rig
+
+    def load(self, project: Project) -> None:
+        """Take up the check that is kept with a project."""
+        if project.checked is not None:
+            from spherecal_gui.tasks.kept_check import read_kept_check  # needs scipy, OpenCV and the kernels: a second
+
+            kept = read_kept_check(project.folder)
+            self.found = kept if kept is not None and kept.verdict == project.checked.verdict else None
+
+    def close(self) -> None:
+        """Forget the check; it is on disk already."""
+        self.found, self.after = None, None
+
+    def check(self) -> bool:
+        """Compare what was taken with the calibration in use."""
+        project, profile = self.project, self.main.profile_folder
+        if project is None or profile is None:
+            return False
+
+        def work(context: Context) -> "Check":
+            return jobs.check(project, profile, context)
+
+        return self.main.cameras.start_alone("check", work, self._checked)
+
+    def _checked(self, found: "Check") -> None:
+        self.found, self.after = found, None
+        self.main.revise(changes.with_check, found.verdict)
+        self.main.result_changed.emit()
+        text = translate("Check", "The check is finished: {verdict}.").format(verdict=verdict_word(found.verdict))
+        self.main.tell("good" if found.verdict == "ok" else "bad", text)
+
+    def repair_cameras(self) -> bool:
+        """Calibrate the cameras again that a check found moved, all others as they are."""
+        project, profile, found = self.project, self.main.profile_folder, self.found
+        if project is None or profile is None or found is None or not found.to_repair:
+            return False
+
+        def work(context: Context) -> "tuple[changes.Verdict, Check]":
+            return jobs.repair(project, profile, found.to_repair, context)
+
+        return self.main.cameras.start_alone("check", work, self._repaired)
+
+    def _repaired(self, done: "tuple[changes.Verdict, Check]") -> None:
+        verdict, self.after = done
+        self.main.revise(changes.with_repaired, verdict)
+        self.main.result_changed.emit()
+        text = translate("Check", "The repair is finished: {verdict}.").format(verdict=verdict_word(verdict))
+        self.main.tell("good" if verdict == "valid" else "bad", text)
+
+    def use_repair(self) -> bool:
+        """Put the repaired calibration to use: into the profile, where the one before it stays."""
+        project, profile = self.project, self.main.profile_folder
+        if project is None or profile is None or project.repaired is None:
+            return False
+
+        def done(number: str) -> None:
+            self.main.revise(changes.with_repair_in_use)
+            text = translate("Check", "The repaired calibration is in use, as number {number}.")
+            self.main.tell("good", text.format(number=number))
+
+        repaired = languages.listed(self.found.to_repair if self.found is not None else ())
+        note = translate("Check", "repaired after a check: {cameras}").format(cameras=repaired)
+
+        def work(context: Context) -> str:
+            return jobs.save_profile(project.repair_folder, project.folder, profile, True, note, context)
+
+        return self.runner.start("check", work, done, self.main.failed("check"))

@@ -13,16 +13,12 @@ from spherecal.base.errors import OutputError
 from spherecal_files.lock import InUse, locked
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.advice_controller import AdviceController
-from spherecal_gui.controllers.bar_controller import BarController
+from spherecal_gui.controllers.bar_controller import BarController, StagingController
 from spherecal_gui.controllers.camera_controller import CameraController
-from spherecal_gui.controllers.check_controller import CheckController
-from spherecal_gui.controllers.computation_controller import ComputationController
-from spherecal_gui.controllers.frame_controller import FrameController
+from spherecal_gui.controllers.computation_controller import CheckController, ComputationController
 from spherecal_gui.controllers.project_controller import ProjectController
-from spherecal_gui.controllers.recording_controller import RecordingController
-from spherecal_gui.controllers.saving_controller import SavingController
-from spherecal_gui.controllers.set_controller import SetController
-from spherecal_gui.controllers.staging_controller import StagingController
+from spherecal_gui.controllers.recording_controller import RecordingController, SetController
+from spherecal_gui.controllers.saving_controller import FrameController, SavingController
 from spherecal_gui.controllers.tuning_controller import TuningController
 from spherecal_gui.languages import translate, word
 from spherecal_gui.presenters.step_states import left_text

@@ -14,14 +14,14 @@ from PySide6.QtCore import QObject, Signal
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import project as changes
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import error_text, translate
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, profile_of, save_project
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_text
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
+    from spherecal_gui.controllers.controller import Controller
     from spherecal_rigs.result_folder import Result
 
 log = logging.getLogger("spherecal.gui")
@@ -30,16 +30,12 @@ P = ParamSpec("P")
 
 
 class ProjectController(QObject):
-    """The open project and the one piece of work that runs; every change is on disk before it is shown.
+    """The open project and the one piece of work that runs; every change is on disk before it is shown."""
 
-    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know.
-    `logged` for the log pane, `result_changed` when there is another result.
-    """
-
-    changed = Signal()
-    said = Signal(str, str, str)
-    logged = Signal(str)
-    result_changed = Signal()
+    changed = Signal()  # the workflow's state may be another
+    said = Signal(str, str, str)  # kind, what, what to do: people should know
+    logged = Signal(str)  # a line for the log pane
+    result_changed = Signal()  # there is another result
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -88,10 +84,7 @@ class ProjectController(QObject):
             self.update(changed)
 
     def move(self, project: Project) -> None:
-        """Take over a project that is only at another step: it is written beside the window, which waits for no disk.
-
-        The newest project wins; what the disk refuses is told at the next change.
-        """
+        """Take over a project at another step, written beside the window; what the disk refuses is told later."""
 
         def write() -> None:
             with self._disk, suppress(SpherecalError, OSError):
@@ -150,3 +143,21 @@ class ProjectController(QObject):
             self.tell("bad", text, hint)
 
         return tell
+
+
+class ControllerPart(QObject):
+    """A role of the controller; `main` has the open project, the running work, and the other parts."""
+
+    def __init__(self, main: "Controller") -> None:
+        super().__init__(main)
+        self.main = main
+
+    @property
+    def project(self) -> Project | None:
+        """The open project."""
+        return self.main.project
+
+    @property
+    def runner(self) -> Runner:
+        """Runs the one piece of work that the steps wait for."""
+        return self.main.runner

@@ -1,4 +1,4 @@
-"""What was recorded: the bench confirmed, the two session folders, the dots of every set, the masks."""
+"""What was recorded: the bench confirmed, the session folders, placements and poses taken, their dots, the masks."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.context import Context
+from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.controllers.camera_controller import masks_of
-from spherecal_gui.controllers.controller_part import ControllerPart
-from spherecal_gui.coverage import Dots, unmasked
+from spherecal_gui.controllers.project_controller import ControllerPart
+from spherecal_gui.coverage import Dots, DotStore, unmasked
 from spherecal_gui.languages import translate
 from spherecal_gui.project import Project, Rectangle
-from spherecal_gui.project_folder import Document, taken_in
+from spherecal_gui.project_folder import Document, require_project, taken_in
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.dot_store import DotStore
+from spherecal_gui.tasks.task import BackgroundTask
 
 if TYPE_CHECKING:  # cameras and detection need scipy and numba, for which the window does not wait
     import numpy as np
@@ -74,15 +75,11 @@ class RecordingController(ControllerPart):
 
     def _open_folders(self) -> None:
         """Make or take up the two session folders: of the calibration, and of the check bars."""
-        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
-
         project, connection = self.project, self.main.cameras.connection
         if project is None or connection is None:
             return
         try:
-            plan = jobs.calibration_plan(connection.plan, project.sets)
-            cameras = _masked_cameras(project, connection)
-            self.session = RecordedSession(project.folder, plan, cameras, connection.source)
+            self.session = _session_of(project, connection)
             self.session.start()
             if project.check_poses:
                 self._open_checks(project, connection)
@@ -96,20 +93,13 @@ class RecordingController(ControllerPart):
 
     def outline(self) -> Document:
         """What session.json says, or would say, of cameras and bench."""
-        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
-
         project, connection = self.project, self.main.cameras.connection
         assert project is not None and connection is not None
-        plan, cameras = jobs.calibration_plan(connection.plan, project.sets), _masked_cameras(project, connection)
-        return (self.session or RecordedSession(project.folder, plan, cameras, connection.source)).document()
+        return (self.session or _session_of(project, connection)).document()
 
     def _open_checks(self, project: Project, connection: "Connection") -> None:
         """Make or take up the session folder of the check bars."""
-        from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
-
-        plan = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
-        cameras = _masked_cameras(project, connection)
-        self.check_session = RecordedSession(project.verification_folder, plan, cameras, connection.source)
+        self.check_session = _session_of(project, connection, of_checks=True)
         self.check_session.start()
 
     def plan_checks(self, project: Project) -> None:
@@ -193,13 +183,9 @@ class RecordingController(ControllerPart):
     # --- masks -------------------------------------------------------------------------------------------------------
 
     def mask(self, serial: str, rectangle: Rectangle) -> None:
-        """Nothing in this part of a camera's image is a target from now on, in what was taken as well.
-
-        `rectangle`: left, top, width and height in px.
-        """
-        connection = self.main.cameras.connection
-        if self.project is not None and connection is not None:
-            self._with_masks(changes.with_mask(self.project, connection.names[serial], rectangle))
+        """Nothing in this part of a camera's image is a target from now on, in what was taken as well."""
+        if self.project is not None and serial in self.main.cameras.names:
+            self._with_masks(changes.with_mask(self.project, self.main.cameras.names[serial], rectangle))
 
     def look_for_spots(self, set_id: str, small: "Mapping[str, NDArray[np.uint8]]") -> None:
         """A set was taken, with these images by camera: propose masks over what stays where the ball was moved."""
@@ -264,6 +250,17 @@ def _meet(a: Rectangle, b: Rectangle) -> bool:
     return all(abs(2 * (a[k] - b[k]) + a[k + 2] - b[k + 2]) <= a[k + 2] + b[k + 2] for k in (0, 1))
 
 
+def _session_of(project: Project, connection: "Connection", of_checks: bool = False) -> "RecordedSession":
+    """The session folder of the calibration, or of the check bars; nothing is on disk yet."""
+    from spherecal_gui.recorded_sets import RecordedSession  # needs scipy and numba
+
+    folder, sets, bars = project.folder, project.sets, {}
+    if of_checks:
+        folder, sets, bars = project.verification_folder, project.check_poses, dict(project.pose_bars)
+    plan = jobs.calibration_plan(connection.plan, sets, bars)
+    return RecordedSession(folder, plan, _masked_cameras(project, connection), connection.source)
+
+
 def _masked_cameras(project: Project, connection: "Connection") -> "tuple[SessionCamera, ...]":
     """The cameras as session.json has them, with their masks."""
     cameras = []
@@ -272,3 +269,103 @@ def _masked_cameras(project: Project, connection: "Connection") -> "tuple[Sessio
         masks = [list(one) for one in masks_of(project, camera.id)]
         cameras.append(replace(camera, entry={**entry, "ignore": masks} if masks else entry))
     return tuple(cameras)
+
+
+class SetController(ControllerPart):
+    """What is done with placements and poses."""
+
+    _taking: tuple[str, BackgroundTask | None] = ("", None)
+
+    @property
+    def taking(self) -> str | None:
+        """The set whose images are being taken; None where none is."""
+        set_id, task = self._taking
+        return set_id if task is not None and task is self.runner.task else None
+
+    def take(self, set_id: str, step: str) -> bool:
+        """Take a set, or take it again; False where that is not possible now."""
+        folder = self.main.recording.folder_of(set_id)
+        self.main.look_for_folder()
+        if self.main.cameras.connection is None or folder is None or self.project is None or self.main.gone:
+            return False
+        self.main.update(changes.without_failure(self.project, step))
+        project_folder = self.project.folder
+        connection, real = self.main.cameras.connection, not self.main.cameras.staged_poses
+        warm = self.project.bar_celsius if set_id in self.project.check_poses else None
+
+        def work(context: Context) -> jobs.Taken:
+            taken = jobs.take_set(connection, set_id, context, real)
+            context.report("writing the images", 0.9, set_id)
+            require_project(project_folder)
+            if warm is not None:
+                folder.plan_anew(set_id, warm)
+            folder.add(folder.planned(set_id), taken.frames, taken.stillness)
+            return taken
+
+        begun = self.runner.start(step, work, self._set_taken, self.main.failed(step))
+        if begun:
+            self._taking = (set_id, self.runner.task)
+        return begun
+
+    def _set_taken(self, taken: jobs.Taken) -> None:
+        folder, connection = self.main.recording.folder_of(taken.set_id), self.main.cameras.connection
+        if self.project is None or folder is None or connection is None:
+            return
+        at = folder.taken_at(taken.set_id)
+        self.main.recording.keep_dots(taken.set_id, at, taken.dots)
+        self.main.recording.look_for_spots(taken.set_id, taken.small)
+        names = connection.names
+        lacking = tuple(names[one.camera] for one in taken.frames.missing)
+        moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)
+        flaws: dict[changes.FlawCode, tuple[str, ...]] = {"taken without": lacking, "taken moving": moving}
+        self.main.update(changes.with_set(self.project, taken.set_id, at, flaws))
+        missing, moved = languages.listed(lacking), languages.listed(moving)
+        if missing:
+            text = translate("Placement", "{name} is captured, but without {cameras}.")
+            text = text.format(name=taken.set_id, cameras=missing)
+            self.main.tell("bad", text, translate("Placement", "Check these cameras, then retake it."))
+        elif moved:
+            text = translate("Placement", "{name} is captured, but {cameras} saw it move.")
+            text = text.format(name=taken.set_id, cameras=moved)
+            self.main.tell("bad", text, translate("Placement", "Let it come to rest, then retake it."))
+        else:
+            self.main.tell("good", translate("Placement", "{name} is captured.").format(name=taken.set_id))
+
+    def delete(self, set_id: str) -> None:
+        """Put a set aside."""
+        folder = self.main.recording.folder_of(set_id)
+        if folder is None or self.project is None or self.runner.running:
+            return
+        if not self.main.attempt(lambda: folder.remove(set_id)):
+            return
+        self.main.recording.drop_dots(set_id)
+        self.main.update(changes.without_set(self.project, set_id))
+
+    @property
+    def can_undo(self) -> str | None:
+        """The set that `undo` would bring back."""
+        session = self.main.recording.session
+        return session.can_undo if session is not None else None
+
+    def undo(self) -> None:
+        """Bring back the set that was deleted or replaced last."""
+        session = self.main.recording.session
+        if session is None or self.project is None or self.runner.running:
+            return
+        brought: list[str | None] = []
+        if not self.main.attempt(lambda: brought.append(session.undo())) or brought[0] is None:
+            return
+        set_id = brought[0]
+        self.main.update(replace(self.project, taken=taken_in(self.project.folder)))
+        self.main.recording.restore_dots(set_id)
+
+    def add_placement(self) -> None:
+        """Plan one more placement and go there."""
+        from spherecal_cameras.plan import PlannedSet  # needs scipy
+
+        session = self.main.recording.session
+        if self.project is None or session is None:
+            return
+        project = changes.with_another_placement(self.project)
+        session.plan_more(PlannedSet(project.placements[-1]))
+        self.main.update(replace(project, step=f"placement:{project.placements[-1]}"))

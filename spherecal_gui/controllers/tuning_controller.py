@@ -3,14 +3,14 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 from spherecal.base.context import Context
 from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.catalogue import phrase
 from spherecal_gui import languages
 from spherecal_gui.controllers.camera_controller import keep_in_profile
-from spherecal_gui.controllers.controller_part import ControllerPart
+from spherecal_gui.controllers.project_controller import ControllerPart
 from spherecal_gui.languages import translate
 from spherecal_gui.tasks.task import Runner
 
@@ -22,15 +22,6 @@ if TYPE_CHECKING:  # the window starts without the cameras' modules
 
 _BLINKS, _BLINK_S = 8, 0.35
 _PATIENCE_MS = 10_000
-
-
-@runtime_checkable
-class Indicating(Protocol):
-    """A source whose cameras may have a light of their own."""
-
-    def indicate(self, serial: str, on: bool) -> bool:
-        """Switch a camera's own light; whether it has one that can be switched."""
-        ...
 
 
 class TuningController(ControllerPart):
@@ -75,10 +66,7 @@ class TuningController(ControllerPart):
         return ""
 
     def set_camera(self, serial: str, name: str, exposure_us: float, gain_db: float) -> bool:
-        """Give a camera a name, an exposure and a gain; whether that was begun.
-
-        Those of real cameras are kept in the camera profile. A name that it cannot have now is left as it is.
-        """
+        """Give a camera a name (if it may have it now), an exposure and a gain; whether that was begun."""
         connection = self.main.cameras.connection
         if connection is None or self.runner.running:
             return False
@@ -107,8 +95,7 @@ class TuningController(ControllerPart):
 
     def of_all(self) -> "list[CameraSettings]":
         """What the cameras were set to."""
-        names = self.main.cameras.connection.names if self.main.cameras.connection is not None else {}
-        return [self.settings_of(serial) for serial in names]
+        return [self.settings_of(serial) for serial in self.main.cameras.names]
 
     def expose_all(self) -> bool:
         """Find for each camera the longest exposure by which its dots are not saturated; kept in the camera profile."""
@@ -176,12 +163,12 @@ class TuningController(ControllerPart):
 
     def can_blink(self) -> bool:
         """Whether the cameras may have a light of their own that can be switched."""
-        return self.main.cameras.connection is not None and isinstance(self.main.cameras.connection.source, Indicating)
+        return hasattr(self.main.cameras.source, "indicate")
 
     def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
         """Let a camera's own light blink for some seconds."""
-        source = self.main.cameras.connection.source if self.main.cameras.connection is not None else None
-        if not isinstance(source, Indicating):
+        indicate = getattr(self.main.cameras.source, "indicate", None)
+        if indicate is None:
             answered(False)
             return
 
@@ -189,11 +176,11 @@ class TuningController(ControllerPart):
             try:
                 for number in range(_BLINKS):
                     context.check()
-                    if not source.indicate(serial, bool(number % 2)):
+                    if not indicate(serial, bool(number % 2)):
                         return False
                     time.sleep(_BLINK_S)
             finally:
-                source.indicate(serial, True)
+                indicate(serial, True)
             return True
 
         self.blinker.start("blink", work, answered, lambda _: answered(False), lambda: None)

@@ -6,8 +6,7 @@ from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QVBoxLayout
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.coverage import same_place
-from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.rig_space import RigSpace
+from spherecal_gui.pages.live_page import LivePage, RigSpace
 from spherecal_gui.presenters.bars_presenter import next_pose, pose_name
 from spherecal_gui.presenters.placement_presenter import Hold
 from spherecal_gui.presenters.step_states import GOOD_CAMERAS, LEAST_MARKS, BarFacts, bar_says, seeing
@@ -88,7 +87,6 @@ class ScalePage(LivePage):
         none = self.tr("No pose is captured yet.")
         enable(self.again, idle and bool(taken) and self.controller.cameras.connection is not None, none)
         self.tick()
-        self.action_changed.emit()
 
     def _show_poses(self) -> None:
         clear(self.poses)
@@ -153,6 +151,5 @@ class ScalePage(LivePage):
             self.controller.sets.take(self._last, self.step.id)
 
     def _take(self) -> None:
-        """Whatever lies there."""
         if self.current is not None and self.step is not None:
             self.controller.sets.take(self.current, self.step.id)

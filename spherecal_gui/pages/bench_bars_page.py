@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 from datetime import date
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
@@ -88,13 +89,10 @@ class BarsTab(QWidget):
             "valid_until": TextField("bar-valid-until", self.tr("Valid until"), day),
         }
         self.role = named(QComboBox(), "bar-role", self.tr("On this bench"))
-        for value, text in (
-            ("none", self.tr("is not here")),
-            ("scale", self.tr("gives the scale")),
-            ("check", self.tr("verifies")),
-        ):
-            self.role.addItem(text, value)
-        self.role.activated.connect(self._role_chosen)
+        self.role.addItem(self.tr("is not here"), "none")
+        self.role.addItem(self.tr("gives the scale"), "scale")
+        self.role.addItem(self.tr("verifies"), "check")
+        self.role.activated.connect(lambda _: self._put("", role=str(self.role.currentData())))
         self.role.installEventFilter(WheelGuard(self.role))
         self.role_problem = label("", level="bad")
         role = QWidget()
@@ -112,20 +110,13 @@ class BarsTab(QWidget):
         self.state = label("", "big")
         head = add(QHBoxLayout(), label(self.tr("Certificate and material"), "big", wrap=False), (self.state, 1))
         below = spaced(QGridLayout(), 14, 8)
-        for key, at in (
-            ("certificate", (0, 0)),
-            ("laboratory", (0, 1)),
-            ("issued", (0, 2)),
-            ("valid_until", (0, 3)),
-            ("expansion", (1, 0)),
-            ("reference", (1, 1)),
-        ):
-            below.addWidget(self.fields[key], *at)
+        for at, key in enumerate(("certificate", "laboratory", "issued", "valid_until", "expansion", "reference")):
+            below.addWidget(self.fields[key], at // 4, at % 4)
         title = label(self.tr("Certified lengths (mm)"), "big", wrap=False)
         column = add(spaced(QVBoxLayout(inner), 10), grid, title, self.lengths, self.lengths_problem)
         add(column, add(QHBoxLayout(), self.more, None), head, below, None)
         for key, one in self.fields.items():
-            one.edited.connect(lambda _, text, key=key: self._edited(key, text))
+            one.line.textEdited.connect(lambda text, key=key: self._put(key, **{key: text}))
         return Downwards(inner)
 
     # --- changes -----------------------------------------------------------------------------------------------------
@@ -136,37 +127,30 @@ class BarsTab(QWidget):
         bars = self.desk.draft.bars
         return bars[self.chosen] if 0 <= self.chosen < len(bars) else None
 
-    def _put(self, what: str, bar: BarDraft) -> None:
-        bars = list(self.desk.draft.bars)
-        bars[self.chosen] = bar
-        self.desk.change(f"bar.{self.chosen}.{what}" if what else "", replace(self.desk.draft, bars=tuple(bars)))
-        self.touched.emit()
-
-    def _edited(self, key: str, text: str) -> None:
+    def _put(self, what: str, **changes: Any) -> None:
+        """Change the chosen bar; typing on at the same `what` is one step of undo."""
         if self.bar is not None:
-            self._put(key, replace(self.bar, **{key: text}))
+            bars = list(self.desk.draft.bars)
+            bars[self.chosen] = replace(self.bar, **changes)
+            self.desk.change(f"bar.{self.chosen}.{what}" if what else "", replace(self.desk.draft, bars=tuple(bars)))
+            self.touched.emit()
 
     def _length_edited(self, number: int, key: str, text: str) -> None:
         if self.bar is not None:
             lengths = list(self.bar.lengths)
             lengths[number] = replace(lengths[number], **{key: text})
-            self._put(f"length.{number}.{key}", replace(self.bar, lengths=tuple(lengths)))
-
-    def _role_chosen(self) -> None:
-        if self.bar is not None:
-            self._put("", replace(self.bar, role=str(self.role.currentData())))
+            self._put(f"length.{number}.{key}", lengths=tuple(lengths))
 
     def _more(self) -> None:
         if self.bar is not None:
             last = self.bar.lengths[-1] if self.bar.lengths else LengthDraft()
             another = LengthDraft(last.from_mark, last.from_sticker, factor=last.factor)
-            self._put("", replace(self.bar, lengths=(*self.bar.lengths, another)))
+            self._put("", lengths=(*self.bar.lengths, another))
             self._rows[-1]["to_mark"].setFocus()
 
     def _less(self, number: int) -> None:
         if self.bar is not None:
-            lengths = self.bar.lengths
-            self._put("", replace(self.bar, lengths=lengths[:number] + lengths[number + 1 :]))
+            self._put("", lengths=self.bar.lengths[:number] + self.bar.lengths[number + 1 :])
 
     def add_bar(self) -> None:
         """A new bar, to be filled in."""

@@ -12,13 +12,12 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QPlainTextEdit, QProgressB
 from spherecal_gui import coverage as cov
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.languages import word
+from spherecal_gui.languages import reason_text, word
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.calibrate_presenter import CourseOfWork, input_rows
 from spherecal_gui.presenters.step_states import CalibrateFacts, calibrate_says
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Said
-from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, add, bare, button, enable, label, named
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart
 from spherecal_gui.widgets.table import Table
@@ -42,7 +41,7 @@ class CalibratePage(Page):
         self.bar = QProgressBar(maximum=1000, textVisible=False)  # no text is legible on both halves of a bar
         self.left = label("", "big")
         tip = self.tr("Ends as soon as there is something to look at. Such a result is not valid.")
-        self.stop_here = button(self.tr("Stop here"), "stop-here", act=self._stop_here, tip=tip)
+        self.stop_here = button(self.tr("Stop here"), "stop-here", act=controller.computation.stop_here, tip=tip)
         self.again = button(self.tr("Calibrate again"), "calibrate-again", act=self.controller.computation.calibrate)
         line = add(QHBoxLayout(), (self.left, 1), self.stop_here, self.again)
         self._inputs, self._work, self._method_line = self._input_card(), self._make_work(), self._make_method_line()
@@ -67,8 +66,7 @@ class CalibratePage(Page):
         self._plot_key = label(text, "soft")
         self.details = button(self.tr("Details"), "details", icon="list-details")
         self.details.setCheckable(True)
-        foot = add(QHBoxLayout(), (self._plot_key, 1))
-        foot.addWidget(self.details, 0, Qt.AlignmentFlag.AlignRight)
+        foot = add(QHBoxLayout(), (self._plot_key, 1), (self.details, Qt.AlignmentFlag.AlignRight))
         add(plot.body, (self.plot, 1), foot)
         self._log = Card(self.tr("Log"))  # for the person at the desk
         lines = QPlainTextEdit(readOnly=True, maximumBlockCount=2000)
@@ -99,7 +97,7 @@ class CalibratePage(Page):
         self.method = named(QComboBox(), "", self.tr("Method of the calibration"), tip)
         self.method.addItem(self.tr("ours (recommended)"), "")
         self.method.addItem(self.tr("the paper's (Tao et al., 2021)"), "tao2021")
-        self.method.activated.connect(lambda _: self.controller.computation.choose_method(self.method.currentData()))
+        self.method.activated.connect(lambda _: self.controller.change(method=self.method.currentData()))
         add(bare(QHBoxLayout(line)), label(self.tr("Method"), "soft"), self.method, None)
         return line
 
@@ -128,10 +126,13 @@ class CalibratePage(Page):
         if self._was_running != self.is_running:
             self._draw()
         self._was_running = self.is_running
-        self._show_word()
+        said = self.said()
+        self._show_stop_here()
+        self.left.setText(said.left)
+        self.bar.setVisible(self.is_running)
+        self.again.setVisible("calibrate-again" in said.also)
         self._show_inputs()
         self._show_method()
-        self.action_changed.emit()
 
     def _show_inputs(self) -> None:
         """Before anything is computed: what it would be computed from."""
@@ -143,13 +144,12 @@ class CalibratePage(Page):
         words = ((self.tr("captured"), "good"), (self.tr("not captured"), "caution"))
         there, lacking = ((word, word, level) for word, level in words)
         rows = input_rows(self.open_project.sets, self.controller.recording.dots)
-        self.inputs.fill([[one.name, one.cameras, one.dots, there if one.captured else lacking] for one in rows])
+        self.inputs.fill([[*figures, there if captured else lacking] for *figures, captured in rows])
         self._show_coverage()
 
     def _show_coverage(self) -> None:
         """What the images of all placements cover, camera by camera."""
-        connection, dots = self.controller.cameras.connection, self.controller.recording.dots
-        cameras = list(connection.names.values()) if connection is not None else []
+        dots, cameras = self.controller.recording.dots, list(self.controller.cameras.names.values())
         sets = [dots[name] for name in self.open_project.placements if name in dots]
         for part in (self.coverage, self.covered_key):
             part.setVisible(bool(cameras and sets))
@@ -165,23 +165,6 @@ class CalibratePage(Page):
         if self._inputs.isVisible():
             self._show_coverage()
 
-    def _show_word(self) -> None:
-        said = self.said()
-        self._show_stop_here()
-        self.show_standing()
-        self.left.setText(said.left)
-        self.bar.setVisible(self.is_running)
-        self.again.setVisible("calibrate-again" in said.also)
-
-    @property
-    def _is_computed(self) -> bool:
-        """Whether there is a calibration of what was taken, valid or not."""
-        state = self.state
-        if state is None or self.open_project.calibrated is None:
-            return False
-        code = state.reason.code if state.reason is not None else ""
-        return state.status in (Status.DONE, Status.CARE) or (state.status is Status.FAILED and code == "not valid")
-
     def _show_stop_here(self) -> None:
         """Offered while it computes; a valid result is never given away for a part of one."""
         task, done = self.controller.runner.task, self.open_project.calibrated
@@ -190,10 +173,6 @@ class CalibratePage(Page):
         idle = task is not None and not task.stopping and not task.keeping
         why = self.tr("The last calibration is valid and would be lost: cancel instead.") if keeps else ""
         enable(self.stop_here, idle and not keeps, why or self.tr("It was asked for."))
-
-    def _stop_here(self) -> None:
-        self.controller.computation.stop_here()
-        self.refresh()
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -249,23 +228,13 @@ class CalibratePage(Page):
 
     def says(self) -> Said:
         """Start, cancel, see what came of it."""
-        state, task = self.state, self.controller.runner.task
-        if state is None:
-            return Said("none", "")
-        project = self.open_project
+        state, task, project = self.open_state, self.controller.runner.task, self.open_project
         run: Literal["", "running", "stopping", "keeping"] = ""
         if self.is_running and task is not None:
             run = "stopping" if task.stopping else "keeping" if task.keeping else "running"
-        return calibrate_says(
-            CalibrateFacts(
-                state.status,
-                reason_text(state.reason),
-                state.reason is not None and state.reason.code == "error",
-                project.calibrated.verdict if self._is_computed and project.calibrated is not None else "",
-                run,
-                self.controller.runner.running is not None,
-                sum(name in project.taken for name in project.placements),
-                len(project.placements),
-                self.controller.progress_text(),
-            )
-        )
+        code = state.reason.code if state.reason is not None else ""
+        computed = state.status in (Status.DONE, Status.CARE) or (state.status, code) == (Status.FAILED, "not valid")
+        verdict = project.calibrated.verdict if project.calibrated is not None and computed else ""
+        how = state.status, reason_text(state.reason), code == "error", verdict, run, task is not None
+        taken = sum(name in project.taken for name in project.placements)
+        return calibrate_says(CalibrateFacts(*how, taken, len(project.placements), self.controller.progress_text()))

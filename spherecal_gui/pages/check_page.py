@@ -8,24 +8,24 @@ from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import reason_text, verdict_word
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.check_presenter import (
-    CheckRow,
+    check_cells,
     check_notes,
-    check_rows,
     check_verdict,
     repaired_text,
     repaired_verdict,
 )
+from spherecal_gui.presenters.results_presenter import VerdictText
 from spherecal_gui.presenters.step_states import CheckFacts, check_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import check_scene, rig_scene
 from spherecal_gui.standing import Level, Said
 from spherecal_gui.tasks.kept_check import CheckSummary
-from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, add, button, enable, label, say
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
-from spherecal_gui.widgets.table import Cell, Table, figure
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Status
 from spherecal_rigs.check_rig import Check
 from spherecal_rigs.store import open_profile
@@ -73,8 +73,10 @@ class CheckPage(Page):
 
     @property
     def _in_use(self) -> bool:
-        """Whether the repair is in use."""
-        return self.state is not None and self.state.status is Status.DONE
+        return self.open_state.status is Status.DONE
+
+    def _verdict(self, found: Check | CheckSummary) -> VerdictText:
+        return check_verdict(found) if self._after is None else repaired_verdict(self._after, self._in_use)
 
     def _show_mending(self, there: bool) -> None:
         found, after, in_use = self.controller.checks.found, self._after, self._in_use
@@ -97,37 +99,32 @@ class CheckPage(Page):
 
     def show_project(self) -> None:
         """Show what was found."""
-        found, state = self.controller.checks.found, self.state
-        there = found is not None and state is not None and state.status is not Status.STALE
+        found, state = self.controller.checks.found, self.open_state
+        there = found is not None and state.status is not Status.STALE
         self.table.setVisible(there)
         self.notes.setVisible(there)
         if not there:
             self._draw(None)
         self.sentence.setText("")
         checked = self.open_project.checked
-        self.calibrate.setVisible(
-            checked is not None and checked.verdict != "ok" and not self.controller.runner.running
-        )
+        ill = checked is not None and checked.verdict != "ok"
+        self.calibrate.setVisible(ill and not self.controller.runner.running)
         self._show_mending(there)
-        self.show_standing()
         self.again.setVisible("check-again" in self.said().also)
         if there and found is not None:
-            after = self._after
-            verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
-            self.sentence.setText(verdict.sentence)
+            self.sentence.setText(self._verdict(found).sentence)
             self._fill()
-        elif checked is not None and state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
+        elif checked is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
             self.sentence.setText(self.tr("Check again to see the numbers."))
-        elif state is not None and self.controller.runner.running != "check":
+        elif self.controller.runner.running != "check":
             self.sentence.setText(reason_text(state.reason))
         self.sentence.setVisible(bool(self.sentence.text()))  # else the headline has half of the page
-        self.action_changed.emit()
 
     def _fill(self) -> None:
         found = self.controller.checks.after or self.controller.checks.found
         if found is None:
             return
-        self.table.fill([_cells(one) for one in check_rows(found)])
+        self.table.fill(check_cells(found))
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
@@ -146,14 +143,11 @@ class CheckPage(Page):
 
     def says(self) -> Said:
         """Check; once the rig is known to be well, finish."""
-        project, state, running = self.open_project, self.state, self.controller.runner.running or ""
-        if state is None:
-            return Said("none", "")
+        project, state, running = self.open_project, self.open_state, self.controller.runner.running or ""
         found, checked = self.controller.checks.found, project.checked
         shown: tuple[str, Level] | None = None
         if state.status is not Status.STALE and found is not None:
-            after = self._after
-            verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
+            verdict = self._verdict(found)
             shown = verdict.word, verdict.level
         elif checked is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
             levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
@@ -162,10 +156,3 @@ class CheckPage(Page):
         waits = project.repaired if self._after is not None and not self._in_use else None
         usable_now = waits is not None and usable(waits.verdict) and limits.now().unverified_use
         return check_says(CheckFacts(state.status, shown, reason_text(state.reason), well, running, usable_now))
-
-
-def _cells(one: CheckRow) -> list[tuple[str, Cell, str]]:
-    """A camera's row of the table."""
-    named = [(text, text, one.level) for text in (one.camera, one.word)]
-    figures = (one.shift_mm, 3), (one.turn_deg, 4), (one.rms_px, 3), (one.before_px, 3)
-    return [*named, figure(one.move_px, 3), figure(one.point_mm, 3, one.level), *(figure(*each) for each in figures)]

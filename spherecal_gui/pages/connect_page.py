@@ -8,9 +8,8 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QGridLayout, QHBoxLayout, 
 
 from spherecal_gui import languages, theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.camera_dialog import CameraDialog
-from spherecal_gui.pages.drivers_panel import DriversPanel
-from spherecal_gui.pages.rig_space import RigSpace
+from spherecal_gui.pages.connect_dialogs import CameraDialog, DriversPanel
+from spherecal_gui.pages.live_page import RigSpace
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.connect_presenter import (
     LENSES_MM,
@@ -46,9 +45,8 @@ from spherecal_gui.widgets.basic import (
     set_level,
     spaced,
 )
-from spherecal_gui.widgets.bench_view import BenchView
+from spherecal_gui.widgets.connect_views import BenchView, Thumbnail
 from spherecal_gui.widgets.fields import number_field
-from spherecal_gui.widgets.thumbnail import Thumbnail
 
 _ROOMY_PX = 1200
 _BENCH_PT = 237  # what its rows need in two lines at most; Chinese has no wide word that would ask for it
@@ -173,20 +171,15 @@ class LensBar(QWidget):
         self.setVisible(line is not None)
         if line is None:
             return
+        at, found = self.focal.findData(line.focal_mm), ", ".join(f"{one:g}" for one in line.found_um)
         with QSignalBlocker(self.focal), QSignalBlocker(self.pitch):
-            self._show(line, why_not)
-
-    def _show(self, line: LensLine, why_not: str) -> None:
-        at = self.focal.findData(line.focal_mm)
-        if at < 0 and line.focal_mm is not None:
-            self.focal.addItem(languages.by_locale(f"{line.focal_mm:g} mm"), line.focal_mm)
-            at = self.focal.count() - 1
-        self.focal.setCurrentIndex(-1 if line.differ else at)
+            if at < 0 and line.focal_mm is not None:
+                self.focal.addItem(languages.by_locale(f"{line.focal_mm:g} mm"), line.focal_mm)
+                at = self.focal.count() - 1
+            self.focal.setCurrentIndex(-1 if line.differ else at)
+            self.pitch.setValue(line.pitch_um or 0.0)
         self.focal.setPlaceholderText(self.tr("different ones"))
-        found = ", ".join(f"{one:g}" for one in line.found_um)
-        unknown = self.tr("not known")
-        self.pitch.setSpecialValueText(languages.by_locale(f"{found} µm") if found else unknown)
-        self.pitch.setValue(line.pitch_um or 0.0)
+        self.pitch.setSpecialValueText(languages.by_locale(f"{found} µm") if found else self.tr("not known"))
         needed = line.focal_mm is not None and not found and not line.pitch_um
         set_level(self._of_pitch, "bad" if needed else "none")
         for field in (self.focal, self.pitch):
@@ -208,12 +201,10 @@ class ConnectPage(Page):
         self.cameras = Card(self.tr("Cameras"))
         self.headline = self.summary = label("", "big")
         self.again = button(self.tr("Search again"), "search-again", act=self.controller.cameras.connect_all)
-        top = add(QHBoxLayout(), (self.summary, 1))
-        top.addWidget(self.again, 0, Qt.AlignmentFlag.AlignTop)
+        top = add(QHBoxLayout(), (self.summary, 1), (self.again, Qt.AlignmentFlag.AlignTop))
         self.why = label("", "soft")
-        add(self.cameras.body, top, self.why)
         self.other = button(self.tr("Choose another"), "choose-recording", act=self.recording_wanted)
-        self.cameras.body.addWidget(self.other, 0, Qt.AlignmentFlag.AlignLeft)
+        add(self.cameras.body, top, self.why, (self.other, Qt.AlignmentFlag.AlignLeft))
         self.lenses = LensBar(controller)
         self._rows: dict[str, CameraRow] = {}
         inner, inside = QWidget(), QWidget()
@@ -271,7 +262,6 @@ class ConnectPage(Page):
         wanted = self.tr("A session.json, or the folder of an earlier session.")
         too_late = self.tr("Placements are captured already: begin a new calibration for another bench.")
         self.choose.setToolTip(too_late if project.taken else wanted)
-        self.action_changed.emit()
 
     def _lines(self) -> list[CameraLine]:
         expected = self.project.cameras if self.project is not None else ()
@@ -310,9 +300,7 @@ class ConnectPage(Page):
 
     def pictures(self) -> tuple[Thumbnail, ...]:
         """The images of the rig's cameras, in the order of the list."""
-        connection = self.controller.cameras.connection
-        names = connection.names if connection is not None else {}
-        return tuple(row.picture for serial, row in self._rows.items() if serial in names)
+        return tuple(row.picture for serial, row in self._rows.items() if serial in self.controller.cameras.names)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """With large text a small screen has no room for pictures."""

@@ -12,7 +12,7 @@ from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData
 from spherecal_gui import theme
 from spherecal_gui.presenters.frame_presenter import FrameChoice, Role, turn_word
-from spherecal_gui.widgets.basic import add, button, enable, label, named, say
+from spherecal_gui.widgets.basic import add, button, enable, ink, label, named, say
 from spherecal_gui.widgets.fields import number_field
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_rigs.user_frame import TURNS
@@ -33,8 +33,7 @@ class FrameScene(RenderedScene):
         """Draw the rig and the axes over it."""
         super().paint_rig(painter, data, eye)
         painter.setFont(theme.font(theme.LEAD, bold=True))
-        painter.setPen(QPen(theme.colour("text"), 2))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
+        ink(painter, theme.now().text, 2)
         for name, place in self._choice.marked:
             at = QPointF(*eye.flat(place[None])[0].tolist())
             painter.drawEllipse(at, 7, 7)
@@ -55,8 +54,11 @@ class FrameDialog(QDialog):
         self.setWindowTitle(self.tr("Origin and axes"))
         self.scene = FrameScene(choice)
         self.scene.setMinimumWidth(480)
+        self.undo = button(self.tr("Undo"), "frame-undo", act=partial(self._do, choice.undo))
+        self.reset = button(self.tr("No offset, no turns"), "frame-reset", act=partial(self._do, choice.reset))
+        changes = add(QHBoxLayout(), (self.undo, 1), (self.reset, 2))
         side = add(QVBoxLayout(), self._places(), label(self.tr("Turn the axes by 90 degrees:")), self._turns())
-        add(side, label(self.tr("The origin's place lies at:")), self._offset(), self._changes(), None)
+        add(side, label(self.tr("The origin's place lies at:")), self._offset(), changes, None)
         self.sentence = label("")
         self.sentence.setMinimumHeight(3 * self.sentence.fontMetrics().lineSpacing())
         row = add(QHBoxLayout(), (self.scene, 1), side)
@@ -107,11 +109,6 @@ class FrameDialog(QDialog):
             one.clicked.connect(partial(self._do, partial(self.choice.turn, turn)))
             grid.addWidget(one, i % 2, i // 2)
         return grid
-
-    def _changes(self) -> QHBoxLayout:
-        self.undo = button(self.tr("Undo"), "frame-undo", act=partial(self._do, self.choice.undo))
-        self.reset = button(self.tr("No offset, no turns"), "frame-reset", act=partial(self._do, self.choice.reset))
-        return add(QHBoxLayout(), (self.undo, 1), (self.reset, 2))
 
     def _buttons(self) -> QHBoxLayout:
         back = partial(self._do, self.choice.back_to_camera)

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBox
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import SpherecalError
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import error_text
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.measure_presenter import (
     large_text,
@@ -29,7 +30,6 @@ from spherecal_gui.presenters.step_states import MeasureFacts, measure_says
 from spherecal_gui.rig_scenes import LiveParts, in_scene, rig_scene
 from spherecal_gui.standing import Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
-from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, add, label, named, say
 from spherecal_gui.widgets.charts import Chart
 from spherecal_gui.widgets.rendered_scene import RenderedScene
@@ -74,22 +74,18 @@ class MeasurePage(Page):
         self.pace, self.recording = label("", "soft"), label("", "soft")
         self.space = RenderedScene()
         self._rig: object = None  # the result whose rig the scene shows
-        left = add(QVBoxLayout(), (self.space, 3), (self._points(), 2))
+        self.points = named(QListWidget(), "measured-points", self.tr("Points that are seen now"))
+        self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
+        self.points.itemSelectionChanged.connect(self._choose)
+        self.hint, card = label(ruler_hint(()), "soft"), Card(self.tr("Points"))
+        add(card.body, (self.points, 1), self.hint)
+        left = add(QVBoxLayout(), (self.space, 3), (card, 2))
         self.large = label("", "huge")
         headings = [self.tr("Value"), self.tr("measured"), self.tr("± (95 %)"), self.tr("off its nominal value")]
         self.table = Table(headings, sortable=False, spare=(2,))
         self.chart = DeviationChart()
         row = add(QHBoxLayout(), (left, 4), (add(QVBoxLayout(), self.large, (self.table, 1), (self.chart, 1)), 5))
         add(QVBoxLayout(self), self.trust, self.pace, (row, 1), self.recording)
-
-    def _points(self) -> Card:
-        card = Card(self.tr("Points"))
-        self.points = named(QListWidget(), "measured-points", self.tr("Points that are seen now"))
-        self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
-        self.points.itemSelectionChanged.connect(self._choose)
-        self.hint = label(ruler_hint(()), "soft")
-        add(card.body, (self.points, 1), self.hint)
-        return card
 
     # --- the measurement ---------------------------------------------------------------------------------------------
 
@@ -115,9 +111,8 @@ class MeasurePage(Page):
             return
         if self.controller.cameras.live is not None:
             self.controller.cameras.live.stop()  # its detection would take the time that measuring needs
-        by_hardware = all(
-            self.controller.tuning.settings_of(serial).trigger == "hardware" for serial in connection.names
-        )
+        settings = map(self.controller.tuning.settings_of, connection.names)
+        by_hardware = all(one.trigger == "hardware" for one in settings)
         task = Task(
             connection.plan.target_set,
             bars=tuple(connection.plan.bars),
@@ -135,11 +130,10 @@ class MeasurePage(Page):
             except SpherecalError as error:
                 self.controller.tell("bad", *error_text(error))
 
-    def refresh(self) -> None:
-        """The large button may have changed; cameras may have come or gone."""
-        if self._run is not None and self.controller.cameras.connection is None:
+    def show_project(self) -> None:
+        """Cameras may have gone."""
+        if self.controller.cameras.connection is None:
             self._end()
-        self.action_changed.emit()
 
     def tick(self) -> None:
         """Show the newest set."""

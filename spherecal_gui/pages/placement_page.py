@@ -10,13 +10,21 @@ from PySide6.QtWidgets import QHBoxLayout, QProgressBar, QPushButton, QTabWidget
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import coverage as cov
+from spherecal_gui import project as changes
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.pages.rig_space import LOOK_S
-from spherecal_gui.presenters.guidance_presenter import is_enough, next_text, now_text
+from spherecal_gui.pages.live_page import LOOK_S, LivePage
 from spherecal_gui.presenters.look_presenter import TileState
-from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists, need_text
+from spherecal_gui.presenters.placement_presenter import (
+    AutoTrigger,
+    Scene,
+    is_enough,
+    island_text,
+    need_lists,
+    need_text,
+    next_text,
+    now_text,
+)
 from spherecal_gui.presenters.step_states import PlacementFacts, placement_says
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.rig_scenes import LiveParts, live_ball, rig_in_use, rig_scene
@@ -24,7 +32,7 @@ from spherecal_gui.standing import Part, Said, worst
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import add, button, label, named, option, say, set_level, spaced
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
-from spherecal_gui.widgets.need_label import NeedLabel
+from spherecal_gui.widgets.fields import NeedLabel
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
@@ -71,7 +79,7 @@ class PlacementPage(LivePage):
         tip = self.tr("Once the ball lies still where it should.")
         self.automatic = named(option(self.tr("Capture by itself when still")), "automatic", tip=tip)
         row = add(QHBoxLayout(), self.automatic, None)
-        sets, cameras = self.controller.sets, self.controller.cameras
+        sets, cameras, change = self.controller.sets, self.controller.cameras, self.controller.revise
         self.small: dict[str, QPushButton] = {}
         for key, text, act, tip in (
             ("put-there", self.tr("Put it there"), self.controller.staging.put_there,
@@ -83,10 +91,10 @@ class PlacementPage(LivePage):
             ("leave-spots", self.tr("Leave the bright spots"), self.controller.recording.leave_spots, ""),
             ("was-turned", self.tr("It was turned"), self._was_turned,
              self.tr("The ball is in the same place, but shows another side.")),
-            ("keep-set", self.tr("Keep it as it is"), lambda: sets.keep(self.set_id), ""),
+            ("keep-set", self.tr("Keep it as it is"), lambda: change(changes.with_kept, self.set_id), ""),
             ("retake", self.tr("Retake"), self._take, ""),
             ("delete-set", self.tr("Delete"), lambda: sets.delete(self.set_id), ""),
-            ("skip", self.tr("Skip this placement"), lambda: sets.drop_placement(self.set_id), ""),
+            ("skip", self.tr("Skip this placement"), lambda: change(changes.without_placement, self.set_id), ""),
             ("undo", self.tr("Undo"), sets.undo, ""),
             ("more", self.tr("One more placement"), sets.add_placement, ""),
         ):  # fmt: skip
@@ -165,7 +173,6 @@ class PlacementPage(LivePage):
         self._show_guidance()
         self._drawn = None
         self.tick()
-        self.action_changed.emit()
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -210,13 +217,17 @@ class PlacementPage(LivePage):
         waiting = self.automatic.isChecked() and not (facts.taken or facts.work or facts.as_before or facts.stuck)
         waiting = waiting and not facts.away and level != "bad"  # where it should go is known: there, and nowhere else
         taken = waiting and self._trigger.feed(facts.scene, time.monotonic())
-        self._show_hold(waiting)
+        # how long it must still lie: until it is taken by itself, then until all images are there
+        held = self._trigger.held(time.monotonic()) if waiting else 0.0
+        self.hold.setVisible(waiting or self.is_taking)
+        self.hold.setRange(0, 0 if self.is_taking else 100)
+        if not self.is_taking:
+            self.hold.setValue(round(100 * held))
         if taken:
             self._take()
         self._carry()
 
     def _facts_of(self, scene: Scene) -> PlacementFacts:
-        """What is known of this placement now."""
         project, advice, sets = self.open_project, self.controller.advice, self.controller.sets
         to_go = advice.to_go if advice.guidance is not None and not self.recorded else None
         in_place = self.is_taken or (to_go is not None and to_go.near)
@@ -225,22 +236,12 @@ class PlacementPage(LivePage):
         if mine is not None:
             counts = {name: len(mine[name]) if name in mine else 0 for name in scene.counts}
             scene = replace(scene, counts=counts, still=True)
-        return PlacementFacts(
-            replace(scene, made_up=made_up),
-            self.is_taken,
-            self.is_taken and any(not flaw.kept for flaw in project.flaws_of(self.set_id)),
-            self.work,
-            self.controller.cameras.connection is not None,
-            self._stands_as_before(scene),
-            to_go,
-            self._is_enough(),
-            self.recorded,
-            len(project.placements) > FEW_PLACEMENTS,
-            bool(self.controller.cameras.moved()),
-            sets.can_undo is not None,
-            self.controller.staging.can_put_there,
-            bool(self.controller.recording.spots),
-        )
+        flawed = self.is_taken and any(not flaw.kept for flaw in project.flaws_of(self.set_id))
+        how = self.is_taken, flawed, self.work, self.controller.cameras.connection is not None
+        where = self._stands_as_before(scene), to_go, self._is_enough(), self.recorded
+        spare, moved = len(project.placements) > FEW_PLACEMENTS, bool(self.controller.cameras.moved())
+        can = sets.can_undo is not None, self.controller.staging.can_put_there, bool(self.controller.recording.spots)
+        return PlacementFacts(replace(scene, made_up=made_up), *how, *where, spare, moved, *can)
 
     def says(self) -> Said:
         """What to do with this placement."""
@@ -262,14 +263,6 @@ class PlacementPage(LivePage):
             self._carried_s = now
             self.controller.staging.put_there()
 
-    def _show_hold(self, waiting: bool) -> None:
-        """How long it must still lie: until it is taken by itself, then until all images are there."""
-        held = self._trigger.held(time.monotonic()) if waiting else 0.0
-        self.hold.setVisible(waiting or self.is_taking)
-        self.hold.setRange(0, 0 if self.is_taking else 100)
-        if not self.is_taking:
-            self.hold.setValue(round(100 * held))
-
     def _troubles(self) -> tuple[Part, ...]:
         """Beside what any page minds, the worst that a camera's own image shows: out of focus, dark, too bright."""
         level = worst(tile.level for tile in self._tiles)
@@ -289,7 +282,6 @@ class PlacementPage(LivePage):
         return before is not None and cov.same_place(before, now)
 
     def _was_turned(self) -> None:
-        """Somebody says that the ball does not stand as before."""
         self._turned = True
         self.tick()
 
@@ -363,7 +355,6 @@ class PlacementPage(LivePage):
             self._looked_s = now
 
     def _ball_seen(self) -> None:
-        """The ball was looked at again."""
         if self.isVisible():
             self._show_ghosts()
 
@@ -387,7 +378,6 @@ class PlacementPage(LivePage):
         self.space.show_live(LiveParts(ball, to_go is not None and to_go.near, (), levels, images))
 
     def _is_enough(self) -> bool:
-        """Whether one more placement would not be worth it."""
         shown = self.controller.advice.guidance
         return shown is not None and is_enough(shown, self._all_taken)
 
@@ -396,7 +386,6 @@ class PlacementPage(LivePage):
         return all(name in self.open_project.taken for name in self.open_project.placements)
 
     def _show_guidance(self) -> None:
-        """The engine's advice, where it gives one."""
         advice, at = self.controller.advice, self.tabs.indexOf(self.guidance)
         shown, known = advice.guidance, advice.known
         if self.space.data is None and known is None:  # as the cameras stood when they were calibrated last
@@ -429,10 +418,8 @@ class PlacementPage(LivePage):
 
     def _show_camera(self, name: str) -> None:
         """One camera's picture, large; without a name those of all."""
-        connection = self.controller.cameras.connection
-        if connection is None:
-            return
-        self.wall.show_alone(next((serial for serial, one in connection.names.items() if one == name), None))
+        names = self.controller.cameras.names
+        self.wall.show_alone(next((serial for serial, one in names.items() if one == name), None))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 

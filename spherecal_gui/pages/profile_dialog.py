@@ -9,12 +9,12 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, Q
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import limits_in_force as limits
+from spherecal_gui.languages import Cell, error_line, figure
 from spherecal_gui.presenters.results_presenter import compared_text
 from spherecal_gui.presenters.start_presenter import ProfileRow, picture_of, profile_rows, validity_of
 from spherecal_gui.tasks.outcome import Compared
-from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, say
-from spherecal_gui.widgets.table import Cell, Table, figure
+from spherecal_gui.widgets.table import Table
 from spherecal_rigs.compare_rigs import compare, seen_volume
 from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import apply, open_profile
@@ -42,9 +42,10 @@ class ProfileDialog(QDialog):
         self.table = Table(headings, sortable=False)
         self.table.itemSelectionChanged.connect(self._selected)
         self.message, self.why_not = label(""), label("", level="caution")
-        self.compare = button(self.tr("Compare with the one in use"), "compare-profile", act=self._compare)
+        self.compare = button(self.tr("Compare with the one in use"), "compare-profile")
+        self.compare.clicked.connect(lambda: self._try(self._show_change))
         self.use = once(button(self.tr("Put this one to use"), "use-profile"))
-        self.use.clicked.connect(self._use)
+        self.use.clicked.connect(lambda: self._try(self._apply))
         close = button(self.tr("Close"), "close", act=self.accept)
         column = add(QVBoxLayout(self), add(QHBoxLayout(), self.picture, (words, 1)), (self.table, 1))
         add(column, self.message, self.why_not, add(QHBoxLayout(), self.compare, self.use, None, close))
@@ -95,22 +96,16 @@ class ProfileDialog(QDialog):
         except SpherecalError as error:
             say(self.message, error_line(error), "bad", hides=False)
 
-    def _compare(self) -> None:
-        self._try(lambda: self._show_change(str(self.chosen)))
-
-    def _show_change(self, number: str) -> None:
-        kept = open_profile(self._folder)
+    def _show_change(self) -> None:
+        kept, number = open_profile(self._folder), str(self.chosen)
         before = kept.rig(number)
         volume = entry_volume(kept.entry(number)) or seen_volume(before)
         _, metric = compare(before, kept.rig(), volume)
         made = f"{kept.entry(number).calibrated_at.astimezone():%Y-%m-%d %H:%M}"
         say(self.message, *compared_text(Compared(number, made, metric)), hides=False)
 
-    def _use(self) -> None:
-        self._try(lambda: self._apply(str(self.chosen)))
-
-    def _apply(self, number: str) -> None:
-        kept = open_profile(self._folder)
+    def _apply(self) -> None:
+        kept, number = open_profile(self._folder), str(self.chosen)
         care, note, asked = kept.entry(number).care, "", ""
         if care:
             asked = "\n".join([care, self.tr("It is to be used with care. Why may it be put to use?")])

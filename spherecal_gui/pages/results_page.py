@@ -6,6 +6,7 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QTabWidget, QVBoxLayout, Q
 
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import Cell, figure
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.results_presenter import (
     CameraResiduals,
@@ -22,15 +23,12 @@ from spherecal_gui.presenters.step_states import ResultFacts, results_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import outcome_scene
 from spherecal_gui.standing import Said
-from spherecal_gui.tasks.camera_effects import CameraEffect
 from spherecal_gui.widgets.basic import add, button, enable, label, named, say
 from spherecal_gui.widgets.charts import HistogramChart
-from spherecal_gui.widgets.effects_view import EffectsView
-from spherecal_gui.widgets.findings_list import FindingsList
-from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.results_views import EffectsView, FindingsList, ResidualView
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.scene_view import png_of
-from spherecal_gui.widgets.table import Cell, Table, figure
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Status
 
 # A camera this much worse than the middle one stands out: rig A's differ by a tenth, a blurred one is 2 times worse.
@@ -97,21 +95,18 @@ class ResultsPage(Page):
         # below each other: beside each other they are too wide for large text in German
         return add(QVBoxLayout(), self.image, add(QHBoxLayout(), self.leave_image, self.leave_camera, None))
 
-    def refresh(self) -> None:
+    def show_project(self) -> None:
         """There may be another result."""
-        result = self.controller.result
-        self.show_standing()
-        if self.project is None or result is None:
-            self.action_changed.emit()
+        result, project = self.controller.result, self.open_project
+        if result is None:
             return
         self.sentence.setText(verdict(result).sentence)
-        self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
+        self.findings.show_advice(advice(result, project.placements), project.repairs_now)
         outcome = self.controller.outcome
         say(self.since, *compared_text(outcome.compared if outcome is not None else None))
         if result is not self._shown:
             self._shown = result
             self._fill()
-        self.action_changed.emit()
 
     def _fill(self) -> None:
         outcome = self.controller.outcome
@@ -125,21 +120,18 @@ class ResultsPage(Page):
         self.table.fill([_cells(row, middle, none, row.camera == guilty) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
         self.panel.show_scene(outcome_scene(outcome))
-        self._show_effects(outcome.effects)
+        # a tab for fields of lenses and drifts of cameras, where there are any
+        self.effects.show_effects(outcome.effects)
+        if (at := self.tabs.indexOf(self.effects)) >= 0 and not outcome.effects:
+            self.tabs.removeTab(at)
+        elif at < 0 and outcome.effects:
+            self.tabs.addTab(self.effects, self.tr("Lenses"))
         if rows:  # the camera that the findings accuse, in the image they name; else that with the largest residuals
             name, placement = accused or (rows[0].camera, None)
             with QSignalBlocker(self.table):
                 if not self.table.select_name(name):
                     self.table.selectRow(0)
             self.show_camera(name, placement)
-
-    def _show_effects(self, effects: tuple[CameraEffect, ...]) -> None:
-        """A tab for fields of lenses and drifts of cameras, where there are any."""
-        self.effects.show_effects(effects)
-        if (at := self.tabs.indexOf(self.effects)) >= 0 and not effects:
-            self.tabs.removeTab(at)
-        elif at < 0 and effects:
-            self.tabs.addTab(self.effects, self.tr("Lenses"))
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -160,7 +152,13 @@ class ResultsPage(Page):
             return
         shown = residuals_of(result, camera, placement)
         self._camera = camera
-        self._list_images(shown)
+        with QSignalBlocker(self.image):
+            self.image.clear()
+            if shown is not None:
+                self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
+                for name in shown.placements:
+                    self.image.addItem(f"{shown.camera} · {name}", name)
+                self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
         self.residuals.show_camera(shown, self._picture(shown))
         self.residual_size.setText(residual_text(result, shown) if shown is not None else "")
         if shown is not None:
@@ -174,16 +172,6 @@ class ResultsPage(Page):
             self.tabs.setCurrentIndex(2)
         self._show_repairs(shown)
 
-    def _list_images(self, shown: CameraResiduals | None) -> None:
-        """The camera's images, the one that is shown chosen."""
-        with QSignalBlocker(self.image):
-            self.image.clear()
-            if shown is not None:
-                self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
-                for name in shown.placements:
-                    self.image.addItem(f"{shown.camera} · {name}", name)
-                self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
-
     def _show_repairs(self, shown: CameraResiduals | None) -> None:
         """What can be left out of what is shown."""
         stale = self.tr("It is already requested: calibrate again.")
@@ -195,7 +183,6 @@ class ResultsPage(Page):
         enable(self.leave_camera, ("--leave-out", f"camera:{self._camera}") not in asked, stale)
 
     def _picture(self, shown: CameraResiduals | None) -> QImage | None:
-        """The image behind the residuals of one placement."""
         if shown is None or shown.placement is None:
             return None
         path = self.controller.recording.image_path(shown.placement, shown.camera)
@@ -218,7 +205,6 @@ class ResultsPage(Page):
             self.show_camera(self.table.name_of(rows[0].row()))
 
     def _do(self, kind: str, target: str) -> None:
-        """Do what a finding advises."""
         if kind == "add placement":
             self.controller.sets.add_placement()
         elif kind == "retake":

@@ -100,36 +100,29 @@ class SavePage(Page):
         return self._compared[1]
 
     def _why_not_saved(self) -> str:
-        """What is in the way of saving in the profile; empty where nothing is."""
-        if self._is_stale:
-            return self.tr("The calibration is out of date.")
-        return self._why_not_used() if self.apply.isChecked() else ""
-
-    def _why_not_used(self) -> str:
-        """What is in the way of putting it to use; empty where nothing is."""
-        if self._calibration == "not valid":
-            return self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
-        if self._refused:
-            return self.tr("Its verification failed: it cannot be put to use. Find the cause, or save it without.")
-        if self._doubtful and not limits.now().unverified_use:
-            return self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
-        return "" if self.note.text().strip() else self._why_a_note()
-
-    def _why_a_note(self) -> str:
-        """Why a reason is needed to put it to use; empty where none is."""
-        if self._failed:
-            return self.tr("Its verification failed: write in the note why it is put to use all the same.")
-        if self._doubtful and self.open_project.verified is not None:
-            return self.tr("Its verification decided nothing: write in the note why it is put to use.")
-        if self._doubtful:
-            return self.tr("It was not verified: write in the note why it is put to use.")
-        if self._calibration == "use with care":
-            return self.tr("It is to be used with care: write in the note why it is put to use.")
-        return ""
+        """What is in the way of saving in the profile, and of putting it to use if asked; empty where nothing is."""
+        invalid = self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
+        refused = self.tr("Its verification failed: it cannot be put to use. Find the cause, or save it without.")
+        forbidden = self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
+        failed = self.tr("Its verification failed: write in the note why it is put to use all the same.")
+        undecided = self.tr("Its verification decided nothing: write in the note why it is put to use.")
+        careful = self.tr("It is to be used with care: write in the note why it is put to use.")
+        rows = (
+            (self._is_stale, self.tr("The calibration is out of date.")),
+            (not self.apply.isChecked(), ""),
+            (self._calibration == "not valid", invalid),
+            (self._refused, refused),
+            (self._doubtful and not limits.now().unverified_use, forbidden),
+            (bool(self.note.text().strip()), ""),
+            (self._failed, failed),
+            (self._doubtful and self.open_project.verified is not None, undecided),
+            (self._doubtful, self.tr("It was not verified: write in the note why it is put to use.")),
+            (self._calibration == "use with care", careful),
+        )
+        return next((text for applies, text in rows if applies), "")
 
     @property
     def _is_stale(self) -> bool:
-        """Whether the calibration itself is out of date."""
         state = self.state
         reason = state.reason if state is not None and state.status is Status.STALE else None
         return reason is not None and reason.code == "calibration stale"
@@ -154,11 +147,9 @@ class SavePage(Page):
 
     @property
     def _calibration(self) -> str:
-        """The verdict on the calibration."""
         return self.open_project.calibrated.verdict if self.open_project.calibrated is not None else "not valid"
 
     def _enable(self) -> None:
-        """What can be saved now, and why not."""
         if self.project is None:
             return
         idle, why = self.controller.runner.running is None, self._why_not_saved()
@@ -175,7 +166,10 @@ class SavePage(Page):
         enable(self.export, idle and not stale and not problem, stale or problem if idle else busy)
         shown = idle and not stale and self.controller.outcome is not None
         enable(self.axes, shown, stale or self.tr("There is no calibration yet.") if idle else busy)
-        self._tell_frame(self.controller.user_frame.problem)
+        result, frame = self.controller.result, self.controller.user_frame.frame
+        given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
+        words = self.controller.user_frame.problem or self.tr("Exports are given in: {frame}.").format(frame=given)
+        say(self.given_in, words, "bad" if self.controller.user_frame.problem else "none")
         self.discard.setEnabled(idle)
         self.discard.setVisible(not self.is_kept)
         say(self.why_not, why if idle and not self.is_kept else "", "caution")
@@ -197,18 +191,13 @@ class SavePage(Page):
         return card
 
     def _commands(self) -> QWidget:
-        inner = QWidget()
-        column = bare(QVBoxLayout(inner))
-        column.addWidget(label(self.tr("The same on the command line"), "soft"))
-        self.commands = named(QPlainTextEdit(readOnly=True), "", self.tr("The same on the command line"))
+        title, left = self.tr("The same on the command line"), Qt.AlignmentFlag.AlignLeft
+        self.commands = named(QPlainTextEdit(readOnly=True), "", title)
         self.commands.setMaximumHeight(66)
-        column.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command", act=self._copy)
-        column.addWidget(copy, 0, Qt.AlignmentFlag.AlignLeft)
-        whole = QWidget()
-        outer = bare(QVBoxLayout(whole))
-        outer.addWidget(details_button(inner), 0, Qt.AlignmentFlag.AlignLeft)
-        outer.addWidget(inner)
+        inner, whole = QWidget(), QWidget()
+        add(bare(QVBoxLayout(inner)), label(title, "soft"), self.commands, (copy, left))
+        add(bare(QVBoxLayout(whole)), (details_button(inner), left), inner)
         return whole
 
     @property
@@ -236,7 +225,6 @@ class SavePage(Page):
         )
         self._for_the_desk.setVisible(not theme.is_far())
         self._show_rig()
-        self.show_standing()
         self.tick()
         if self._opens and self.controller.runner.running is None:
             self._opens = False
@@ -249,10 +237,8 @@ class SavePage(Page):
             self.commands.setPlainText(commands)
         self._enable()
         enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
-        self.action_changed.emit()
 
     def _show_rig(self) -> None:
-        """What is saved."""
         outcome = self.controller.outcome
         if outcome is not self._drawn:
             self._drawn = outcome
@@ -272,15 +258,7 @@ class SavePage(Page):
         if path:
             self.controller.saving.export(name, Path(path))
 
-    def _tell_frame(self, problem: str) -> None:
-        """In which frame exports are given."""
-        result, frame = self.controller.result, self.controller.user_frame.frame
-        given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
-        words = problem or self.tr("Exports are given in: {frame}.").format(frame=given)
-        say(self.given_in, words, "bad" if problem else "none")
-
     def _choose_axes(self) -> None:
-        """Origin and axes, by a dialog."""
         outcome = self.controller.outcome
         if outcome is None:
             return
@@ -315,26 +293,13 @@ class SavePage(Page):
 
     def says(self) -> Said:
         """Save what is not in the profile yet; then the report."""
-        state, task = self.state, self.controller.runner.task
-        if state is None:
-            return Said("none", "")
-        return save_says(
-            SaveFacts(
-                state.status,
-                self._calibration,
-                not self._doubtful,
-                self._failed,
-                self.is_kept,
-                self._is_stale,
-                self.apply.isChecked(),
-                self._why_not_saved(),
-                self.report_path.is_file(),
-                self.controller.runner.running or "",
-                task is not None and task.stopping,
-                self.controller.progress_text(),
-                self._doubtful and self.open_project.verified is not None,
-            )
-        )
+        task, doubtful = self.controller.runner.task, self._doubtful
+        good = self._calibration, not doubtful, self._failed, self.is_kept, self._is_stale
+        asked = self.apply.isChecked(), self._why_not_saved(), self.report_path.is_file()
+        work = ("", False) if task is None else (task.name, task.stopping)
+        undecided = doubtful and self.open_project.verified is not None
+        left = self.controller.progress_text()
+        return save_says(SaveFacts(self.open_state.status, *good, *asked, *work, left, undecided))
 
     def tick(self) -> None:
         """How far the writing is."""

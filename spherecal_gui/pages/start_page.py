@@ -11,15 +11,15 @@ from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QPushButton, QVBoxLayout
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
-from spherecal_gui.presenters.certificates import bench_reminder
+from spherecal_gui.languages import error_text
+from spherecal_gui.presenters.bars_presenter import bench_reminder
 from spherecal_gui.presenters.start_presenter import FAULTS, SURPRISE, ProjectLine, in_use, picture_of, project_lines
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
-from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, say, spaced
-from spherecal_gui.widgets.drawing import Drawing
+from spherecal_gui.widgets.icons import Drawing
 
 if TYPE_CHECKING:  # dialogs that need scipy or matplotlib; imported when they are first shown
-    from spherecal_gui.pages.board_dialog import BoardDialog
+    from spherecal_gui.pages.images_dialogs import BoardDialog
     from spherecal_gui.pages.profile_dialog import ProfileDialog
     from spherecal_gui.pages.studies_dialog import StudiesDialog
 
@@ -71,8 +71,7 @@ class StartPage(QWidget):
         words = spaced(QVBoxLayout(), theme.TIGHT)
         add(words, None, line, self.age, self.newest, self.due, self.certificates, None)
         card.body.setSpacing(theme.PAD)
-        add(card.body, self.picture, (words, 1))
-        card.body.addWidget(self.profile, 0, Qt.AlignmentFlag.AlignVCenter)
+        add(card.body, self.picture, (words, 1), (self.profile, Qt.AlignmentFlag.AlignVCenter))
         return card
 
     def _card(self, title: str, text: str, drawing: str, *buttons: QPushButton) -> Card:
@@ -87,7 +86,7 @@ class StartPage(QWidget):
         return self._card(self.tr("Check"), text, "check", self.check)
 
     def _choose_board(self) -> None:
-        from spherecal_gui.pages.board_dialog import BoardDialog  # needs scipy and cv2
+        from spherecal_gui.pages.images_dialogs import BoardDialog  # needs scipy and cv2
 
         if self.board_dialog is None:
             self.board_dialog = BoardDialog(self)
@@ -140,9 +139,7 @@ class StartPage(QWidget):
         for line in self._lines[:_MOST_RECENT]:
             self._rows.addWidget(self._row(line))
         self._show_profile_state(self._newest() is not None)
-        say(
-            self.certificates, *bench_reminder(rig_bench(self.projects), date.today())
-        )  # some have expired, or soon will
+        say(self.certificates, *bench_reminder(rig_bench(self.projects), date.today()))
 
     def _show_profile_state(self, done: bool) -> None:
         there = (self.profile_folder / "profile.json").is_file()

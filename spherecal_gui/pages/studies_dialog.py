@@ -9,8 +9,8 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QProgressBar, QPushButton, Q
 
 from spherecal.base.context import Context
 from spherecal_gui import languages
+from spherecal_gui.languages import error_line
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_line
 from spherecal_gui.widgets.basic import add, button, enable, label, say
 from spherecal_study.executor import workers_for
 from spherecal_study.studies import STUDIES, run_study
@@ -96,5 +96,4 @@ class StudiesDialog(QDialog):
 
 def run_one(name: str, folder: Path, context: Context) -> Path:
     """Run one study as `spherecal study NAME -o FOLDER --workers 0` does; the file of its page."""
-    asked = Options(STUDIES[name].RUNS, 0.04, 1)
-    return run_study(name, asked, folder, workers_for(0, None), context)
+    return run_study(name, Options(STUDIES[name].RUNS, 0.04, 1), folder, workers_for(0, None), context)

@@ -12,8 +12,7 @@ from spherecal_gui import limits_in_force as limits
 from spherecal_gui import theme
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.bars_page import ScalePage
-from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
-from spherecal_gui.presenters.certificates import reminder
+from spherecal_gui.presenters.bars_presenter import BarGuide, lay_text, pose_columns, reminder
 from spherecal_gui.presenters.connect_presenter import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement_presenter import Hold
 from spherecal_gui.presenters.step_states import VerifyFacts, verify_says
@@ -166,7 +165,7 @@ class VerifyPage(ScalePage):
     def _celsius_given(self) -> None:
         value = self.celsius.value()
         if value != self.controller.bars.celsius():
-            self.controller.bars.set_celsius(None if value == _NOT_READ_C else value)
+            self.controller.change(bar_celsius=None if value == _NOT_READ_C else value)  # of poses taken from now on
         self.setFocus()
 
     def _measure(self) -> None:
@@ -211,13 +210,10 @@ class VerifyPage(ScalePage):
         self.limit_label.setFixedWidth(self.limit_label.sizeHint().width() if shown else _LIMIT_PX)
         bars = self.controller.result.bars if self.controller.result is not None else None
         if shown and bars is not None:
-            state = self.state
-            stale = state is not None and state.status is Status.STALE
-            self.outcome.show_bars(bars, stale)
+            self.outcome.show_bars(bars, stale=self.open_state.status is Status.STALE)
             if self.controller.outcome is not self._drawn:
                 self._drawn = self.controller.outcome
                 self.outcome.show_rig(verified_scene(self._drawn) if self._drawn is not None else None)
-        self.show_standing()
         self._show_lengths()
         self._show_guide()
 
@@ -235,7 +231,7 @@ class VerifyPage(ScalePage):
         artefacts = self.open_project.artefacts
         checks, connection = artefacts.check_bars if artefacts is not None else (), self.controller.cameras.connection
         known = bars_with_nominal(connection, checks)
-        bars = [bar for bar in connection.plan.bars if bar.id in checks] if connection is not None else []
+        bars = [bar for bar in self.controller.cameras.bars if bar.id in checks]
         say(self.certificates, *reminder(bars, date.today()))  # of what is measured with
         say(self.lengths, "\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
 
@@ -258,7 +254,6 @@ class VerifyPage(ScalePage):
             super().tick()
 
     def _show_ghosts(self) -> None:
-        """The bar where it should lie, in every image."""
         pose = self.current if not self.is_taking else None
         found = self.controller.bars.ghosts(pose) if pose is not None else {}
         accepted = self.guide is not None and self.guide.accepted
@@ -283,7 +278,6 @@ class VerifyPage(ScalePage):
             self._take()
 
     def _show_guide(self) -> None:
-        """The picture and the one sentence."""
         if not self.guided or self.current is None:
             at = self.tabs.indexOf(self.view)
             if at >= 0:
@@ -320,19 +314,20 @@ class VerifyPage(ScalePage):
 
     def says(self) -> Said:
         """Where the bar goes, or what was measured."""
-        state, bars, pose = self.state, self.bar_facts(), self.current
+        state, bars, pose = self.open_state, self.bar_facts(), self.current
         measuring = self.controller.runner.running == "verify" and self.controller.sets.taking is None
         done = (Status.DONE, Status.CARE, *((Status.FAILED,) if self.open_project.verified is not None else ()))
-        current = state is not None and state.status in done
+        current = state.status in done
         planned = self.controller.bars.planned_pose(pose) if pose is not None else None
         if self.guide is not None:
             bars = replace(bars, guide=(self.guide.text, self.guide.level, self.guide.accepted))
         elif planned is not None:
             bars = replace(bars, guide=(lay_text(planned), "none", False))
         outcome = self.outcome.words if self.shows_outcome else None
-        outdated = state is not None and state.reason is not None and state.reason.code == "calibration stale"
+        outdated = state.reason is not None and state.reason.code == "calibration stale"
         empty = self.open_project.verified is not None and self.open_project.verified.verdict == "no data"
-        return verify_says(VerifyFacts(bars, outcome, measuring, current, self._any_taken, outdated, empty))
+        taken = any(one in self.open_project.taken for one in self.pose_ids())
+        return verify_says(VerifyFacts(bars, outcome, measuring, current, taken, outdated, empty))
 
     def _step_part(self, state: StepState) -> Part:
         """While poses are laid where the bar goes comes first, and not what was measured before."""
@@ -340,7 +335,3 @@ class VerifyPage(ScalePage):
             return Part("caution")
         stale = state.status is Status.STALE and state.reason is not None and state.reason.code == "changed"
         return Part("none") if stale and not self.shows_outcome else super()._step_part(state)
-
-    @property
-    def _any_taken(self) -> bool:
-        return any(pose in self.open_project.taken for pose in self.pose_ids())

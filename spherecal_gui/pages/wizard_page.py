@@ -1,29 +1,27 @@
-"""What all pages have in common."""
+"""What all pages have in common; the page of each kind of step."""
 
+import threading
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.languages import moved_text, reason_text
 from spherecal_gui.project import Project
 from spherecal_gui.standing import NEEDS_CAMERAS, Button, Deed, Part, Said, Standing, level_of, stand
-from spherecal_gui.texts import moved_text, reason_text
 from spherecal_gui.widgets.basic import set_level
 from spherecal_gui.widgets.scene_view import SceneView
-from spherecal_gui.workflow import Reason, Status, Step, StepState
+from spherecal_gui.workflow import Reason, Status, Step, StepKind, StepState
 
 
 class Page(QWidget):
-    """A page of the wizard. `action_changed`: the buttons may be others; `finished`: somebody leaves the project.
+    """A page of the wizard."""
 
-    `bench_wanted`: somebody wants to describe the bench; `recording_wanted`: to choose another recorded session.
-    """
-
-    action_changed = Signal()
-    finished = Signal()
-    bench_wanted = Signal()
-    recording_wanted = Signal()
+    action_changed = Signal()  # the buttons may be others
+    finished = Signal()  # somebody leaves the project
+    bench_wanted = Signal()  # somebody wants to describe the bench
+    recording_wanted = Signal()  # ... or to choose another recorded session
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()
@@ -46,6 +44,8 @@ class Page(QWidget):
         """Something may have changed."""
         if self.project is not None:
             self.show_project()
+            self.show_standing()
+        self.action_changed.emit()
 
     def show_project(self) -> None:
         """Show the open project as it is."""
@@ -130,6 +130,12 @@ class Page(QWidget):
         return state.of(self.step.id) if state is not None and self.step is not None else None
 
     @property
+    def open_state(self) -> StepState:
+        """The state of the page's step, for what is shown and done only while there is one."""
+        assert self.state is not None
+        return self.state
+
+    @property
     def project(self) -> Project | None:
         """The open project; None where it was closed."""
         return self.controller.project
@@ -139,3 +145,43 @@ class Page(QWidget):
         """The open project, for what is shown and done only while there is one."""
         assert self.controller.project is not None
         return self.controller.project
+
+
+loaded: list[StepKind] = []  # kinds of step whose pages are imported, of those that `load_pages` imports
+
+
+def load_pages() -> None:
+    """Import the later steps' pages in a thread of its own: the window would stand still for it, at each a little."""
+    kinds: tuple[StepKind, ...] = ("placement", "scale", "calibrate", "results", "verify", "save")
+
+    def load() -> None:
+        for kind in kinds:
+            page_class(kind)
+            loaded.append(kind)
+
+    threading.Thread(target=load, name="pages", daemon=True).start()
+
+
+def page_class(kind: str) -> Callable[[Controller], Page]:
+    """The page of a kind of step."""
+    if kind == "connect":
+        from spherecal_gui.pages.connect_page import ConnectPage as Made
+    elif kind == "look":
+        from spherecal_gui.pages.live_page import LookPage as Made
+    elif kind == "placement":
+        from spherecal_gui.pages.placement_page import PlacementPage as Made
+    elif kind == "scale":
+        from spherecal_gui.pages.bars_page import ScalePage as Made
+    elif kind == "calibrate":
+        from spherecal_gui.pages.calibrate_page import CalibratePage as Made
+    elif kind == "results":
+        from spherecal_gui.pages.results_page import ResultsPage as Made
+    elif kind == "verify":
+        from spherecal_gui.pages.verify_page import VerifyPage as Made
+    elif kind == "measure":
+        from spherecal_gui.pages.measure_page import MeasurePage as Made
+    elif kind == "check":
+        from spherecal_gui.pages.check_page import CheckPage as Made
+    else:
+        from spherecal_gui.pages.save_page import SavePage as Made
+    return Made

@@ -1,17 +1,25 @@
-"""Bar poses: which are taken, what the cameras see of the bar, the lengths and their errors."""
+"""Bars: their certificates, which poses are taken, where to lay the next one, the lengths and their errors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate, word
+from spherecal.base.errors import SpherecalError
+from spherecal_files.json_file import read_json
+from spherecal_gui.languages import Cell, figure, translate, word
+from spherecal_gui.rig_scenes import RigPlanes
+from spherecal_gui.standing import Level, worst
 
 if TYPE_CHECKING:  # imports scipy
+    from spherecal.data.session import Bar, Certificate
+    from spherecal_files.bar_registry import RegisteredBar
     from spherecal_files.verification_file import BarReport
+    from spherecal_rigs.pose_plan import PlannedPose, PoseAnswer
     from spherecal_verify.limit import Acceptance
 
 
@@ -27,18 +35,14 @@ def next_pose(poses: Sequence[str], taken: Mapping[str, str]) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """The errors (n,) mm of all measured lengths with what their uncertainty allows (n,) = k u, and their names.
-
-    `permitted` (n,) and `guard` (n,) are the limit that somebody gave and U at it, both None without such a limit.
-    `exceeding` are those that break the rule.
-    """
+    """The errors of all measured lengths, each (n,) mm."""
 
     names: tuple[str, ...]
     errors: FloatArray
-    allowed: FloatArray
-    exceeding: tuple[bool, ...]
-    permitted: FloatArray | None = None
-    guard: FloatArray | None = None
+    allowed: FloatArray  # by their uncertainty: k u
+    exceeding: tuple[bool, ...]  # those that break the rule
+    permitted: FloatArray | None = None  # by the limit that somebody gave
+    guard: FloatArray | None = None  # U at that limit
 
 
 def errors_of(bars: "BarReport") -> Errors:
@@ -81,18 +85,15 @@ def length_cells(bars: "BarReport") -> list[tuple[str, ...]]:
     return rows
 
 
-def camera_cells(bars: "BarReport") -> list[tuple[str, ...]]:
-    """The table of cameras: views of marks, those used, how they fit."""
-    return [
-        (c.id, str(c.seen), str(c.used), "-" if c.rms_px is None else f"{c.rms_px:.3f}", word("marks", c.state))
-        for c in bars.cameras
-    ]
-
-
-def camera_levels(bars: "BarReport") -> list[Level]:
-    """The colours of the cameras' states."""
-    levels: dict[str, Level] = {"verified": "good", "not seen": "caution", "rejected": "bad"}
-    return [levels[c.state] for c in bars.cameras]
+def camera_cells(bars: "BarReport") -> list[list[tuple[str, Cell, str]]]:
+    """The table of cameras: views of marks, those used, how they fit, their states."""
+    levels = {"verified": "good", "not seen": "caution", "rejected": "bad"}
+    rows = []
+    for c in bars.cameras:
+        state = word("marks", c.state)
+        views = [(str(count), float(count), "") for count in (c.seen, c.used)]
+        rows.append([(c.id, c.id, ""), *views, figure(c.rms_px, 3), (state, state, levels[c.state])])
+    return rows
 
 
 def rule_text(bars: "BarReport") -> str:
@@ -120,3 +121,129 @@ def budget_cells(bars: "BarReport") -> list[tuple[str, ...]]:
             for one in parts
         ]
     return rows
+
+
+# The part of a way that must be upright for "up" or "down" to say it better than a camera's name.
+_UPRIGHT = 0.7
+
+
+@dataclass(frozen=True)
+class BarGuide:
+    """One pose to lay: `text` is the one sentence, `accepted` whether the bar lies as asked."""
+
+    pose: str
+    accepted: bool
+    text: str
+    level: Level
+
+
+def bar_guide(planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, still: bool | None) -> BarGuide:
+    """What to do about a pose, first and last mark of the bar being at `ends_mm` (2, 3); None: not found."""
+    from spherecal_rigs.pose_plan import judge_pose  # imports scipy
+
+    answer = judge_pose(pose, ends_mm)
+    text, level = _text(planes, pose, ends_mm, answer, still)
+    return BarGuide(pose.id, answer.accepted, text, level)
+
+
+def _text(
+    planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, answer: "PoseAnswer", still: bool | None
+) -> tuple[str, Level]:
+    from spherecal_rigs.pose_plan import ACCEPT_MM  # imports scipy
+
+    if ends_mm is None or not np.isfinite(ends_mm).all():
+        return lay_text(pose), "caution"
+    if answer.off_mm > ACCEPT_MM:
+        way = (pose.start_mm + pose.end_mm) / 2 - ends_mm.mean(axis=0)
+        return _move_text(planes, pose.bar, way, ends_mm.mean(axis=0)), "caution"
+    if not answer.accepted:
+        text = translate("Bars", "Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}")
+        return text.format(bar=pose.bar, deg=answer.off_deg, first=pose.near[0], last=pose.near[1]), "caution"
+    if not still:
+        return translate("Bars", "It is in place. Wait until it is at rest"), "caution"
+    return translate("Bars", "Ready: press space"), "good"
+
+
+def lay_text(pose: "PlannedPose") -> str:
+    """Where the bar goes."""
+    if pose.near[0] == pose.near[1]:
+        text = translate("Bars", "Lay bar {bar} as in the picture, near {first}")
+    else:
+        text = translate("Bars", "Lay bar {bar} as in the picture: from near {first} to near {last}")
+    return text.format(bar=pose.bar, first=pose.near[0], last=pose.near[1])
+
+
+def _move_text(planes: RigPlanes, bar: str, way: FloatArray, place: FloatArray) -> str:
+    """How far and which way, in 10 mm: up or down, or towards a camera."""
+    up = float(planes.axes[2] @ way)
+    size = float(np.linalg.norm(way))
+    if abs(up) > _UPRIGHT * size:
+        up_text = translate("Bars", "Move bar {bar} {mm:.0f} mm up")
+        down_text = translate("Bars", "Move bar {bar} {mm:.0f} mm down")
+        return (up_text if up > 0 else down_text).format(bar=bar, mm=round(size, -1))
+    to = planes.centres - place
+    towards = planes.names[int(np.argmax(to @ way / np.linalg.norm(to, axis=1)))]
+    text = translate("Bars", "Move bar {bar} {mm:.0f} mm towards {camera}")
+    return text.format(bar=bar, mm=round(size, -1), camera=towards)
+
+
+def pose_columns(poses: Sequence[str]) -> list[list[str]]:
+    """The poses by line, in their order: those of one line share what is before the dash."""
+    columns: dict[str, list[str]] = {}
+    for pose in poses:
+        columns.setdefault(pose.rpartition("-")[0], []).append(pose)
+    return list(columns.values())
+
+
+# Imported inside functions: sessions and bars take 15 ms, for which the window does not wait.
+_LEVELS: dict[str, Level] = {
+    "no-certificate": "caution", "expired": "bad", "expires-soon": "caution", "not-yet": "caution",
+    "unlimited": "none", "ok": "good",
+}  # fmt: skip
+
+
+def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
+    """The state of a certificate in a few words, and the colour of that. `certificate` None where it has none."""
+    from spherecal_verify.expiry import expiry
+
+    said = expiry(certificate, today)
+    until = certificate.valid_until if certificate is not None else None
+    state = said[0] if said is not None else "ok" if until is not None else "unlimited"
+    begun = certificate.date if certificate is not None else None
+    return word("certificates", state, date=begun if state == "not-yet" else until), _LEVELS[state]
+
+
+def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, Level]:
+    """One sentence about the bars whose certificate has expired or soon will, and its colour; empty where none has."""
+    from spherecal_files.bar_registry import RegisteredBar
+    from spherecal_verify.expiry import expiry
+
+    names: dict[str, list[str]] = {"expired": [], "not-yet": [], "expires-soon": []}
+    for bar in bars:
+        said = expiry(bar.certificate, today)
+        if said is not None and said[0] in names:
+            words, _ = state_words(bar.certificate, today)
+            name = bar.serial if isinstance(bar, RegisteredBar) else bar.serial or bar.id
+            names[said[0]].append(f"{name} ({words})")
+    notes: list[tuple[Level, str]] = [
+        (_LEVELS[state], word("reminders", state, bars=own)) for state, own in names.items() if own
+    ]
+    return " ".join(text for _, text in notes), worst(level for level, _ in notes)
+
+
+def bench_reminder(bench: Path, today: date) -> tuple[str, Level]:
+    """Of the bars on the rig's bench; where none was described, of all bars of the library."""
+    from spherecal_files.bar_registry import BAR_REGISTRY
+    from spherecal_files.read_session import read_bars
+    from spherecal_rigs.ball_registry import FORMAT, VERSION
+
+    bars: Iterable[Bar | RegisteredBar] = ()
+    try:
+        if bench.is_file():
+            f = read_json(bench, FORMAT, VERSION).fields((), ("bars",))
+            bars = read_bars(f["bars"])[0] if "bars" in f else ()
+        else:
+            bars = BAR_REGISTRY.read().values()
+    except SpherecalError:  # it is named where the bench is used; the start page comes up all the same
+        return "", "none"
+    return reminder(bars, today)

@@ -19,7 +19,7 @@ from spherecal_files.filesystem import as_id
 from spherecal_files.json_file import JsonValue, printable
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
-from spherecal_gui.presenters.certificates import state_words
+from spherecal_gui.presenters.bars_presenter import state_words
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.standing import Level
 from spherecal_rigs.ball_registry import (
@@ -134,7 +134,6 @@ def said(problem: object) -> str:
 def _number(
     text: str, key: str, problems: Problems, low: float | None = None, high: float | None = None
 ) -> float | None:
-    """The number in a field; what is wrong with it goes to the problems."""
     value = number_of(text)
     if value is None:
         problems[key] = said(Phrase("problem-cell-number", {"text": printable(text.strip())}))

@@ -28,22 +28,12 @@ def _between(ends: tuple[float, float], fraction: float) -> float:
     return ends[0] + fraction * (ends[1] - ends[0])
 
 
-@dataclass(frozen=True)
-class InputRow:
-    """One set that is computed with: its name, the cameras that see something in it, their dots; captured or not."""
-
-    name: str
-    cameras: int
-    dots: int
-    captured: bool
-
-
-def input_rows(names: Sequence[str], dots: Mapping[str, Mapping[str, Sized]]) -> list[InputRow]:
-    """What a calibration would be computed from."""
+def input_rows(names: Sequence[str], dots: Mapping[str, Mapping[str, Sized]]) -> list[tuple[str, int, int, bool]]:
+    """What a calibration would be computed from: sets, the cameras that see something, their dots; whether captured."""
     rows = []
     for name in names:
         seen = [len(one) for one in dots.get(name, {}).values() if len(one)]
-        rows.append(InputRow(name, len(seen), sum(seen), name in dots))
+        rows.append((name, len(seen), sum(seen), name in dots))
     return rows
 
 

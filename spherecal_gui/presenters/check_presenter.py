@@ -1,13 +1,12 @@
 """A check of the calibration in use, for the window: one word, who moved, each camera's numbers."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate, word
+from spherecal_gui.languages import Cell, figure, translate, word
 from spherecal_gui.presenters.results_presenter import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
@@ -15,21 +14,6 @@ if TYPE_CHECKING:  # imports scipy and OpenCV
     from spherecal_rigs.check_rig import Check
 
 _LEVELS: dict[str, Level] = {"ok": "good", "watch": "caution", "recalibrate": "bad"}
-
-
-@dataclass(frozen=True)
-class CheckRow:
-    """One camera: its word, how far its image moved, what that does to a point, its residuals now and then."""
-
-    camera: str
-    word: str
-    level: Level
-    move_px: float
-    point_mm: float
-    rms_px: float
-    before_px: float | None
-    shift_mm: float
-    turn_deg: float
 
 
 def check_verdict(found: "Check | CheckSummary") -> VerdictText:
@@ -69,15 +53,16 @@ def _sentence(found: "Check | CheckSummary") -> str:
     return " ".join(dict.fromkeys(parts))
 
 
-def check_rows(found: "Check | CheckSummary") -> list[CheckRow]:
-    """The cameras, worst first."""
+def check_cells(found: "Check | CheckSummary") -> list[list[tuple[str, Cell, str]]]:
+    """The cameras, worst first: state, image, point and pose by which each is off, residuals now and then."""
     rows = []
     for one in found.cameras:
-        test = one.test
+        test, level = one.test, _LEVELS[one.verdict]
+        words = [(text, text, level) for text in (test.id, word("checked", one.verdict))]
+        moved = figure(float(test.move_px), 3), figure(float(test.point_mm), 3, level)
         shift, turn = float(np.linalg.norm(test.shift_mm)), float(np.degrees(np.linalg.norm(test.turn_rad)))
-        figures = float(test.move_px), float(test.point_mm), float(test.rms_px)
-        said, level = word("checked", one.verdict), _LEVELS[one.verdict]
-        rows.append(CheckRow(test.id, said, level, *figures, one.before_px, shift, turn))
+        rms = figure(float(test.rms_px), 3), figure(one.before_px, 3)
+        rows.append([*words, *moved, figure(shift, 3), figure(turn, 4), *rms])
     return rows
 
 

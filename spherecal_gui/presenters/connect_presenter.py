@@ -10,12 +10,11 @@ from spherecal.data.session import Bar
 from spherecal_cameras.protocol import CameraStatus
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import camera_details, camera_trouble, error_text, translate
+from spherecal_gui.presenters.bars_presenter import reminder
 from spherecal_gui.presenters.bench_presenter import targets_words
-from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.project import Artefacts
 from spherecal_gui.tasks.jobs import artefacts_of, as_people_count
-from spherecal_gui.texts import camera_details, camera_trouble, error_text
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
     from spherecal_cameras.camera_network import WireCamera
@@ -34,36 +33,29 @@ LENSES_MM = (4.0, 6.0, 8.0, 12.0, 12.5, 16.0, 25.0, 35.0, 50.0)
 
 @dataclass(frozen=True)
 class CameraLine:
-    """One camera: name, model, serial, how it is, and what it is known by: serial and size of its images.
-
-    `listed`: a driver lists it, so that it can be in the rig or left out. `cured_at` is the camera on the network that
-    needs an address; `builtin`: the built-in driver would reach it. `details` are the engine's own words, in English.
-    """
+    """One camera: what it is, how it is."""
 
     name: str
     model: str
     serial: str
     word: str
     level: Level
-    about: str = ""
+    about: str = ""  # serial and size of its images
     in_rig: bool = True
-    listed: bool = False
-    cured_at: "WireCamera | None" = None
-    builtin: bool = False
-    details: str = ""
+    listed: bool = False  # by a driver: it can be in the rig or left out
+    cured_at: "WireCamera | None" = None  # on the network, where it needs an address
+    builtin: bool = False  # the built-in driver would reach it
+    details: str = ""  # the engine's own words, in English
 
 
 @dataclass(frozen=True)
 class LensLine:
-    """What is stated of all cameras' lenses: mm, None where nobody knows it; `differ`: cameras have different ones.
-
-    `pitch_um`: the pixel pitch that was stated; `found_um`: those that cameras or data sheets say.
-    """
+    """What is stated of all cameras' lenses; None where nobody knows it."""
 
     focal_mm: float | None = None
-    differ: bool = False
-    pitch_um: float | None = None
-    found_um: tuple[float, ...] = ()
+    differ: bool = False  # cameras have different ones
+    pitch_um: float | None = None  # as it was stated
+    found_um: tuple[float, ...] = ()  # as cameras or data sheets say
 
 
 @dataclass(frozen=True)
@@ -77,17 +69,13 @@ class BenchRow:
 
 @dataclass(frozen=True)
 class DrawnBench:
-    """The ball's diameter and how many targets it has; each bar's name and its marks, mm from the first.
-
-    `sticker`: one target's dots by name with their places (x, y) mm, where the distance of the dots `between` gives the
-    scale.
-    """
+    """The ball and the bars on the bench, to be drawn."""
 
     diameter_mm: float | None = None
     targets: int = 0
-    bars: tuple[tuple[str, tuple[float, ...]], ...] = ()
-    sticker: tuple[tuple[str, float, float], ...] = ()
-    between: tuple[str, str] = ("", "")
+    bars: tuple[tuple[str, tuple[float, ...]], ...] = ()  # name; marks, mm from the first
+    sticker: tuple[tuple[str, float, float], ...] = ()  # one target's dots: name, x, y in mm
+    between: tuple[str, str] = ("", "")  # the dots whose distance gives the scale
 
 
 def camera_lines(
@@ -96,10 +84,7 @@ def camera_lines(
     wire: "tuple[WireCamera, ...]" = (),
     builtin: bool = False,
 ) -> list[CameraLine]:
-    """Every camera that was found, in whatever state; those that were expected and are missing come first.
-
-    `connection` None: nothing is connected. `builtin`: the built-in driver can be used, and is not.
-    """
+    """Every camera that was found, after those that are missing; `builtin`: that driver can be used, and is not."""
     from spherecal_cameras.builtin_driver import unlisted
     from spherecal_cameras.protocol import Discovery
 
@@ -183,12 +168,9 @@ def lens_line(connection: "Connection | None") -> LensLine | None:
     stated = {entry.pixel_pitch_um for entry in entries}
     reports = {report.serial: report for report in connection.reports}
     pitches = {pixel_pitch_um(info, reports.get(info.serial)) for info in infos}
-    return LensLine(
-        next(iter(focal)) if len(focal) == 1 else None,
-        len(focal) > 1,
-        next(iter(stated)) if len(stated) == 1 else None,
-        tuple(sorted(one for one in pitches if one is not None)),
-    )
+    found = tuple(sorted(one for one in pitches if one is not None))
+    length, pitch = (next(iter(some)) if len(some) == 1 else None for some in (focal, stated))
+    return LensLine(length, len(focal) > 1, pitch, found)
 
 
 def model_text(model: str) -> str:
@@ -234,7 +216,7 @@ def connect_summary(
     text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(rig))
     without = [line.name for line in rig if line.level == "bad"]
     if without and good:
-        named = languages.listed(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
+        named = languages.some(without, _MOST_NAMED)
         text = translate("Connect", "{good} of {all} cameras ready, without {cameras}")
         text = text.format(good=good, all=len(rig), cameras=named)
     bad = any(line.level == "bad" for line in rig)
@@ -256,12 +238,6 @@ def bars_with_nominal(connection: "Connection | None", bars: Collection[str]) ->
     """Those of these bars that have nominal lengths. `connection` None: there are no bars."""
     known = connection.plan.bars if connection is not None else ()
     return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
-
-
-def _targets_words(connection: "Connection | None", artefacts: Artefacts) -> str:
-    """The targets in words; as the project keeps them, which is of no language, where nothing is connected."""
-    targets = connection.plan.target_set if connection is not None else None
-    return artefacts.target_set if targets is None else targets_words(targets)
 
 
 def _bars_words(connection: "Connection | None", bars: tuple[str, ...], kept: str) -> str:
@@ -313,10 +289,7 @@ def recording_text(source: str) -> str:
 
 
 def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> list[BenchRow]:
-    """What the source or the chosen file says is on the bench.
-
-    `connection` None: nothing; `confirmed` None: nobody has, and the rows show what the connection says.
-    """
+    """What is on the bench: as somebody has confirmed it, else as the source or the chosen file says."""
     artefacts = confirmed
     if artefacts is None and connection is not None:
         artefacts = artefacts_of(connection.plan)
@@ -334,9 +307,11 @@ def bench_rows(connection: "Connection | None", confirmed: Artefacts | None) -> 
             BenchRow(translate("Connect", "Scale from the board's pitch"), artefacts.scale, level),
         ]
     text, worst = reminder(connection.plan.bars if connection is not None else (), date.today())
+    targets = connection.plan.target_set if connection is not None else None
+    about = artefacts.target_set if targets is None else targets_words(targets)  # as it is kept it is of no language
     certificates = [BenchRow(translate("Connect", "Certificates"), text, worst)] if text else []
     return [
-        BenchRow(translate("Connect", "Targets on the ball"), _targets_words(connection, artefacts), level),
+        BenchRow(translate("Connect", "Targets on the ball"), about, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
         BenchRow(translate("Connect", "Scale from"), scale or none, level if scale else "caution"),
         BenchRow(translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"),

@@ -20,28 +20,21 @@ ENVIRONMENT = "GENICAM_GENTL64_PATH"
 
 @dataclass(frozen=True)
 class DriverNote:
-    """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click.
-
-    `details`: what is for the person at the desk. `builtin`: the built-in driver can be used instead. `cure`: a command
-    that can be run from here.
-    """
+    """What is in the way and what to do."""
 
     title: str
     steps: tuple[str, ...]
-    allow: str = ""
-    details: str = ""
-    builtin: bool = False
-    cure: str = ""
+    allow: str = ""  # a driver's file that can be allowed with one click
+    details: str = ""  # for the person at the desk
+    builtin: bool = False  # the built-in driver can be used instead
+    cure: str = ""  # a command that can be run from here
     level: Level = "bad"
 
 
 def driver_notes(
     troubles: Sequence[DriverTrouble], system: str = sys.platform, builtin: BuiltinDriver | None = None
 ) -> list[DriverNote]:
-    """One note for each trouble; drivers without cameras share one.
-
-    `builtin` None: it is looked for now, which takes some milliseconds.
-    """
+    """One note for each trouble, one for all drivers without cameras; `builtin` None is looked for, some ms."""
     windows = system.startswith("win")
     notes = []
     without = [one.file for one in troubles if one.kind == "no-cameras"]
@@ -124,10 +117,7 @@ def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
 
 
 def network_notes(facts: "Sequence[InterfaceFact]", all_well: bool) -> list[DriverNote]:
-    """What is wrong with this computer's network and cures it; a firewall is only named where not `all_well`.
-
-    Addresses are not among it: the cameras' rows have them.
-    """
+    """What cures this computer's network; a firewall only where not `all_well`, addresses are in the cameras' rows."""
     from spherecal_cameras.camera_network import can_apply  # the window starts without the cameras' modules
 
     notes = []

@@ -9,8 +9,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal_documents.scene.model import SceneData, scene_data
-from spherecal_gui.languages import translate
-from spherecal_gui.texts import error_line
+from spherecal_gui.languages import error_line, translate
 from spherecal_rigs.user_frame import FrameDefinition, UserFrame, turn_matrix
 
 if TYPE_CHECKING:  # imports scipy.optimize
@@ -32,10 +31,7 @@ def place_text(name: str, kind: str) -> str:
 
 
 def frame_words(definition: FrameDefinition | None, reference: str | None) -> str:
-    """In which frame exports are given, for the page.
-
-    `definition` None: that of the reference camera; `reference` None where there is none.
-    """
+    """In which frame exports are given; without a `definition` that of the reference camera."""
     camera = translate("Frame", "the reference camera's frame ({camera})").format(camera=reference or "-")
     if definition is None:
         return camera
@@ -103,10 +99,7 @@ class FrameChoice:
         return bool(self._before)
 
     def choose(self, role: Role, name: str | None) -> None:
-        """Another place for a role; a new origin suggests the others.
-
-        `name` None as the origin is the reference camera.
-        """
+        """Another place for a role, None for the reference camera; a new origin suggests the others."""
         made = replace(self.definition, **{role: name})
         if role == "origin" and name is None:
             made = replace(made, x=None, xy=None)

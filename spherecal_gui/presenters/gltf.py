@@ -1,7 +1,4 @@
-"""A scene as a binary glTF 2.0 file (.glb), for viewers and slides: y up, metres, vertex colours.
-
-Specification: Khronos glTF 2.0, with KHR_materials_unlit for what is not to be lit.
-"""
+"""A scene as a glTF 2.0 file (Khronos; .glb, KHR_materials_unlit): y up, metres, vertex colours."""
 
 import io
 import json

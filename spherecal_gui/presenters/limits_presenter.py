@@ -5,8 +5,7 @@ from pathlib import Path
 
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal_gui import limits_in_force as in_use
-from spherecal_gui.languages import translate, word
-from spherecal_gui.texts import error_line
+from spherecal_gui.languages import error_line, translate, word
 from spherecal_rigs.limits_file import DOTS, HOURS, KELVIN, PAIRS, Limits, Value, limits_path, read_limits, write_limits
 from spherecal_verify.limit import parse_limit
 

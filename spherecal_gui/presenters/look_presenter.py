@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate
-from spherecal_gui.texts import camera_details, camera_trouble, reason_text
+from spherecal_gui.languages import camera_details, camera_trouble, reason_text, translate
 from spherecal_gui.workflow import Reason
 
 if TYPE_CHECKING:  # imports scipy, OpenCV and the kernels
@@ -30,21 +29,17 @@ _FEW = 2  # cameras of which it cannot be said which one is dim
 
 @dataclass(frozen=True)
 class TileState:
-    """A tile's words: `dots` is the counter, `word` the one thing to know or do, `figures` its own figures.
-
-    `summed` is its trouble in a headline, with its name; `details` are the engine's own words on it. `lost`: what the
-    tile shows is its last image; `since` says since when, where that is known.
-    """
+    """A tile's words."""
 
     name: str
     level: Level = "none"
-    word: str = ""
-    dots: int | None = None
-    figures: str = ""
-    summed: str = ""
-    details: str = ""
-    since: str = ""
-    lost: bool = False
+    word: str = ""  # the one thing to know or do
+    dots: int | None = None  # the counter
+    figures: str = ""  # its own figures
+    summed: str = ""  # its trouble in a headline, with its name
+    details: str = ""  # the engine's own words
+    since: str = ""  # when it has sent no images
+    lost: bool = False  # what the tile shows is its last image
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,9 @@ def tile_state(
         level, word = "none", translate("Look", "not needed here")
     if level == "good" and not len(sight.dots):
         level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
-    return TileState(name, level, word or _all_well(sight), len(sight.dots), summed=summed.format(camera=name))
+    if not word and sight.blur_px is not None:
+        word = translate("Look", "sharp")
+    return TileState(name, level, word, len(sight.dots), summed=summed.format(camera=name))
 
 
 def since_text(newest: "Frame | None") -> str:
@@ -132,10 +129,6 @@ def _focus(sight: "Sight") -> tuple[Level, str, str]:
     word = translate("Look", "Out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
     summed = translate("Look", "{camera} is out of focus.")
     return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px), summed
-
-
-def _all_well(sight: "Sight") -> str:
-    return translate("Look", "sharp") if sight.blur_px is not None else ""
 
 
 def bump_text(cameras: dict[str, float]) -> tuple[str, str]:

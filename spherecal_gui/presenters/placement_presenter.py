@@ -1,12 +1,15 @@
-"""A placement while the ball is being put into place: who sees enough, is it still, what to do next."""
+"""A placement while the ball is put into place: who sees enough, is it still, what to do next, what that would give."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from spherecal.base.arrays import IntArray
 from spherecal_gui import languages
 from spherecal_gui.coverage import CameraNeed, Level, needed_dots
 from spherecal_gui.languages import translate
+from spherecal_gui.rig_scenes import NOT_YET_MM, WORTH, GuidanceView
 
 # Somebody who lets go of the ball needs this long to step out of the picture.
 HOLD_S = 1.5
@@ -16,17 +19,13 @@ _NAMED = 4  # cameras in one sentence
 
 @dataclass(frozen=True)
 class Scene:
-    """What the cameras see now: dots by camera name, whether the scene is still (None: not known), lost cameras.
+    """What the cameras see now."""
 
-    `board`: they look at a board, which need not be in every camera's sight. `made_up`: what a camera lacks here, the
-    other placements have more than enough of.
-    """
-
-    counts: Mapping[str, int]
-    still: bool | None
+    counts: Mapping[str, int]  # dots by camera name
+    still: bool | None  # None: not known
     lost: tuple[str, ...] = ()
-    board: bool = False
-    made_up: bool = False
+    board: bool = False  # which need not be in every camera's sight
+    made_up: bool = False  # the other placements have enough of what a camera lacks here
 
     @property
     def ready(self) -> tuple[str, ...]:
@@ -76,13 +75,11 @@ def short_text(short: Mapping[str, int]) -> str:
 class Hold:
     """Whether something has been as it should for a while; then it begins anew."""
 
-    def __init__(self, hold_s: float = HOLD_S) -> None:
-        self._hold_s = hold_s
-        self._since: float | None = None
+    _since: float | None = None
 
     def held(self, now_s: float) -> float:
         """The share of the wait that has passed; 0 where nothing is waited for."""
-        return 0.0 if self._since is None else min((now_s - self._since) / self._hold_s, 1.0)
+        return 0.0 if self._since is None else min((now_s - self._since) / HOLD_S, 1.0)
 
     def lasts(self, good: bool, now_s: float) -> bool:
         """Whether it has been good for long enough now."""
@@ -90,7 +87,7 @@ class Hold:
             self._since = None
         elif self._since is None:
             self._since = now_s
-        over = self._since is not None and now_s - self._since >= self._hold_s
+        over = self._since is not None and now_s - self._since >= HOLD_S
         self._since = None if over else self._since
         return over
 
@@ -140,10 +137,7 @@ def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple
 
 
 def need_text(need: str, cells: IntArray) -> str:
-    """What a camera needs, for its tile: more dots at all, or dots in a part of its image where there are few.
-
-    `cells` (10, 10).
-    """
+    """What a camera needs, for its tile: more dots, or dots where the `cells` (10, 10) of its image have few."""
     if need == "more":
         return translate("Placement", "needs more dots")
     thirds = {
@@ -165,3 +159,32 @@ def island_text(groups: Sequence[Sequence[int]], cameras: Sequence[str]) -> tupl
         return translate("Placement", "All cameras are linked."), "good"
     names = " | ".join(" ".join(cameras[i] for i in group) for group in groups)
     return translate("Placement", "Not linked with each other: {names}").format(names=names), "bad"
+
+
+def is_enough(shown: GuidanceView, planned_taken: bool) -> bool:
+    """Whether all that was planned is taken and one more placement would not be worth it."""
+    if not planned_taken or shown.coarse or shown.now_mm is None or shown.next_mm is None:
+        return False
+    return shown.next_mm > (1 - WORTH) * shown.now_mm
+
+
+def now_text(shown: GuidanceView) -> tuple[str, Level]:
+    """What stopping now would give."""
+    if shown.coarse:
+        return translate("Guidance", "If you stop now: being worked out"), "none"
+    if shown.now_mm is None or not np.isfinite(shown.now_mm) or shown.now_mm > NOT_YET_MM:
+        return translate("Guidance", "If you stop now: not determined yet"), "bad"
+    text = translate("Guidance", "If you stop now: 500 ± {mm:.3f} mm").format(mm=shown.now_mm)
+    if shown.next_mm is None:  # whether that is enough is not known: a placement more may halve it
+        return text, "none"
+    return text, "caution" if shown.next_mm < (1 - WORTH) * shown.now_mm else "good"
+
+
+def next_text(shown: GuidanceView, planned_taken: bool = False) -> str:
+    """What the next placement would give, or one more than was planned."""
+    if shown.next_mm is None or not np.isfinite(shown.next_mm):
+        return ""
+    text = translate("Guidance", "With this placement: 500 ± {mm:.3f} mm")
+    if planned_taken:
+        text = translate("Guidance", "With one more placement: 500 ± {mm:.3f} mm")
+    return text.format(mm=shown.next_mm)

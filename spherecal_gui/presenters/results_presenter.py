@@ -3,12 +3,12 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.data.findings import AdvisedRepair, Finding, RepairKind
+from spherecal.data.findings import Finding
 from spherecal_gui import languages
 from spherecal_gui.coverage import Level
 from spherecal_gui.languages import translate
@@ -16,7 +16,7 @@ from spherecal_gui.languages import translate
 if TYPE_CHECKING:  # imports scipy
     from spherecal.data.rig import Affected
     from spherecal_files.verification_file import BarReport
-    from spherecal_gui.tasks.outcome import Compared
+    from spherecal_gui.tasks.outcome import CameraEffect, Compared
     from spherecal_rigs.result_folder import Result
 
 ActionKind = Literal["add placement", "retake", "show camera", "calibrate", "bench", "--leave-out", "--split", "--swap"]
@@ -49,20 +49,16 @@ class CameraRow:
 
 @dataclass(frozen=True, eq=False)
 class CameraResiduals:
-    """Observed places (n, 2) px, residuals (n, 2) px and whether they were used (n,), of one camera.
-
-    `placements` are those at which it saw something; `placement` the one that is shown, None for all; `taken_at` (n,)
-    that of each dot.
-    """
+    """The residuals of one camera."""
 
     camera: str
     image_size: tuple[int, int]
-    uv: FloatArray
-    du_dv: FloatArray
-    used: BoolArray
-    placements: tuple[str, ...] = ()
-    placement: str | None = None
-    taken_at: tuple[str, ...] = ()
+    uv: FloatArray  # observed places (n, 2) px
+    du_dv: FloatArray  # residuals (n, 2) px
+    used: BoolArray  # (n,)
+    placements: tuple[str, ...] = ()  # at which it saw something
+    placement: str | None = None  # that is shown; None: all
+    taken_at: tuple[str, ...] = ()  # the placement of each dot (n,)
 
 
 @dataclass(frozen=True)
@@ -114,7 +110,7 @@ _MOST_NAMED = 6
 def care_text(affected: "Sequence[Affected]") -> str:
     """What a calibration is to be used with care for."""
     cameras = [one.camera for one in affected if one.camera is not None]
-    parts = [languages.listed(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
+    parts = [languages.some(cameras, _MOST_NAMED)] if cameras else []
     parts += [translate("Results", "the scale")] if any(one.scale for one in affected) else []
     parts += [translate("Results", "a part of the volume")] if any(one.region_mm for one in affected) else []
     return languages.listed(parts)
@@ -177,9 +173,8 @@ def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[Ca
             rows.append(CameraRow(name, None, len(own), out, None, None, None, placed=False))
             continue
         sigma, change = camera.sigma, changes.get(name)
-        row = CameraRow(
-            name, camera.rms_px, camera.observations, out, None, None, float(camera.intrinsics[0]), placed=True
-        )
+        focal = float(camera.intrinsics[0])
+        row = CameraRow(name, camera.rms_px, camera.observations, out, None, None, focal, placed=True)
         if sigma is not None:
             place, turn = (float(np.linalg.norm(one)) for one in (sigma.centre_mm, sigma.rotation_deg))
             row = replace(row, sd_centre_mm=place, sd_turn_deg=turn)
@@ -190,10 +185,7 @@ def camera_rows(result: "Result", compared: "Compared | None" = None) -> list[Ca
 
 
 def culprit(result: "Result") -> tuple[str, str | None] | None:
-    """The camera that the worst finding names, with the placement it names; None where no finding accuses one.
-
-    The largest rms is often another's: a camera that was moved takes others with it.
-    """
+    """The camera (and placement) that the worst finding names; a camera that was moved takes others with it."""
     cameras, placements = set(result.camera_ids), set(result.residuals.placement)
     for severity in ("error", "warning"):
         for finding in result.rig.quality.findings:
@@ -236,10 +228,7 @@ def compared_text(compared: "Compared | None") -> tuple[str, Level]:
 
 
 def residuals_of(result: "Result", camera: str, placement: str | None = None) -> CameraResiduals | None:
-    """The residuals of a placed camera, of one placement or of all; None where it was not placed or saw nothing.
-
-    `placement` None, or one at which the camera saw nothing: all.
-    """
+    """The residuals of a placed camera, of all placements where this one has none; None where it has none at all."""
     placed = result.rig.camera(camera)
     rows = result.residuals.rows_of.get(camera)
     if placed is None or rows is None:
@@ -292,7 +281,9 @@ def advice(result: "Result", placements: tuple[str, ...]) -> list[FindingAdvice]
     for finding in result.rig.quality.findings:
         actions: list[Action] = []
         if finding.severity != "info":
-            actions += [_repair(one) for one in finding.repairs]
+            for one in finding.repairs:
+                option = cast("ActionKind", f"--{one.kind}")
+                actions.append(Action(option, one.target, repair_text(option, one.target)))
             actions += _steps_for(finding, placements)
         if not actions:
             names = [name for name in finding.where if name in cameras][:1]
@@ -306,15 +297,10 @@ def _advice_of(finding: Finding, level: Level, actions: tuple[Action, ...]) -> F
     """A finding in the reader's language; options of the command line are not named where there are buttons."""
     has_buttons = any(action.kind.startswith("--") for action in actions)
     title = finding.words("title", languages.now())
-    named = [] if any(name in title for name in finding.where) else list(finding.where)
-    return FindingAdvice(
-        level,
-        title,
-        finding.words("message", languages.now()),
-        finding.words("hint", languages.now(), with_options=not has_buttons),
-        actions,
-        languages.listed(named[:_MOST_NAMED]) + (" …" if len(named) > _MOST_NAMED else ""),
-    )
+    message = finding.words("message", languages.now())
+    hint = finding.words("hint", languages.now(), with_options=not has_buttons)
+    named = () if any(name in title for name in finding.where) else finding.where
+    return FindingAdvice(level, title, message, hint, actions, languages.some(named, _MOST_NAMED))
 
 
 def _steps_for(finding: Finding, placements: tuple[str, ...]) -> list[Action]:
@@ -331,13 +317,6 @@ def _steps_for(finding: Finding, placements: tuple[str, ...]) -> list[Action]:
     return []
 
 
-def _repair(repair: AdvisedRepair) -> Action:
-    """A repair as a button."""
-    kinds: dict[RepairKind, ActionKind] = {"leave-out": "--leave-out", "split": "--split", "swap": "--swap"}
-    kind = kinds[repair.kind]
-    return Action(kind, repair.target, repair_text(kind, repair.target))
-
-
 def repair_text(option: str, value: str) -> str:
     """What a repair does, on its button."""
     first, at, second = value.rpartition("@")
@@ -349,3 +328,22 @@ def repair_text(option: str, value: str) -> str:
     if at:
         return translate("Results", "Leave out {camera} at {place}").format(camera=first, place=second)
     return translate("Results", "Leave out {name}").format(name=value.partition(":")[2])
+
+
+def field_text(effects: "tuple[CameraEffect, ...]") -> str:
+    """What the maps show."""
+    worst = max(effects, key=lambda one: one.field_rms_px)
+    if worst.field_px is None:
+        return translate("Effects", "Every lens does what its model says.")
+    text = translate("Effects", "The lens of {camera} is farthest from its model: {px:.3f} px. It is corrected.")
+    return text.format(camera=worst.camera, px=worst.field_rms_px)
+
+
+def drift_text(effects: "tuple[CameraEffect, ...]") -> str:
+    """What the lines show."""
+    moving = [one for one in effects if len(one.drift_px) and one.drift_px.any()]
+    if not moving:
+        return translate("Effects", "No camera turned over the placements.")
+    worst = max(moving, key=lambda one: float(one.drift_px.max()))
+    text = translate("Effects", "{camera} turned most over the placements: {px:.2f} px. Look at its mount and cable.")
+    return text.format(camera=worst.camera, px=float(worst.drift_px.max()))

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 from spherecal.base.errors import SpherecalError
 from spherecal_files.filesystem import is_plain_file_below
 from spherecal_gui.coverage import Level
-from spherecal_gui.languages import translate, word
-from spherecal_gui.last_verification import last_verification
+from spherecal_gui.in_use import last_verification
+from spherecal_gui.languages import error_line, translate, verdict_word, word
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.standing import worst
-from spherecal_gui.texts import error_line, verdict_word
 from spherecal_rigs.kept_checks import last_check
 
 if TYPE_CHECKING:
@@ -146,7 +145,9 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     judged = _judged(kept, kept.active)
     level = worst(one for one, _ in judged)
     word = next(text for one, text in judged if one == level)
-    word = f"{word} · {_short_age(kept.active.calibrated_at)}"
+    ages = translate("Validity", "{minutes} min old"), translate("Validity", "{hours} h old")
+    age = _ago(kept.active.calibrated_at, *ages, translate("Validity", "{days} days old"))
+    word = f"{word} · {age}"
     if profile.name == TRAINING_PROFILE and kept.active is not None:
         # green would pass for a calibration of the real rig from three metres
         simulated = translate("Source", "SIMULATED")
@@ -156,14 +157,12 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     return word, level, "; ".join(one for one in (when, kept.active.note, *found.reasons) if one)
 
 
-def _short_age(calibrated: datetime) -> str:
-    """How long ago, for the chip."""
-    hours = max((datetime.now(UTC) - calibrated).total_seconds() / 3600, 0.0)
-    if hours < 1:
-        return translate("Validity", "{minutes} min old").format(minutes=round(60 * hours))
-    if hours < 48:
-        return translate("Validity", "{hours} h old").format(hours=round(hours))
-    return translate("Validity", "{days} days old").format(days=round(hours / 24))
+def _ago(calibrated: datetime, minutes: str, hours: str, days: str) -> str:
+    """How long ago, in one of these texts."""
+    passed = max((datetime.now(UTC) - calibrated).total_seconds() / 3600, 0.0)
+    if passed < 1:
+        return minutes.format(minutes=round(60 * passed))
+    return hours.format(hours=round(passed)) if passed < 48 else days.format(days=round(passed / 24))
 
 
 def _judged(kept: "Profile", entry: "Entry") -> list[tuple[Level, str]]:
@@ -234,16 +233,9 @@ def in_use(profile: Path) -> InUse | None:
     entry, number = kept.active, kept.active_id
     due = entry.calibrated_at + timedelta(hours=kept.limits.ageing_hours)  # by the profile's limits
     check = translate("Start", "Check the rig again by {at}.").format(at=f"{due.astimezone():%Y-%m-%d %H:%M}")
-    return InUse(number, _age_text(entry.calibrated_at), _verified_at(profile, number, entry), check)
-
-
-def _age_text(calibrated: datetime) -> str:
-    hours = (datetime.now(UTC) - calibrated).total_seconds() / 3600
-    if hours < 1:
-        return translate("Start", "Calibrated {minutes} minutes ago").format(minutes=max(round(60 * hours), 0))
-    if hours < 48:
-        return translate("Start", "Calibrated {hours} hours ago").format(hours=round(hours))
-    return translate("Start", "Calibrated {days} days ago").format(days=round(hours / 24))
+    ages = translate("Start", "Calibrated {minutes} minutes ago"), translate("Start", "Calibrated {hours} hours ago")
+    age = _ago(entry.calibrated_at, *ages, translate("Start", "Calibrated {days} days ago"))
+    return InUse(number, age, _verified_at(profile, number, entry), check)
 
 
 def _verified_at(profile: Path, number: str, entry: "Entry") -> str:
@@ -264,21 +256,11 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
     if kept is None:
         return []
     for number, entry in reversed(kept.entries.items()):
-        verdict, level = _verified(_entry_verdict(entry))
-        rows.append(
-            ProfileRow(
-                number,
-                f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
-                word("calibrations", entry.calibration_verdict),
-                _LEVELS[entry.calibration_verdict],
-                verdict,
-                level,
-                entry.rms_px,
-                number == kept.active_id,
-                entry.valid,
-                entry.contradicted and entry.override is None,
-            )
-        )
+        made = f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}"
+        state = word("calibrations", entry.calibration_verdict), _LEVELS[entry.calibration_verdict]
+        shown = *state, *_verified(_entry_verdict(entry)), entry.rms_px, number == kept.active_id
+        refused = entry.contradicted and entry.override is None
+        rows.append(ProfileRow(number, made, *shown, entry.valid, refused))
     return rows
 
 

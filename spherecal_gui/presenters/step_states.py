@@ -1,18 +1,13 @@
-"""What each step says: one function from what is known to instruction, colour, large button, counter, what else.
-
-All of a page's sentences about its state are made here and nowhere else (tests/gui/test_gui_one_state.py walks over all
-inputs). No widgets.
-"""
+"""What each step says. All of a page's sentences about its state are made here, without widgets, and nowhere else."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from spherecal_gui import languages
-from spherecal_gui.languages import translate
+from spherecal_gui.languages import reason_text, translate
 from spherecal_gui.presenters.placement_presenter import Scene, is_stuck, ready_text, short_text
 from spherecal_gui.standing import Button, Level, Said
-from spherecal_gui.texts import reason_text
 from spherecal_gui.workflow import Reason, Status
 
 if TYPE_CHECKING:  # imports scipy
@@ -34,7 +29,6 @@ def _unconnected() -> str:
 
 
 def _also(can: Mapping[str, bool]) -> frozenset[str]:
-    """The keys of what can be done."""
     return frozenset(key for key, on in can.items() if on)
 
 
@@ -43,16 +37,13 @@ def _also(can: Mapping[str, bool]) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class ConnectFacts:
-    """`summary`: the cameras in one sentence (connect_presenter.connect_summary); `confirmed`: what is on the bench.
+    """What is known of cameras and bench."""
 
-    `described`: it is known what should lie there.
-    """
-
-    summary: tuple[str, Level]
+    summary: tuple[str, Level]  # connect_presenter.connect_summary
     cameras: bool = False
-    confirmed: bool = False
+    confirmed: bool = False  # what is on the bench
     busy: bool = False
-    described: bool = True
+    described: bool = True  # it is known what should lie there
 
 
 def connect_says(f: ConnectFacts) -> Said:
@@ -77,11 +68,11 @@ def connect_says(f: ConnectFacts) -> Said:
 
 @dataclass(frozen=True)
 class LookFacts:
-    """`summary`: the images in one sentence (look_presenter.summary); `searched`: for targets, all of them."""
+    """What is known of the images."""
 
-    summary: tuple[str, Level]
+    summary: tuple[str, Level]  # look_presenter.summary
     images: bool = False
-    searched: bool = False
+    searched: bool = False  # for targets, all of them
     accepted: bool = False
     moved: bool = False
 
@@ -112,11 +103,7 @@ def look_says(f: LookFacts) -> Said:
 
 @dataclass(frozen=True)
 class PlacementFacts:
-    """What is known while the ball, or a board, is put into place; `scene` has its dots.
-
-    `to_go` None: it is not known where it should go, or where it is. `enough`: one more placement is not worth it.
-    `recorded`: the images come from a recording, in which nothing can be moved. `spare`: it can be done without.
-    """
+    """What is known while the ball, or a board, is put into place."""
 
     scene: Scene = field(default_factory=lambda: Scene({}, None))
     taken: bool = False
@@ -124,10 +111,10 @@ class PlacementFacts:
     work: Work = ""
     connected: bool = True
     as_before: bool = False
-    to_go: "ToGo | None" = None
-    enough: bool = False
-    recorded: bool = False
-    spare: bool = False
+    to_go: "ToGo | None" = None  # None: not known
+    enough: bool = False  # one more placement is not worth it
+    recorded: bool = False  # nothing can be moved
+    spare: bool = False  # it can be done without
     moved: bool = False
     undo: bool = False
     movable: bool = False
@@ -279,16 +266,13 @@ def move_text(to_go: "ToGo") -> str:
 
 @dataclass(frozen=True)
 class BarFacts:
-    """What is known while a bar is laid: the `pose` to take next by name (None: all are there), who sees the bar.
+    """What is known while a bar is laid."""
 
-    `guide`: the sentence of bar_guide, its level, whether the bar lies as asked; None where the pose is not guided.
-    """
-
-    pose: str | None = None
-    seeing: int = 0
+    pose: str | None = None  # to take next; None: all are there
+    seeing: int = 0  # cameras
     work: Work = ""
     connected: bool = True
-    guide: tuple[str, Level, bool] | None = None
+    guide: tuple[str, Level, bool] | None = None  # sentence, level, whether it lies as asked
     recorded: bool = False
 
 
@@ -333,10 +317,10 @@ def _bar_button(f: BarFacts) -> Button:
 
 @dataclass(frozen=True)
 class VerifyFacts:
-    """`bar`: the pose that is laid; `outcome`: what was measured is shown, with this word and level."""
+    """What is known of the check bars."""
 
-    bar: BarFacts = field(default_factory=BarFacts)
-    outcome: tuple[str, Level] | None = None
+    bar: BarFacts = field(default_factory=BarFacts)  # the pose that is laid
+    outcome: tuple[str, Level] | None = None  # word and level of what was measured, where that is shown
     measuring: bool = False
     current: bool = True  # what was measured is of the poses, the calibration and the limit of now
     taken: bool = False
@@ -362,7 +346,6 @@ def verify_says(f: VerifyFacts) -> Said:
 
 
 def _measured_button(f: VerifyFacts, words: str) -> Button:
-    """What can be done about what was measured."""
     if f.bar.work:
         return Button(words, "measure", False, _busy())
     if f.outdated:  # to measure with it would be in vain
@@ -378,17 +361,13 @@ def _measured_button(f: VerifyFacts, words: str) -> Button:
 
 @dataclass(frozen=True)
 class CalibrateFacts:
-    """How the calibration is; `reason`: why it cannot be computed, has failed, or is out of date.
-
-    `verdict`: that of what was taken, empty where nothing was computed of it. `run`: whether it runs, stops, or stops
-    with what there is.
-    """
+    """How the calibration is."""
 
     status: Status = Status.READY
-    reason: str = ""
+    reason: str = ""  # why it cannot be computed, has failed, or is out of date
     error: bool = False
-    verdict: str = ""
-    run: Literal["", "running", "stopping", "keeping"] = ""
+    verdict: str = ""  # of what was taken; empty: nothing was computed of it
+    run: Literal["", "running", "stopping", "keeping"] = ""  # keeping: it stops with what there is
     busy: bool = False
     taken: int = 0
     planned: int = 0
@@ -433,16 +412,13 @@ def _computed(f: CalibrateFacts) -> Said:
 
 @dataclass(frozen=True)
 class ResultFacts:
-    """`verdict`: its word, level, and whether it may be used; None while the result is being read.
+    """What came out of the calibration."""
 
-    `stopped`: before its end, by somebody.
-    """
-
-    verdict: tuple[str, Level, bool] | None = None
+    verdict: tuple[str, Level, bool] | None = None  # word, level, may be used; None: it is being read
     stale: bool = False
     accepted: bool = False
     running: str = ""
-    stopped: bool = False
+    stopped: bool = False  # by somebody, before its end
 
 
 def results_says(f: ResultFacts) -> Said:
@@ -472,26 +448,21 @@ def results_says(f: ResultFacts) -> Said:
 
 @dataclass(frozen=True)
 class SaveFacts:
-    """What Save shows: whether the calibration is kept, and how good it is.
+    """Whether the calibration is kept, and how good it is."""
 
-    `calibration`: its verdict; `verified`, `failed`, `undecided`: a bar has verified or contradicted it, or neither;
-    `kept`: it is in the rig's profile as it is now; `status` is the step's; `apply`: it is put to use at once;
-    `why_not`: what is in the way.
-    """
-
-    status: Status = Status.READY
-    calibration: str = "valid"
+    status: Status = Status.READY  # the step's
+    calibration: str = "valid"  # its verdict
     verified: bool = True
     failed: bool = False
-    kept: bool = False
+    kept: bool = False  # it is in the rig's profile as it is now
     stale: bool = False
-    apply: bool = True
-    why_not: str = ""
+    apply: bool = True  # it is put to use at once
+    why_not: str = ""  # what is in the way
     report: bool = False
     running: str = ""
     stopping: bool = False
     left: str = ""
-    undecided: bool = False
+    undecided: bool = False  # the bar neither verified nor contradicted it
 
     @property
     def saves_first(self) -> bool:
@@ -542,18 +513,14 @@ def _saved(f: SaveFacts) -> tuple[Level, str]:
 
 @dataclass(frozen=True)
 class CheckFacts:
-    """`verdict`: the word and the level of the check that is shown, or that was made; None where there is none.
-
-    `reason`: why it is out of date or cannot be made; `well`: nothing is to be done about the rig. `repaired`: cameras
-    were repaired, and that can be put to use.
-    """
+    """What is known of the check."""
 
     status: Status = Status.READY
-    verdict: tuple[str, Level] | None = None
-    reason: str = ""
-    well: bool = False
+    verdict: tuple[str, Level] | None = None  # word and level of the check that is shown, or that was made
+    reason: str = ""  # why it is out of date or cannot be made
+    well: bool = False  # nothing is to be done about the rig
     running: str = ""
-    repaired: bool = False
+    repaired: bool = False  # cameras were, and that can be put to use
 
 
 def check_says(f: CheckFacts) -> Said:
@@ -579,11 +546,11 @@ def check_says(f: CheckFacts) -> Said:
 
 @dataclass(frozen=True)
 class MeasureFacts:
-    """`trust`: what is said of the measurement, and its level; `recorded`: sets of the series, None: no series."""
+    """What is known of the measurement."""
 
-    trust: tuple[str, Level] = ("", "none")
+    trust: tuple[str, Level] = ("", "none")  # what is said of it, and its level
     measuring: bool = False
-    recorded: int | None = None
+    recorded: int | None = None  # sets of the series; None: no series
 
 
 def measure_says(f: MeasureFacts) -> Said:
@@ -603,10 +570,7 @@ _LONGER = 1.25  # times what it usually takes: from here on it is said that this
 
 
 def seconds_left(elapsed_s: float, share: float, usual_s: float | None) -> float | None:
-    """How long work will still take: by the share that is done, and at first by what it took the last times.
-
-    None while nothing can be said. `share`: 0 to 1; `usual_s` None: it was never done here.
-    """
+    """How long work still takes, by the `share` (0 to 1) that is done, at first by the last times; None: unknown."""
     by_share = elapsed_s * (1 - share) / share if elapsed_s >= _SURE_AFTER_S and share >= _SURE_SHARE else None
     by_habit = usual_s - elapsed_s if usual_s is not None and elapsed_s < usual_s else None
     if by_share is None or by_habit is None:

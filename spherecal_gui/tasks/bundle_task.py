@@ -16,10 +16,7 @@ _MOST_FILES = 5000  # a project of a hundred sets holds a few hundred
 
 
 def bundle_files(project: Path | None, log_text: str, about: str) -> tuple[dict[str, bytes], BundleContents]:
-    """The project's tables and settings, the log and the versions by name, without names; and what that is.
-
-    Images are left out; so are links, and any single file beyond 50 MB. `project` None: none is open.
-    """
+    """The project's tables and settings, log and versions; no names, images, links, files of 50 MB; what that is."""
     found: dict[str, bytes] = {}
     for name in plain_files(project, _MOST_FILES) if project is not None else ():
         if Path(name).suffix in _SUFFIXES and project is not None:

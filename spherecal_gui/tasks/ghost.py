@@ -80,28 +80,21 @@ class Lying:
 
 @dataclass(frozen=True)
 class ToGo:
-    """How far the ball still is from where it should go; `turn_deg` None where its turn is not known.
-
-    The way from where it lies now: `level_mm` towards camera `towards`, `up_mm` higher. It is turned on its stand,
-    `to_the_left` or not, or its top is tipped towards camera `tips_towards`.
-    """
+    """How far the ball still is from where it should go."""
 
     away_mm: float
-    turn_deg: float | None
+    turn_deg: float | None  # None: not known
     near: bool
-    level_mm: float = 0.0
-    up_mm: float = 0.0
+    level_mm: float = 0.0  # towards camera `towards`
+    up_mm: float = 0.0  # higher
     towards: str = ""
-    to_the_left: bool = False
-    tips_towards: str = ""
+    to_the_left: bool = False  # turned on its stand
+    tips_towards: str = ""  # the camera to which its top is tipped; else it is turned
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What is drawn into one camera's image, px: outlines (n, 2) and poles (2, 2) from the middle to the top.
-
-    Of a bar both are its line from the first to the last mark.
-    """
+    """What is drawn into one camera's image, px: outlines (n, 2), poles (2, 2); of a bar both are its line."""
 
     wanted: FloatArray
     wanted_pole: FloatArray
@@ -110,12 +103,7 @@ class Drawn:
 
 
 def body_of(calibration: "Calibration", last: str, up: FloatArray) -> LastBall | None:
-    """The ball as it stood at a placement, with the dots that other placements have shown of it as well.
-
-    None where the ball was not fitted at that placement.
-
-    `up`: upright in the rig's world (3,).
-    """
+    """The ball as it stood at a placement, with dots that others have shown; None where it was not fitted there."""
     spheres = {sphere.placement: sphere for sphere in calibration.spheres}
     if last not in spheres:
         return None
@@ -242,11 +230,7 @@ def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
 
 
 def drawn_bar(lenses: Lenses, wanted: FloatArray, lying: FloatArray | None) -> dict[str, Drawn]:
-    """A bar where it should lie and where it lies, in every camera's image.
-
-    `wanted`: the bar's two ends where it should lie (2, 3), mm; `lying`: its two ends where it lies (2, 3), mm; None:
-    not known.
-    """
+    """A bar's ends (2, 3) mm where it should lie and where it lies (None: not known), in every camera's image."""
     found = {}
     for c, name in enumerate(lenses.names):
         line = _seen(lenses, c, wanted)
@@ -256,12 +240,7 @@ def drawn_bar(lenses: Lenses, wanted: FloatArray, lying: FloatArray | None) -> d
 
 
 def outline(lenses: Lenses, camera: int, centre: FloatArray, radius_mm: float) -> FloatArray:
-    """A ball's outline in a camera, (72, 2) px; empty where the ball is not before the camera.
-
-    The rays that touch the ball touch it along a circle whose plane is at right angles to the way to its centre.
-
-    `centre`: the ball's centre (3,), mm.
-    """
+    """A ball's outline in a camera, (72, 2) px; empty where the ball is not before the camera."""
     place = lenses.rotation[camera] @ centre + lenses.translation[camera]
     far = float(np.linalg.norm(place))
     if place[2] <= radius_mm or far <= radius_mm:
@@ -270,6 +249,7 @@ def outline(lenses: Lenses, camera: int, centre: FloatArray, radius_mm: float) -
     across = np.cross(way, (0.0, 1.0, 0.0))
     across /= np.linalg.norm(across)
     down = np.cross(way, across)
+    # rays touch the ball along a circle whose plane is at right angles to the way to its centre
     angle = np.linspace(0, 2 * np.pi, _OUTLINE, endpoint=False)
     ring = radius_mm * np.sqrt(1 - (radius_mm / far) ** 2)
     middle = way * (far - radius_mm**2 / far)
@@ -278,16 +258,13 @@ def outline(lenses: Lenses, camera: int, centre: FloatArray, radius_mm: float) -
 
 
 def _projected(lenses: Lenses, camera: int, places: FloatArray) -> FloatArray:
-    """Places (n, 3) in a camera's frame, px; what lies beyond its lens model is drawn in at the edge of what it knows.
-
-    There the model folds over, and a place far outside the image would be drawn in the middle of it. Empty where all
-    of them lie there.
-    """
+    """Places (n, 3) in a camera's frame, px; drawn in to the edge of its lens model. Empty where all lie beyond."""
     reach = image_reach(lenses.intrinsics[camera : camera + 1], lenses.size[camera : camera + 1])[0]
     flat = places[:, :2] / places[:, 2:]
     tan = np.linalg.norm(flat, axis=1)
     if not (tan < reach).any():
         return np.empty((0, 2))
+    # beyond it the model folds over: a place far outside the image would be drawn in the middle of it
     drawn_in = flat * np.minimum(1.0, reach / np.maximum(tan, 1e-12))[:, None]
     return project(np.column_stack([drawn_in, np.ones(len(places))]), lenses.intrinsics[camera])
 
@@ -312,12 +289,7 @@ def thinned(dots: SetDots, most: int) -> SetDots:
 
 
 def stage_ball(stage: "Stage", ghost: Ghost, lying: Lying | None) -> None:
-    """Move the ball of a simulated rig from where it is seen to the ghost, as hands would.
-
-    The cameras are known no better than they are: the way is the one that they show, from what they see now.
-
-    `lying` None: it is not seen, and nothing is moved.
-    """
+    """Move the ball of a simulated rig from where it is seen to the ghost, as hands would, led by the cameras."""
     if lying is None:
         return
     lenses, truth = ghost.lenses, stage.truth

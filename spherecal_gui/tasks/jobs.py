@@ -18,8 +18,8 @@ from spherecal_files.atomic import RESULT, check_folder, write_file_whole
 from spherecal_files.json_file import JsonValue, json_bytes, read_json
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots
+from spherecal_gui.in_use import keep_verification
 from spherecal_gui.languages import translate
-from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Project, Verdict
 from spherecal_gui.project_folder import Document, check_folders
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 # Imported inside functions: cameras, detection and calibration take a second, with scipy, OpenCV and the kernels. The
 # window is shown before.
 
-REPAIRS = ("leave-out", "split", "swap")
+REPAIRS = ("leave-out", "split", "swap")  # in the order of Repairs
 SMALLER = 4  # six placements of twenty cameras of 5 MP take 38 MB; a lamp of 4 px is still half as bright
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
@@ -175,10 +175,7 @@ def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
 
 
 def artefacts_of(plan: "CapturePlan") -> Artefacts | None:
-    """What the bench holds, with the bars by role; None where not even the targets are known.
-
-    Its words are kept and compared with the project, so they are of no language.
-    """
+    """The bench, in words of no language, as they are kept and compared; None where not even targets are known."""
     board = board_of(plan)
     if board is not None:
         own = {key: board[key] for key in ("rows", "columns", "pitch_mm", "marker_mm", "dictionary") if key in board}
@@ -197,14 +194,11 @@ def artefacts_of(plan: "CapturePlan") -> Artefacts | None:
         words = f"{scale.get('from')} - {scale.get('to')}: {scale.get('distance_mm'):g} mm"
     else:
         words = ""
-    return Artefacts(
-        f"{targets.family}: {ids[0]} - {ids[-1]} ({len(ids)}), {targets.size_mm:g} mm",
-        f"{sphere:g} mm" if sphere else "",
-        words,
-        scale_bar,
-        tuple(bar.id for bar in plan.bars if bar.role == "check"),
-        "; ".join(f"{bar.id}: {_lengths(bar)}" for bar in plan.bars if bar.role == "check"),
-    )
+    about = f"{targets.family}: {ids[0]} - {ids[-1]} ({len(ids)}), {targets.size_mm:g} mm"
+    checks = [bar for bar in plan.bars if bar.role == "check"]
+    said = "; ".join(f"{bar.id}: {_lengths(bar)}" for bar in checks)
+    ball = f"{sphere:g} mm" if sphere else ""
+    return Artefacts(about, ball, words, scale_bar, tuple(bar.id for bar in checks), said)
 
 
 def _lengths(bar: "Bar") -> str:
@@ -290,10 +284,7 @@ def dots_of_images(images: Mapping[str, Path], plan: "CapturePlan", context: Con
 
 
 def kept_reference(profile: Path, result: Path) -> str | None:
-    """The camera whose frame was the world so far: of the calibration in use, else of the project's last result.
-
-    None where there is neither, or one cannot be read: then it is chosen as for the first one.
-    """
+    """The camera whose frame was the world so far: of the calibration in use, else of the project's; else None."""
     from spherecal_files.rig_file import read_rig
     from spherecal_rigs.store import is_profile, open_profile
 
@@ -306,32 +297,23 @@ def kept_reference(profile: Path, result: Path) -> str | None:
         return None
 
 
-def calibrate(
-    folder: Path,
-    result: Path,
-    repairs: Sequence[tuple[str, str]],
-    context: Context,
-    reference: str | None = None,
-    chosen: str = "",
-) -> Verdict:
-    """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes.
-
-    `reference` None: it is chosen; `chosen`: the method, empty for the program's own.
-    """
+def calibrate(project: Project, context: Context, reference: str | None = None) -> Verdict:
+    """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import calibrate as run
     from spherecal.steps.repairs import Repairs
     from spherecal.steps.settings import CalibrationSettings, Method
     from spherecal_files.read_session import read_session
     from spherecal_files.write_result import write_result
 
-    check_folders(result.parent)
+    result = project.result_folder
+    check_folders(project.folder)
     check_folder(result, RESULT)
-    asked = {name: tuple(value for option, value in repairs if option == f"--{name}") for name in REPAIRS}
-    repairs_asked = Repairs(asked["leave-out"], asked["split"], asked["swap"])
+    asked = [tuple(value for option, value in project.repairs_now if option == f"--{name}") for name in REPAIRS]
+    repairs_asked = Repairs(*asked)
     context.report("reading the session", 0.0)
-    session = read_session(folder)
+    session = read_session(project.folder)
     by_board = session.board is not None and session.target_set is None
-    method: Method = "board" if by_board else "tao2021" if chosen == "tao2021" else "auto"
+    method: Method = "board" if by_board else "tao2021" if project.method == "tao2021" else "auto"
     settings = CalibrationSettings(method, repairs=repairs_asked, reference=reference)
     calibration = run(session, settings, context)
     context.report("writing the result", 0.0)
@@ -340,7 +322,6 @@ def calibrate(
 
 
 def _word(verdict: str) -> Verdict:
-    """The verdict on a calibration as projects keep it."""
     words: dict[str, Verdict] = {"valid": "valid", "use-with-care": "use with care"}
     return words.get(verdict, "not valid")
 
@@ -352,11 +333,8 @@ class ObservedBars:
     session: "Session | None" = None
 
 
-def verify(folder: Path, result: Path, limit: str, context: Context, seen: ObservedBars | None = None) -> Verdict:
-    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`.
-
-    `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
-    """
+def verify(project: Project, context: Context, seen: ObservedBars) -> Verdict:
+    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`; `seen` is kept."""
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
@@ -367,18 +345,17 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     from spherecal_verify.verify_bars import VerifySettings
     from spherecal_verify.verify_bars import verify as run
 
-    check_folders(result.parent)
+    result = project.result_folder
+    check_folders(project.folder)
     context.report("reading the session", 0.0)
-    rig = read_rig(result / "rig.json")
-    session, seen = read_session(folder), seen or ObservedBars()
+    rig, session = read_rig(result / "rig.json"), read_session(project.verification_folder)
     if seen.session is None or seen.session.input_sha256 != session.input_sha256:
         seen.session = observed(session, context, bar_poses_only=True)
     session = seen.session
     box = points_box(result / "points.csv")
     corners = None if box is None else (np.array(box[0]), np.array(box[1]))
-    settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
-    verification = run(session, rig, context, settings)
-    write_verification(verification, result, result / "rig.json")
+    settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners)
+    write_verification(run(session, rig, context, settings), result, result / "rig.json")
     report = read_bar_report(result)
     assert report is not None
     return _verified_word(report)
@@ -404,8 +381,8 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
         keep_verification(profile, number, verdict)
 
 
-def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check":
-    """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer."""
+def check(project: Project, profile: Path, context: Context) -> "Check":
+    """The same calls as `spherecal check FOLDER --profile PROFILE -o FOLDER/check.json`; the engine's answer."""
     from spherecal_files.read_session import read_session
     from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
@@ -413,16 +390,15 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> "Check
     from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)
-    found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
+    session = read_session(project.folder)
+    found = run(session, read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
     document = check_json(found)
-    write_file_whole(output, json_bytes(document))
+    write_file_whole(project.folder / "check.json", json_bytes(document))
     keep(profile, document)
     return found
 
 
-def repair(
-    folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context
-) -> "tuple[Verdict, Check]":
+def repair(project: Project, profile: Path, cameras: tuple[str, ...], context: Context) -> "tuple[Verdict, Check]":
     """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
     from spherecal_files.read_session import read_session
     from spherecal_files.write_result import write_result
@@ -431,10 +407,11 @@ def repair(
     from spherecal_rigs.repose import repose
     from spherecal_rigs.rig_source import points_file, read_source
 
-    check_folders(result.parent)
+    result = project.repair_folder
+    check_folders(project.folder)
     check_folder(result, RESULT)
     context.report("reading the session", 0.0)
-    session = read_session(folder)
+    session = read_session(project.folder)
     done = repose(session, read_source(profile).rig, cameras, context)
     write_result(done, result, {"method": "selected", "only": list(cameras), "estimate": "pose"})
     after = run(session, done.rig, read_known_ball(points_file(profile)), None, context)
@@ -478,6 +455,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
+    from spherecal_rigs.framed_rig import FRAME, write_frame
     from spherecal_rigs.result_folder import refuse_failed
     from spherecal_rigs.save_entry import SaveOptions, save_result
     from spherecal_rigs.store import apply, create_profile, open_profile, saying_what_is_in_use
@@ -497,23 +475,13 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     if put_to_use:
         apply(open_profile(profile), number, note)
         with saying_what_is_in_use(profile):
-            _keep_frame(session / "frame.json", profile / "frame.json")
+            if (own_frame := session / "frame.json").is_file():  # the default of the exports of later calibrations
+                write_frame(FRAME.read(own_frame), profile / "frame.json")
     return number
 
 
-def _keep_frame(own: Path, kept: Path) -> None:
-    """The project's frame is the rig's from now on, the default of the exports of later calibrations."""
-    from spherecal_rigs.framed_rig import FRAME, write_frame
-
-    if own.is_file():
-        write_frame(FRAME.read(own), kept)
-
-
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:
-    """Write the rig in another program's format, in a user's frame where one is given.
-
-    `frame` None: the reference camera's.
-    """
+    """Write the rig in another program's format, in a user's frame, else in the reference camera's."""
     from spherecal_documents.export.write_export import export_rig
     from spherecal_files.rig_file import read_rig
     from spherecal_rigs.result_folder import refuse_failed
@@ -525,10 +493,7 @@ def export(result: Path, form: str, output: Path, context: Context, frame: "User
 
 
 def calibration_plan(plan: "CapturePlan", sets: Sequence[str], bars: Mapping[str, str] | None = None) -> "CapturePlan":
-    """The plan of the calibration's session: these sets, in this order; `bars` None: there are none.
-
-    A guided pose has the temperature that the bench's description gives for its bar.
-    """
+    """These sets in this order; guided poses have the temperature that the bench's description gives for their bars."""
     from spherecal_cameras.plan import PlannedSet
 
     known = {one.id: one for one in plan.sets}

@@ -1,4 +1,4 @@
-"""The open cameras and the targets in their live images, found and followed in threads of their own."""
+"""The open cameras and the targets in their live images, found and followed in threads of their own; who was moved."""
 
 import threading
 import time
@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.base.arrays import IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.family import make_target_set
 from spherecal.targets.following import Follower
@@ -23,10 +23,141 @@ from spherecal_cameras.capture import SessionCamera
 from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.plan import CapturePlan
 from spherecal_cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
-from spherecal_gui.coverage import Dots
-from spherecal_gui.tasks.bump_watch import BumpWatch
+from spherecal_gui.coverage import Dots, dot_keys
 from spherecal_gui.tasks.jobs import detector_of
-from spherecal_gui.tasks.warm_up import WarmUp
+
+# Of the median dot. At rest it stays below 0.03 px (simulated rigs, 32 to 420 dots); a camera that warms up drifts by
+# some tenths in an hour. A ball that was moved shows in every camera that sees it.
+BUMP_PX = 1.0
+_OTHERS_STILL_PX = 0.25  # the others: a ball nudged by BUMP_PX in one camera's image moves by more in another's
+_LEAST_DOTS = 16  # that two images have in common: half of a bar's
+_LEAST_OTHERS = 2  # cameras that must have stayed where they are
+_SETTLE_S = 1.0  # images that arrive sooner after a movement may still be older than it
+_AGREE = 2  # images in a row that show the shift: one alone may be of a ball in motion
+
+
+@dataclass
+class _Seen:
+    """A camera's dots when the scene came to rest, and what has become of them."""
+
+    keys: IntArray
+    uv: FloatArray
+    at_s: float
+    shift_px: float | None = None
+    moved_s: float | None = None
+    agreeing: int = 0
+    bumped: bool = False
+
+
+class BumpWatch:
+    """Fed with every camera's dots, image after image, by one thread; `bumped` may be read by others."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, _Seen] = {}
+        self._settled_s: float | None = None  # from then on images are of the new scene; None: from the next one on
+        self.bumped: Mapping[str, float] = {}  # px by camera; exchanged whole, so no lock is needed
+
+    def forget_scene(self) -> None:
+        """The scene is another: what was seen of it tells nothing more."""
+        self._seen, self._settled_s = {}, None
+
+    def forgive(self) -> None:
+        """Somebody has seen to the cameras: they count as they stand now."""
+        self.forget_scene()
+        self.bumped = {}
+
+    def feed(self, camera: str, target: IntArray, point: IntArray, uv: FloatArray, at_s: float) -> None:
+        """One image's dots: their targets (n,), points on them (n,), and places `uv` (n, 2) px."""
+        keys = dot_keys(target, point)
+        if self._settled_s is None:
+            self._settled_s = at_s + _SETTLE_S
+        if at_s < self._settled_s:
+            return
+        known = self._seen.get(camera)
+        shift = None if known is None else _shift(known, keys, uv)
+        if known is None or shift is None:  # the ball has gone, or something else is there now
+            self._seen[camera] = _Seen(keys, uv, at_s)
+            return
+        known.at_s, known.shift_px = at_s, shift
+        if shift <= BUMP_PX:
+            known.moved_s, known.agreeing = None, 0
+            if known.bumped:  # back where it was
+                known.bumped = False
+                self.bumped = {name: px for name, px in self.bumped.items() if name != camera}
+        else:
+            known.moved_s = at_s if known.moved_s is None else known.moved_s
+            known.agreeing += 1
+        self._judge()
+
+    def _judge(self) -> None:
+        """One camera alone has moved, or several: then it was the ball."""
+        moved = [name for name, one in self._seen.items() if one.moved_s is not None and name not in self.bumped]
+        if not moved:
+            return
+        if len(moved) > 1:
+            self.forget_scene()
+            return
+        camera = self._seen[moved[0]]
+        since = camera.moved_s or 0.0
+        others = [
+            one.at_s > since and one.shift_px <= _OTHERS_STILL_PX
+            for name, one in self._seen.items()
+            if name != moved[0] and name not in self.bumped and one.shift_px is not None
+        ]
+        if camera.agreeing >= _AGREE and len(others) >= _LEAST_OTHERS and all(others):
+            camera.bumped = True
+            self.bumped = {**self.bumped, moved[0]: float(camera.shift_px or 0.0)}
+
+
+def _shift(known: _Seen, keys: IntArray, uv: FloatArray) -> float | None:
+    """How far the median dot has gone, px; None where too few dots are the same."""
+    _, old, new = np.intersect1d(known.keys, keys, return_indices=True)
+    if len(old) < _LEAST_DOTS:
+        return None
+    return float(np.median(np.linalg.norm(uv[new] - known.uv[old], axis=1)))
+
+
+# Cameras count as warm when their temperature changes by less than this in a minute. A camera that is switched on
+# gains some 20 K in 30 to 60 minutes, the time that makers of measuring systems ask for; this is the end of it.
+STEADY_K_PER_MIN = 0.1
+_WINDOW_S = 180.0
+_LEAST_S = 60.0
+_EVERY_S = 2.0
+
+
+class WarmUp:
+    """The cameras' temperatures over the last minutes; fed by one thread, asked by another."""
+
+    def __init__(self) -> None:
+        self._readings: dict[str, tuple[tuple[float, float], ...]] = {}  # s, °C; exchanged whole, so no lock is needed
+
+    def feed(self, serial: str, at_s: float, celsius: float | None) -> None:
+        """A temperature that came with an image; None where the camera has none to tell."""
+        kept = self._readings.get(serial, ())
+        if celsius is None or (kept and at_s - kept[-1][0] < _EVERY_S):
+            return
+        self._readings[serial] = (*(one for one in kept if at_s - one[0] <= _WINDOW_S), (at_s, celsius))
+
+    def rate_k_per_min(self, serial: str) -> float | None:
+        """How fast the camera warms (or cools) for certain; None before a minute of readings."""
+        kept = self._readings.get(serial, ())
+        if not kept or kept[-1][0] - kept[0][0] < _LEAST_S:
+            return None
+        at, celsius = np.array(kept).T
+        at = (at - at[0]) / 60
+        (slope, offset), spread = np.polyfit(at, celsius, 1), float(((at - at.mean()) ** 2).sum())
+        left = celsius - slope * at - offset
+        error = float(np.sqrt((left**2).sum() / max(len(at) - 2, 1) / spread))
+        step = min((change for change in np.abs(np.diff(celsius)).tolist() if change > 0), default=0.0)
+        # three standard errors, as sensors jitter, and one step: of a coarse one it may have come at any moment
+        certain = max(abs(float(slope)) - 3 * error - step / float(at[-1]), 0.0)
+        return certain if slope > 0 else -certain
+
+    def unsteady(self) -> dict[str, float]:
+        """The cameras that are not warm yet, by serial, with their rates in K/min."""
+        rates = {serial: self.rate_k_per_min(serial) for serial in self._readings}
+        return {serial: rate for serial, rate in rates.items() if rate is not None and abs(rate) >= STEADY_K_PER_MIN}
+
 
 _PAUSE_S = 0.02
 _PATIENCE_S = 2.0  # a detection takes 0.7 s at most, kernels of the first one up to a minute
@@ -40,20 +171,15 @@ _STRIDE = 8
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What is known of a camera's newest examined image.
-
-    `blur_px` is the median standard deviation of the dots' edges (None without dots). `saturated` is the share of
-    pixels at full scale, `brightness` the mean over full scale, `histogram` (64,) counts grey values. `motion_px` says
-    how much the scene moved over the last images.
-    """
+    """What is known of a camera's newest examined image."""
 
     frame: Frame
     dots: Dots
-    blur_px: float | None
-    saturated: float
-    brightness: float
-    motion_px: float | None
-    histogram: IntArray
+    blur_px: float | None  # median standard deviation of the dots' edges; None without dots
+    saturated: float  # share of pixels at full scale
+    brightness: float  # mean over full scale
+    motion_px: float | None  # of the scene over the last images
+    histogram: IntArray  # (64,) counts of grey values
 
     @property
     def still(self) -> bool:
@@ -63,19 +189,16 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """What connecting gave: the open source, its cameras and what the bench holds.
-
-    `names` are the rig's cameras, which `cameras` has as session.json will; `rig` says why others are not among them.
-    """
+    """What connecting gave: the open source, its cameras and what the bench holds."""
 
     source: CameraSource
     discovery: Discovery
     reports: tuple[SetupReport, ...]
-    cameras: tuple[SessionCamera, ...]
+    cameras: tuple[SessionCamera, ...]  # as session.json will have them
     plan: CapturePlan
-    names: Mapping[str, str]
+    names: Mapping[str, str]  # of the rig's cameras
     profile: CameraProfile = field(default_factory=CameraProfile)
-    rig: RigCameras = field(default_factory=lambda: RigCameras((), {}))
+    rig: RigCameras = field(default_factory=lambda: RigCameras((), {}))  # says why others are not among them
     wire: tuple[WireCamera, ...] = ()
 
     @property
@@ -95,11 +218,7 @@ class Connection:
 
 
 class LiveView:
-    """Looks for targets in the newest images, camera after camera, and keeps the newest answer of each.
-
-    One thread detects the targets. Another one follows their dots into the images that arrive meanwhile: twelve
-    cameras of 3.2 MP take detection 0.2 to 0.7 s.
-    """
+    """One thread detects targets in the newest images, which takes 0.2 to 0.7 s; another follows the dots meanwhile."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection

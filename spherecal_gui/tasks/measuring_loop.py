@@ -3,7 +3,6 @@
 import queue
 import threading
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,24 +19,20 @@ if TYPE_CHECKING:
 _KEPT = 200  # values of the chart
 _WAITING = 100  # sets between measuring and writing: 10 s at 10 Hz
 _END_S = 10.0
+_RATE_HZ = 10.0
 
 
 class LiveMeasurement:
-    """Measures with a rig through an open source until it is stopped; `history` (time, set) are the newest sets.
+    """Measures through an open source until it is stopped; what the window reads is exchanged whole, without a lock."""
 
-    All that is read by the window is exchanged whole, so that no lock is needed.
-    """
-
-    def __init__(
-        self, source: "CameraSource", names: dict[str, str], rig: "Rig", task: "Task", rate_hz: float = 10.0
-    ) -> None:
+    def __init__(self, source: "CameraSource", names: dict[str, str], rig: "Rig", task: "Task") -> None:
         from spherecal_measuring.live_sets import LiveSets, LiveSettings
         from spherecal_measuring.measurer import Measurer
 
         cameras = {serial: camera for serial, name in names.items() if (camera := rig.camera(name)) is not None}
         assert task.target_set is not None
         self._measurer = Measurer(rig, task)
-        self._live = LiveSets(source, cameras, task.target_set, LiveSettings(rate_hz))
+        self._live = LiveSets(source, cameras, task.target_set, LiveSettings(_RATE_HZ))
         self.latest: MeasuredSet | None = None
         self.history: deque[tuple[float, MeasuredSet]] = deque(maxlen=_KEPT)
         self.moved: tuple[str, ...] = ()
@@ -124,10 +119,6 @@ class SeriesRecorder:
         from spherecal_measuring.series_file import write_series
 
         try:
-            write_series(self._all(), self._measurer, self._folder)
+            write_series(iter(self._sets.get, None), self._measurer, self._folder)
         except Exception as error:
             self._error = error
-
-    def _all(self) -> "Iterator[MeasuredSet]":
-        while (one := self._sets.get()) is not None:
-            yield one

@@ -1,5 +1,6 @@
 """A result as the window shows it: read, compared with the calibration in use, and the paths by which it was built."""
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -8,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
 from spherecal.data.observations import Observations, find_features
 from spherecal_gui.rig_scenes import RigPlanes
-from spherecal_gui.tasks.camera_effects import CameraEffect, effects_of
-from spherecal_gui.tasks.guided_bar import plan_poses_of
+from spherecal_gui.tasks.placement_advice import plan_poses_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,6 +25,41 @@ if TYPE_CHECKING:
     from spherecal_rigs.framed_rig import Place
     from spherecal_rigs.pose_plan import PosePlan
     from spherecal_rigs.result_folder import Result
+
+
+MOTIONS = "image_motions.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class CameraEffect:
+    """What one lens and mount do that no model has."""
+
+    camera: str
+    field_px: FloatArray | None  # size of its lens's field (rows, columns); None without one
+    drift_px: FloatArray  # its turn at each placement (n,), half-way between axis and corners
+
+    @property
+    def field_rms_px(self) -> float:
+        """Root mean square of the field, of one coordinate."""
+        return 0.0 if self.field_px is None else float(np.sqrt((self.field_px**2).mean() / 2))
+
+
+def effects_of(rig: "Rig", folder: Path) -> tuple[CameraEffect, ...]:
+    """Those of a result in a folder; () where neither fields nor motions were estimated."""
+    turns: dict[str, list[FloatArray]] = {}
+    if (folder / MOTIONS).is_file():
+        with (folder / MOTIONS).open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                turns.setdefault(row["camera"], []).append(np.array([float(row[f"r{axis}_deg"]) for axis in "xyz"]))
+    found = []
+    for camera in rig.cameras:
+        field = camera.field
+        size = None if field is None or not (field.du.any() or field.dv.any()) else np.hypot(field.du, field.dv)
+        own = np.array(turns.get(camera.id, [])).reshape(-1, 3)
+        across = np.array([camera.intrinsics[1], camera.intrinsics[0], np.hypot(*camera.image_size) / 4])
+        found.append(CameraEffect(camera.id, size, np.linalg.norm(np.deg2rad(own) * across, axis=1)))
+    return tuple(found) if any(one.field_px is not None or len(one.drift_px) for one in found) else ()
+
 
 # Imported inside functions: scipy and the kernels, for which the window does not wait.
 
@@ -39,21 +75,16 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name.
-
-    `plan` (rigs.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
-    `places` (export.frame) are those that a user's frame may be defined by, `images` the last image of each camera,
-    small, (height, width) uint8. `effects` of lenses and mounts, () where none were estimated.
-    """
+    """A result with all that the window shows of it."""
 
     result: "Result"
     compared: Compared | None = None
-    links: tuple[tuple[str, str], ...] = ()
-    plan: "PosePlan | None" = None
-    planes: RigPlanes | None = None
-    places: "Mapping[str, Place]" = field(default_factory=dict)
-    images: "Mapping[str, NDArray[np.uint8]]" = field(default_factory=dict)
-    effects: tuple[CameraEffect, ...] = ()
+    links: tuple[tuple[str, str], ...] = ()  # steps of every camera's path to the reference, by name
+    plan: "PosePlan | None" = None  # where to lay the check bars
+    planes: RigPlanes | None = None  # from where that is shown
+    places: "Mapping[str, Place]" = field(default_factory=dict)  # that a user's frame may be defined by
+    images: "Mapping[str, NDArray[np.uint8]]" = field(default_factory=dict)  # the last of each camera, small
+    effects: tuple[CameraEffect, ...] = ()  # of lenses and mounts, () where none were estimated
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: "Sequence[Bar]", context: Context) -> Outcome:

@@ -1,14 +1,15 @@
-"""The engine's advice after each placement, from the dots that were found already: no image is read."""
+"""The engine's advice after each placement, from the dots that were found already; the check bars' poses."""
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Observations
 from spherecal.targets.family import DOTS
@@ -18,15 +19,16 @@ from spherecal_files.filesystem import create
 from spherecal_files.observations_file import COLUMNS
 from spherecal_files.target_set_file import write_target_set
 from spherecal_gui import limits_in_force as limits
-from spherecal_gui.coverage import SetDots
-from spherecal_gui.placement_view import GuidanceView
+from spherecal_gui.coverage import Dots, SetDots
 from spherecal_gui.project_folder import Document
-from spherecal_gui.rig_scenes import next_scene
+from spherecal_gui.rig_scenes import GuidanceView, next_scene
 
 if TYPE_CHECKING:
-    from spherecal.data.rig import Calibration
-    from spherecal.data.session import Session
+    from spherecal.data.rig import Calibration, Rig
+    from spherecal.data.session import Bar, Session
+    from spherecal_cameras.simulated.stage import Stage
     from spherecal_rigs.next_placement import Guidance as Advised
+    from spherecal_rigs.pose_plan import PlannedPose, PosePlan
 
 # Imported inside functions: the calibration with scipy and the kernels, for which the window does not wait.
 
@@ -113,8 +115,7 @@ def session_of_dots(document: Document, target_set: TargetSet | None, dots: Mapp
         bare["scale"] = printed_scale(target_set) if target_set is not None else None
         bare = {key: value for key, value in bare.items() if value is not None}
     bare["placements"] = [{"id": name} for name in placements]
-    session = _read(bare, target_set)
-    return replace(session, observations=observations_of(placements, cameras, dots, target_set))
+    return replace(_read(bare, target_set), observations=observations_of(placements, cameras, dots, target_set))
 
 
 def observations_of(
@@ -138,10 +139,7 @@ def observations_of(
 
 
 def printed_scale(target_set: TargetSet) -> Document | None:
-    """The scale as the targets were printed, good to a percent or so: enough to say what a length will be worth.
-
-    None where no two dots of all targets have the same distance.
-    """
+    """The scale as the targets were printed, good to a percent or so; None where no distance is that of all targets."""
     widest = target_set.widest()
     if widest is None:
         return None
@@ -163,3 +161,53 @@ def _read(document: Document, target_set: TargetSet | None) -> "Session":
         create(folder / "session.json", json.dumps(document).encode())
         create(folder / "observations.csv", (",".join(COLUMNS) + "\n").encode())
         return read_session(folder)
+
+
+# Imported inside functions: scipy, for which the window does not wait.
+
+
+def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "PosePlan | None":
+    """The plan for the check bars among `bars`; None without a scale, a volume or such a bar."""
+    from spherecal_rigs.pose_plan import BarMarks, plan_poses
+    from spherecal_rigs.save_entry import points_box
+
+    marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
+    box = points_box(result_folder / "points.csv")
+    if not marks or box is None or not rig.cameras or rig.scale.source == "none":
+        return None
+    plan = plan_poses(rig, marks, (np.array(box[0]), np.array(box[1])))
+    return plan if plan.poses else None
+
+
+def lying_ends(rig: "Rig", bar: "Bar", target_set: TargetSet | None, dots: Mapping[str, Dots]) -> FloatArray | None:
+    """Where the first and the last mark of a bar are, (2, 3) mm in the rig's world; None where not found."""
+    from spherecal_rigs.live_pose import measured_ends
+
+    return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}, target_set))
+
+
+def lay_bar(stage: "Stage", rig: "Rig", pose: "PlannedPose", bar: "Bar") -> None:
+    """Lay a bar of a simulated rig as the plan asks, as somebody would do by hand."""
+    from scipy.spatial.transform import Rotation
+
+    from spherecal_rigs.pose_plan import BarMarks
+
+    reference = rig.camera(rig.reference_camera or "")
+    assert reference is not None
+    true = next(camera for camera in stage.truth.cameras if camera.id == rig.reference_camera)
+    start, end = (
+        true.rotation.T @ (reference.rotation @ place + reference.translation_mm - true.translation_mm)
+        for place in (pose.start_mm, pose.end_mm)
+    )
+    names, own = BarMarks.of(bar.id, bar.lengths).names, stage.truth.bar(pose.bar)
+    first, last = (own.x_mm[own.marks.index(name)] for name in (names[0], names[-1]))
+    along = (end - start) / np.linalg.norm(end - start) * np.sign(last - first)
+    back = -true.rotation.T @ (reference.rotation @ pose.facing)  # the marks are on the side of -z
+    back = back - (back @ along) * along
+    back /= np.linalg.norm(back)
+    wanted = np.column_stack([along, np.cross(back, along), back])
+    shown = next(one for one in stage.truth.bar_poses if one.bar == pose.bar)
+    stage.show(shown.id)
+    turn = Rotation.from_matrix(wanted @ shown.rotation.T).as_rotvec(degrees=True)
+    shift = start - first * along - shown.place_mm
+    stage.move(tuple(shift.tolist()), tuple(turn.tolist()))

@@ -126,7 +126,6 @@ class SceneProcess(QObject):
             return None if self._closing else wish
 
     def _room(self, eye: Eye) -> shared_memory.SharedMemory:
-        """Shared memory for a picture of this size."""
         size = 3 * eye.width * eye.height
         if self._memory is None or self._memory.size < size:
             if self._memory is not None:
@@ -136,28 +135,17 @@ class SceneProcess(QObject):
         return self._memory
 
 
-class _Shared:
-    """The process that all views share, and how many they are."""
-
-    def __init__(self) -> None:
-        self.process: SceneProcess | None = None
-        self.users = 0
-
-
-_SHARED = _Shared()
+_shared: list[SceneProcess] = []  # the one process that all views share, once for each of them
 
 
 def take() -> SceneProcess:
     """The process that all views share; begun by the first."""
-    if _SHARED.process is None:
-        _SHARED.process = SceneProcess()
-    _SHARED.users += 1
-    return _SHARED.process
+    _shared.append(_shared[0] if _shared else SceneProcess())
+    return _shared[0]
 
 
 def give_back() -> None:
     """One view has closed; the last one ends the process."""
-    _SHARED.users -= 1
-    if _SHARED.users <= 0 and _SHARED.process is not None:
-        _SHARED.process.close()
-        _SHARED.process, _SHARED.users = None, 0
+    process = _shared.pop()
+    if not _shared:
+        process.close()

@@ -1,15 +1,79 @@
-"""One piece of work in a thread of its own, with progress and cancelling."""
+"""One piece of work in a thread of its own, with progress and cancelling; where garbage is collected meanwhile."""
 
+import gc
+import sys
 import threading
 import time
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
 
-from PySide6.QtCore import QObject, QThread, Signal, Slot
+from PySide6.QtCore import QObject, QThread, QTimer, Signal, Slot
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled
-from spherecal_gui.tasks import garbage
+
+_EVERY_MS = 25
+# Of collections of what is half new until one of everything is due while work runs; with all libraries loaded that
+# holds all threads for 130 to 230 ms. Python's own 10 count where no work runs.
+_MANY = 1000
+
+_lock = threading.Lock()
+_working = [0]
+
+
+@contextmanager
+def working() -> Iterator[None]:
+    """While any work runs the collector looks at what is new, not at everything."""
+    with _lock:
+        _working[0] += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _working[0] -= 1
+
+
+class Collector(QObject):
+    """Collects in the thread of its parent's event loop in place of Python, by Python's own thresholds."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._modules = 0
+        self._timer = QTimer(self, interval=_EVERY_MS)
+        self._timer.timeout.connect(self.collect_due)
+
+    def start(self) -> None:
+        """Take it over from Python."""
+        gc.disable()
+        self._timer.start()
+
+    def stop(self) -> None:
+        """Leave it to Python again."""
+        self._timer.stop()
+        gc.enable()
+
+    def collect_due(self) -> None:
+        """Collect the oldest generation whose time has come.
+
+        Where libraries were loaded since, most of what is there is theirs and stays: it is never gone through again.
+        """
+        generation = due(gc.get_count(), gc.get_threshold(), _working[0] > 0)
+        if generation == 2 and len(sys.modules) > self._modules:
+            self._modules = len(sys.modules)  # most of what is there is of libraries and stays: set aside
+            gc.collect(1)
+            gc.freeze()
+        elif generation is not None:
+            gc.collect(generation)
+
+
+def due(count: tuple[int, int, int], threshold: tuple[int, int, int], busy: bool) -> int | None:
+    """The oldest generation that is to be collected now; None where none is."""
+    limits = (*threshold[:2], _MANY if busy else threshold[2])
+    if count[0] <= limits[0]:
+        return None  # the older ones get their objects by collections of the younger
+    return 2 if count[2] > limits[2] and count[1] > limits[1] else 1 if count[1] > limits[1] else 0
+
 
 T = TypeVar("T")
 Work = Callable[[Context], T]
@@ -28,10 +92,7 @@ def something_left() -> bool:
 
 
 class BackgroundTask(QThread):
-    """Runs `work(context)`; ends with exactly one of `succeeded`, `failed`, `cancelled`.
-
-    Progress is a mailbox of one: a fast stage must not fill the window's queue of events.
-    """
+    """Runs `work(context)`; ends with one of `succeeded`, `failed`, `cancelled`. Progress is a mailbox, not events."""
 
     succeeded = Signal(object)
     failed = Signal(object)
@@ -51,7 +112,7 @@ class BackgroundTask(QThread):
     def run(self) -> None:
         """Do the work (called by QThread)."""
         try:
-            with garbage.working():
+            with working():
                 result = self._work(Context(self._note, self._stop.is_set, self._enough.is_set))
         except Cancelled:
             self.cancelled.emit()
@@ -99,21 +160,16 @@ class BackgroundTask(QThread):
 
 
 class Runner(QObject):
-    """Runs one task at a time and tells how it ended, always in the window's thread.
-
-    `lasted` (name, seconds) of work that came to its end.
-    """
+    """Runs one task at a time and tells how it ended, always in the window's thread."""
 
     started = Signal(str)
     ended = Signal(str)
-    lasted = Signal(str, float)
+    lasted = Signal(str, float)  # name, seconds; of work that came to its end
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.task: BackgroundTask | None = None
-        self._on_done: Callable[[Any], None] | None = None  # Any: a signal of Qt carries the result
-        self._on_failed: Callable[[BaseException], None] | None = None
-        self._on_cancelled: Callable[[], None] | None = None
+        self._then: dict[str, Callable[..., None] | None] = {}  # what to call, by how it ended
 
     @property
     def running(self) -> str | None:
@@ -131,7 +187,7 @@ class Runner(QObject):
         """Start work; False where something runs already. `on_cancelled` None: nothing is."""
         if self.task is not None:
             return False
-        self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled
+        self._then = {"done": on_done, "failed": on_failed, "cancelled": on_cancelled}
         task = BackgroundTask(name, work, self)
         task.succeeded.connect(self._succeeded)
         task.failed.connect(self._failed)
@@ -159,14 +215,10 @@ class Runner(QObject):
         return self.task.wait(patience_ms)
 
     def abandon(self, patience_ms: int) -> None:
-        """Stop what runs; what does not stop in time runs on unheard, as while its kernels are still compiled.
-
-        Qt ends the whole program where the object of a running thread is destroyed.
-        """
+        """Stop what runs, or leave it behind unheard: Qt ends the program with the object of a running thread."""
         if self.close(patience_ms) or self.task is None:
             return
         task, self.task = self.task, None
-        self._on_done = self._on_failed = self._on_cancelled = None
         for one in (task.succeeded, task.failed, task.cancelled):
             one.disconnect()
         task.setParent(None)
@@ -176,19 +228,18 @@ class Runner(QObject):
     def _succeeded(self, result: object) -> None:
         if self.task is not None:
             self.lasted.emit(self.task.name, time.perf_counter() - self.task.began_s)
-        self._end(self._on_done, result)
+        self._end("done", result)
 
     @Slot(object)
     def _failed(self, error: BaseException) -> None:
-        self._end(self._on_failed, error)
+        self._end("failed", error)
 
     @Slot()
     def _cancelled(self) -> None:
-        self._end(self._on_cancelled)
+        self._end("cancelled")
 
-    def _end(self, callback: Callable[..., None] | None, *found: object) -> None:
-        task, self.task = self.task, None
-        self._on_done = self._on_failed = self._on_cancelled = None
+    def _end(self, how: str, *found: object) -> None:
+        task, self.task, callback = self.task, None, self._then.get(how)
         if task is not None:
             task.wait()
             task.deleteLater()

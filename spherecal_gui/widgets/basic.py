@@ -38,10 +38,7 @@ MARKS = {"good": "✓", "caution": "!", "bad": "✕", "none": "·"}
 
 
 def plain(text: str) -> str:
-    """A text that Qt never takes for HTML, for tooltips and message boxes, which have no setting for that.
-
-    Names of cameras, bars and files come from outside; HTML in them would have the window read other files.
-    """
+    """A text that Qt never takes for HTML, not in tooltips either: names come from outside, HTML would read files."""
     if not _AS_HTML.search(text):
         return text
     return text.translate({ord("<"): "\u2039", ord(">"): "\u203a", ord("&"): "\uff06"})  # what looks like them
@@ -119,21 +116,20 @@ def spaced(layout: L, px: int, rows_px: int | None = None) -> L:
     return layout
 
 
-def add(layout: B, *parts: Part | tuple[Part, int]) -> B:
-    """Put parts into a row or a column, one after the other, and give it back.
-
-    A pair has the part's stretch, a number is so many px of room, None is room that stretches.
-    """
+def add(layout: B, *parts: Part | tuple[Part, int | Qt.AlignmentFlag]) -> B:
+    """Add parts to a row or column, with stretch or alignment; a number is px of room, None room that stretches."""
     for one in parts:
-        part, stretch = one if isinstance(one, tuple) else (one, 0)
+        part, how = one if isinstance(one, tuple) else (one, 0)
         if part is None:
             layout.addStretch(1)
         elif isinstance(part, int):
             layout.addSpacing(part)
         elif isinstance(part, QLayout):
-            layout.addLayout(part, stretch)
+            layout.addLayout(part, how if isinstance(how, int) else 0)
+        elif isinstance(how, int):
+            layout.addWidget(part, how)
         else:
-            layout.addWidget(part, stretch)
+            layout.addWidget(part, 0, how)
     return layout
 
 
@@ -181,6 +177,12 @@ def enable(target: QWidget, on: bool, why: str = "") -> None:
     target.setEnabled(on)
     target.setToolTip(str(target.property("tip") or "") if on else plain(why))
     target.setAccessibleDescription("" if on else why)
+
+
+def ink(painter: QPainter, line: QColor | str | None, width: float = 1.0, fill: QColor | str | None = None) -> None:
+    """Draw with this line and filling from now on; None: none."""
+    painter.setPen(Qt.PenStyle.NoPen if line is None else QPen(QColor(line), width))
+    painter.setBrush(Qt.BrushStyle.NoBrush if fill is None else QColor(fill))
 
 
 def open_file(path: Path) -> bool:
@@ -278,7 +280,26 @@ class Card(QFrame):
         outer.addLayout(self.body, 1)
 
 
-class Chip(QWidget):
+class Canvas(QWidget):
+    """A widget that paints itself, with smooth edges; `hint` is the size that it would like, px."""
+
+    hint = (0, 0)
+
+    def sizeHint(self) -> QSize:
+        """As its class says."""
+        return QSize(*self.hint)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Paint it."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        self.paint(painter)
+
+    def paint(self, painter: QPainter) -> None:
+        """The picture itself."""
+
+
+class Chip(Canvas):
     """A word with the mark of its level on a thinned ground, such as the source or the validity of the calibration."""
 
     clicked = Signal()
@@ -321,14 +342,11 @@ class Chip(QWidget):
     def _shown(self) -> str:
         return self.text if self.width() >= self.sizeHint().width() else self._shorter
 
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """Draw it."""
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         c, box = theme.now(), QRectF(self.rect()).adjusted(1, 1, -1, -1)
         tint = c.soft if self.level == "none" else c.of(self.level)
-        painter.setBrush(QColor(c.raised if self.level == "none" else c.tint(self.level)))
-        painter.setPen(QPen(QColor(theme.mixed(c.surface, tint, 0.45)), 1))
+        ink(painter, theme.mixed(c.surface, tint, 0.45), 1, c.raised if self.level == "none" else c.tint(self.level))
         painter.drawRoundedRect(box, box.height() / 2, box.height() / 2)
         words = box.adjusted(theme.GAP, 0, -theme.GAP, 0)
         if self.level != "none":
@@ -344,10 +362,7 @@ class Chip(QWidget):
 
 
 class Banner(QFrame):
-    """One sentence of what happened and one of what to do, in the colour of its kind; it can be closed.
-
-    It lies over its parent's lower edge: what is below keeps its place while somebody aims at a button.
-    """
+    """What happened and what to do, in the colour of its kind, over its parent's lower edge: all keeps its place."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -361,12 +376,9 @@ class Banner(QFrame):
         self._hint = label("", "soft")
         words = spaced(QVBoxLayout(), 2)
         add(words, self._what, self._hint)
-        close = button("", "close-banner")
-        give_icon(close, "x")
+        close = button("", "close-banner", act=self.hide, icon="x")
         close.setAccessibleName(self.tr("Close this message"))
-        close.clicked.connect(self.hide)
-        add(row, self._mark, (words, 1))
-        row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        add(row, self._mark, (words, 1), (close, Qt.AlignmentFlag.AlignTop))
         if parent is not None:
             parent.installEventFilter(self)
         self.hide()

@@ -26,7 +26,6 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
 
 
 def _write_by_locale(axis: Any) -> None:  # Any: pyqtgraph has no types, and a method is put in place of its own
-    """The axis writes its numbers as the language does."""
     plainly = axis.tickStrings
     axis.tickStrings = lambda *given: [languages.by_locale(text) for text in plainly(*given)]
 
@@ -38,10 +37,11 @@ _TINT = 0.5  # of its colour in a cell that is covered: numbers and frames are r
 
 
 class Chart(pg.PlotWidget):
-    """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it again."""
+    """A plot in the window's colours that leaves wheel and mouse alone."""
 
     def __init__(self) -> None:
         super().__init__()
+        self.plot_item: Any = self.getPlotItem()  # pyqtgraph has no types
         self._drawn: object = None
         self.setMenuEnabled(False)
         self.hideButtons()
@@ -57,11 +57,6 @@ class Chart(pg.PlotWidget):
         wanted = (theme.now(), theme.pt(1.0), self.width(), self.height(), *shown)
         same, self._drawn = wanted == self._drawn, wanted
         return same
-
-    @property
-    def plot_item(self) -> Any:  # pyqtgraph has no types
-        """The plot inside."""
-        return self.getPlotItem()
 
     def span(self, x: tuple[float, float], y: tuple[float, float]) -> None:
         """Show exactly this range."""
@@ -192,11 +187,7 @@ class PairMatrix(Chart):
 
 
 class ConvergenceChart(Chart):
-    """The cost of each iteration as a share of the first, logarithmic; every adjustment goes on where the last ended.
-
-    Drawn while the engine computes, when whatever Python does here takes five times as long. Two curves that stay and
-    are given new points stall the window a fifth as long as a plot made again.
-    """
+    """The cost of each iteration as a share of the first; two curves that stay, as a new plot stalls 5 times longer."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -271,18 +262,10 @@ class ErrorChart(Chart):
         self._draw_limit(where, shown)
         brushes = [QColor(c.bad if beyond else c.good) for beyond in exceeding]
         symbols = ["x" if beyond else "o" for beyond in exceeding]
-        said = [f"{' '.join(name.split())}\n{error:+.3f} mm" for name, error in zip(names, errors, strict=True)]
-        dots = pg.ScatterPlotItem(
-            where,
-            errors,
-            size=14,
-            brush=brushes,
-            pen=pg.mkPen(c.surface, width=1),
-            symbol=symbols,
-            data=said,
-            hoverable=True,
-            tip=lambda x, y, data: plain(languages.by_locale(str(data))),
-        )
+        texts = (f"{' '.join(name.split())}\n{error:+.3f} mm" for name, error in zip(names, errors, strict=True))
+        said = [plain(languages.by_locale(text)) for text in texts]
+        look = {"size": 14, "brush": brushes, "symbol": symbols, "pen": pg.mkPen(c.surface, width=1)}
+        dots = pg.ScatterPlotItem(where, errors, **look, data=said, hoverable=True, tip=lambda x, y, data: str(data))
         self.addItem(dots)
         self._names = names
         self._label()

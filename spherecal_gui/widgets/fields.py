@@ -1,9 +1,13 @@
-"""Fields: of a number with its unit; of a text with its name above and what is wrong with it below, said at once."""
+"""Fields of numbers and texts, with what is wrong said at once; a line of cameras to click on."""
 
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QDoubleSpinBox, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
+from html import escape
 
-from spherecal_gui.widgets.basic import add, bare, label, named, say
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QDoubleSpinBox, QLabel, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
+
+from spherecal_gui import languages, theme
+from spherecal_gui.presenters.placement_presenter import NeedLine
+from spherecal_gui.widgets.basic import add, bare, label, named, say, set_level
 
 _LONGEST = 200
 
@@ -18,17 +22,13 @@ def number_field(
 
 
 class TextField(QWidget):
-    """One line of text; `edited` (its key, the text) with every letter."""
-
-    edited = Signal(str, str)
+    """One line of text."""
 
     def __init__(self, key: str, title: str, example: str = "", tip: str = "") -> None:
         super().__init__()
-        self.key, self.title = key, title
         column = bare(QVBoxLayout(self), 2)
         caption = label(title, wrap=False)
         self.line = named(QLineEdit(placeholderText=example, maxLength=_LONGEST), key, title, tip)
-        self.line.textEdited.connect(lambda text: self.edited.emit(self.key, text))
         caption.setBuddy(self.line)
         self.problem = label("", level="bad", hidden=True)
         add(column, caption, self.line, self.problem, None)
@@ -43,3 +43,35 @@ class TextField(QWidget):
         """What is wrong, in plain words; empty where nothing is."""
         say(self.problem, f"✕ {text}" if text else "", "bad")
         self.line.setAccessibleDescription(text)
+
+
+class NeedLabel(QLabel):
+    """What some cameras need; `asked` names the camera that was clicked, empty for all of them."""
+
+    asked = Signal(str)
+
+    def __init__(self, level: str) -> None:
+        super().__init__()
+        self.setObjectName("big")
+        self.setWordWrap(True)
+        self.setTextFormat(Qt.TextFormat.RichText)
+        flags = Qt.TextInteractionFlag
+        self.setTextInteractionFlags(flags.LinksAccessibleByMouse | flags.LinksAccessibleByKeyboard)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the space bar with the large button
+        self.linkActivated.connect(self.asked)
+        self._level = level
+        self.hide()
+
+    def show_need(self, need: NeedLine | None, level: str | None = None) -> None:
+        """Show it in the colour of a level, the label's own unless given; hidden without a need."""
+        shown = level or self._level
+        set_level(self, shown)
+        self.setVisible(need is not None)
+        if need is None:
+            self.clear()
+            return
+        colour = theme.now().of(shown) if shown != "none" else theme.now().text
+        links = [("", need.all_words)] if need.everyone else [(name, name) for name in need.cameras]
+        message = languages.listed(f'<a style="color: {colour}" href="{escape(a)}">{escape(b)}</a>' for a, b in links)
+        self.setText(f"{escape(languages.unbroken(languages.by_locale(need.message)))} {message}")
+        self.setAccessibleName(need.text)

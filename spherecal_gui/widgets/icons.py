@@ -1,10 +1,10 @@
-"""The icons, one open set (Tabler, resources/icons/tabler), in the colours of the palette."""
+"""The icons, one open set (Tabler), and line drawings of ours, in the colours of the palette."""
 
 from functools import cache
 
-from PySide6.QtCore import QBuffer, QByteArray, QSize, Qt
-from PySide6.QtGui import QIcon, QImageReader, QPainter, QPixmap
-from PySide6.QtWidgets import QAbstractButton, QWidget
+from PySide6.QtCore import QBuffer, QByteArray, QRectF, QSize, Qt
+from PySide6.QtGui import QIcon, QImageReader, QPainter, QPaintEvent, QPixmap
+from PySide6.QtWidgets import QAbstractButton, QSizePolicy, QWidget
 
 from spherecal.base.resources import resource_path
 from spherecal_gui import theme
@@ -17,8 +17,7 @@ LEVEL_ICONS = {"good": "check", "caution": "alert-triangle", "bad": "x", "info":
 
 def pixmap(name: str, px: float, colour: str, ratio: float = 2.0) -> QPixmap:
     """An icon in this colour. `ratio`: pixels of the screen per px on which it is sharp."""
-    made = _drawn(name, max(round(px * ratio), 1), colour)
-    made = QPixmap(made)
+    made = QPixmap(_drawn(name, max(round(px * ratio), 1), colour))
     made.setDevicePixelRatio(ratio)
     return made
 
@@ -30,10 +29,7 @@ def _drawn(name: str, size: int, colour: str) -> QPixmap:
 
 
 def svg_pixmap(text: str, size: QSize) -> QPixmap:
-    """A drawing given as SVG text, in this size; empty where Qt cannot read SVG.
-
-    `size`: width and height, px of the device.
-    """
+    """A drawing given as SVG text, in this size (px of the device); empty where Qt cannot read SVG."""
     data = QByteArray(text.encode())
     buffer = QBuffer(data)
     reader = QImageReader(buffer, QByteArray(b"svg"))
@@ -83,3 +79,34 @@ def menu_icon(name: str) -> QIcon:
 def level_pixmap(level: str, px: float, colour: str | None = None) -> QPixmap:
     """The mark of a level. `colour` None: the level's."""
     return pixmap(LEVEL_ICONS.get(level, "info-circle"), px, colour or theme.now().of(level))
+
+
+_RATIO = 2  # width to height
+
+
+class Drawing(QWidget):
+    """One drawing, as large as there is room."""
+
+    def __init__(self, name: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._text = resource_path("drawings", f"{name}.svg").read_text(encoding="utf-8")
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setMinimumHeight(40)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+    def sizeHint(self) -> QSize:
+        """As a picture in a card."""
+        return QSize(240, 120)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Draw it in the middle."""
+        c, height = theme.now(), min(self.height(), self.width() / _RATIO)
+        text = self._text
+        for role, colour in (("LINE", c.soft), ("ACCENT", c.accent), ("GROUND", c.surface), ("GOOD", c.good)):
+            text = text.replace(role, colour)
+        ratio = self.devicePixelRatioF()
+        drawn = svg_pixmap(text, QSize(round(_RATIO * height * ratio), round(height * ratio)))
+        left, top = (self.width() - _RATIO * height) / 2, (self.height() - height) / 2
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        painter.drawPixmap(QRectF(left, top, _RATIO * height, height), drawn, QRectF(drawn.rect()))

@@ -1,8 +1,4 @@
-"""The rig painted by Qt alone, from the same shapes as the rendered one and with the same names and legend.
-
-Stands in for pyvista where that is not installed, where OpenGL does not work, and until the first rendered picture is
-there. The libraries of pyvista are 275 MB, too much for the installer. 6000 dots, 12 cameras: some 15 ms a picture.
-"""
+"""The rig painted by Qt alone, where pyvista (275 MB) is lacking or its first picture is not there yet; some 15 ms."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +19,7 @@ from spherecal_documents.scene.shapes import (
     solid_balls,
 )
 from spherecal_gui import theme
-from spherecal_gui.widgets.scene_live import draw_image
+from spherecal_gui.widgets.scene_overlay import draw_image
 from spherecal_gui.widgets.scene_view import SceneView
 
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time
@@ -90,8 +86,7 @@ class PaintedScene(SceneView):
         """Outlines: the shadow of an ellipsoid is the ellipse whose covariance is the projected one."""
         if not len(data.ellipsoids):
             return
-        c = theme.now()
-        painter.setPen(QPen(QColor(c.caution), 1.2))
+        painter.setPen(QPen(QColor(theme.now().caution), 1.2))
         flat = np.stack([eye.right, -eye.up])
         halves = data.ellipsoid_factor * eye.scale * data.ellipsoids @ flat.T
         values, vectors = np.linalg.eigh(np.einsum("nij,nik->njk", halves, halves))
@@ -131,8 +126,7 @@ class PaintedScene(SceneView):
             flat, depth = eye.flat(corners), corners @ eye.towards
             painter.setPen(QPen(QColor(c.scene), 1))
             for face in sorted(_FACES, key=lambda face: float(depth[list(face)].mean()))[3:]:
-                shade = blended(tint, (0, 0, 0), 0.12 * (face[0] % 3))
-                painter.setBrush(QColor(*shade))
+                painter.setBrush(QColor(*blended(tint, (0, 0, 0), 0.12 * (face[0] % 3))))
                 painter.drawPolygon(QPolygonF([QPointF(x, y) for x, y in flat[list(face)].tolist()]))
             front = eye.flat((corners[1::2].mean(axis=0))[None])[0].tolist()
             end = eye.flat(camera.centre[None])[0].tolist()
@@ -162,7 +156,6 @@ def _draw_points(painter: QPainter, flat: FloatArray, tints: IntArray, size: flo
 
 
 def _by_colour(colours: ArrayLike, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
-    """The rows of each colour."""
     key = np.asarray(colours, dtype=np.int64) @ np.array([65536, 256, 1])
     return [((one >> 16, one >> 8 & 255, one & 255), rows[key == one]) for one in np.unique(key).tolist()]
 

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
+from spherecal_gui.languages import reason_text, status_word, step_title
 from spherecal_gui.standing import Level, Standing, level_of, status_shown
-from spherecal_gui.texts import reason_text, status_word, step_title
-from spherecal_gui.widgets.basic import bare, plain
+from spherecal_gui.widgets.basic import bare, ink, plain
 from spherecal_gui.widgets.icons import pixmap
 from spherecal_gui.workflow import Status, StepState, WorkflowState
 
@@ -65,15 +65,13 @@ class RailItem(QAbstractButton):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         box = QRectF(self.rect()).adjusted(4, 2, -4, -2)
         if self._current or self.underMouse():
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(c.raised))
+            ink(painter, None, fill=c.raised)
             painter.drawRoundedRect(box, 8, 8)
         if self._current:
             painter.setBrush(QColor(c.accent))
             painter.drawRoundedRect(QRectF(box.left(), box.top() + 4, 5, box.height() - 8), 2, 2)
         if self.hasFocus():
-            painter.setPen(QPen(QColor(c.accent), 2))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
+            ink(painter, c.accent, 2)
             painter.drawRoundedRect(box.adjusted(1, 1, -1, -1), 8, 8)
         self._draw_mark(painter, box)
         blocked = state.status is Status.BLOCKED
@@ -89,22 +87,17 @@ class RailItem(QAbstractButton):
         painter.drawText(QRectF(room.left(), room.top(), room.width(), half + 2), Qt.AlignmentFlag.AlignVCenter, title)
         painter.setFont(theme.font(9.5))
         painter.setPen(QColor(c.of(_LEVELS.get(state.status, "none")) if not blocked else c.idle))
-        painter.drawText(
-            QRectF(room.left(), room.top() + half, room.width(), half),
-            Qt.AlignmentFlag.AlignVCenter,
-            status_word(state.status, state.step.kind),
-        )
+        room.setTop(room.top() + half)
+        painter.drawText(room, Qt.AlignmentFlag.AlignVCenter, status_word(state.status, state.step.kind))
 
     def _draw_mark(self, painter: QPainter, box: QRectF) -> None:
         c, status = theme.now(), self._state.status if self._state else Status.BLOCKED
         size = _mark_px(box)
         circle = QRectF(box.left() + _MARK_LEFT_PX, box.center().y() - size / 2, size, size)
-        filled = status in _LEVELS
         tint = QColor(c.of(_LEVELS.get(status, "none")))
         if status in (Status.READY, Status.RUNNING):
             tint = QColor(c.accent)
-        painter.setPen(QPen(tint, 1.5))
-        painter.setBrush(QColor(c.tint(_LEVELS[status])) if filled else Qt.BrushStyle.NoBrush)
+        ink(painter, tint, 1.5, c.tint(_LEVELS[status]) if status in _LEVELS else None)
         painter.drawEllipse(circle)
         if status in _MARKS:
             px = 0.62 * size

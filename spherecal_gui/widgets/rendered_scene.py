@@ -1,7 +1,4 @@
-"""The rig as pyvista renders it, in a process of its own; painted by Qt until the first picture is there.
-
-Where pyvista does not work, and where SPHERECAL_3D=painted asks for it, it stays painted; both show the same elements.
-"""
+"""The rig rendered by pyvista in a process of its own; painted by Qt without it, or with SPHERECAL_3D=painted."""
 
 import itertools
 import time

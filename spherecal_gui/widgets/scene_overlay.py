@@ -1,8 +1,11 @@
-"""Names, axis letters, scale, legend, the cube of views and the figures under the mouse, painted over every scene."""
+"""What is painted over every scene: names, scale, legend, the cube of views; live images, the ball and the bar."""
+
+import itertools
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, QSizeF, Qt
-from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QTransform
+from PySide6.QtGui import QColor, QImage, QLinearGradient, QPainter, QPen, QPolygonF, QTransform
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
@@ -10,8 +13,8 @@ from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import AXIS_TINTS, SceneData, ramp
 from spherecal_gui import languages, theme
 from spherecal_gui.languages import translate, word
-from spherecal_gui.presenters.scene_hover import SceneItem
-from spherecal_gui.widgets.name_tags import place_tags
+from spherecal_gui.rig_scenes import LiveParts, SceneItem
+from spherecal_gui.widgets.basic import ink
 
 _CUBE_PX = 30.0  # half of its side
 _CORNER = 2.05  # of its middle from the corner of the view, in half sides
@@ -151,9 +154,7 @@ class Overlay:
         for side, corners, depth, (right, up, middle) in faces:
             if depth <= 0.02:
                 continue
-            painter.setPen(QPen(QColor(c.border), 1.2))
-            ground = QColor(theme.mixed(c.raised, c.text, 0.1 * depth))
-            painter.setBrush(ground)
+            ink(painter, c.border, 1.2, theme.mixed(c.raised, c.text, 0.1 * depth))
             painter.drawPolygon(corners)
             painter.save()
             painter.setTransform(
@@ -202,8 +203,7 @@ class Overlay:
         height = sum(size.height() for size in sizes) + 2 * theme.SMALL
         left = min(max(x + 14, 4.0), self._view.width() - width - 4)
         top = min(max(y + 10, 4.0), self._view.height() - height - 4)
-        painter.setPen(QPen(QColor(c.border), 1))
-        painter.setBrush(QColor(c.raised))
+        ink(painter, c.border, 1, c.raised)
         painter.drawRoundedRect(QRectF(left, top, width, height), 6, 6)
         low = top + theme.SMALL
         for k, (font, line, size) in enumerate(zip(fonts, lines, sizes, strict=True)):
@@ -239,3 +239,121 @@ def _outlined(
         painter.drawText(box.translated(dx, dy), where, text)
     painter.setPen(tint)
     painter.drawText(box, where, text)
+
+
+_GAP_PX = 4.0
+
+
+def place_tags(
+    names: Sequence[str],
+    places: Sequence[QPointF],
+    sizes: Sequence[QSizeF],
+    room: QRectF,
+    mark_px: float,
+    first: Collection[str] = (),
+    taken: Sequence[QRectF] = (),
+) -> dict[str, QRectF]:
+    """The boxes of the names that have room, by name; one that would cover another name or a mark is left out."""
+    marks = [QRectF(place.x() - mark_px / 2, place.y() - mark_px / 2, mark_px, mark_px) for place in places]
+    used, found = list(taken), {}
+    order = sorted(range(len(names)), key=lambda i: names[i] not in first)
+    for i in order:
+        boxes = [box for box in _beside(marks[i], sizes[i]) if room.contains(box)]
+        others = [*used, *(mark for j, mark in enumerate(marks) if j != i and mark != marks[i])]
+        free = next((box for box in boxes if not any(box.intersects(one) for one in others)), None)
+        if free is None and names[i] in first:
+            free = boxes[0] if boxes else _beside(marks[i], sizes[i])[0]
+        if free is not None:
+            used.append(free)
+            found[names[i]] = free
+    return found
+
+
+def _beside(mark: QRectF, size: QSizeF) -> list[QRectF]:
+    """To the right, above, to the left, below, then the corners."""
+    right, left = mark.right() + _GAP_PX, mark.left() - _GAP_PX - size.width()
+    above, below = mark.top() - size.height(), mark.bottom()
+    middle_x, middle_y = mark.center().x() - size.width() / 2, mark.center().y() - size.height() / 2
+    corners = [(x, y) for x in (right, left) for y in (above, below)]
+    places = [(right, middle_y), (middle_x, above), (left, middle_y), (middle_x, below), *corners]
+    return [QRectF(QPointF(x, y), size) for x, y in places]
+
+
+_EDGES = tuple((i, i ^ bit) for i in range(8) for bit in (1, 2, 4) if not i & bit)  # of a box, corners by x, y, z
+LYING, WANTED, THERE = "#35e0ff", "#ffb02e", "#3be37f"  # as in the images
+
+
+def paint_live(painter: QPainter, data: SceneData, eye: Eye, live: LiveParts) -> None:
+    """Paint it."""
+    for camera in data.scene.cameras:
+        corners = QPolygonF(_points(eye, camera.corners))
+        if (image := live.images.get(camera.id)) is not None:
+            draw_image(painter, corners, image)
+        if (level := live.levels.get(camera.id, "none")) != "none":
+            ink(painter, theme.now().of(level), 2.5)
+            painter.drawPolygon(corners)
+    if live.box is not None:
+        painter.setPen(QPen(theme.colour("soft"), 1, Qt.PenStyle.DotLine))
+        corners = _points(eye, live.box)
+        painter.drawLines([QLineF(corners[i], corners[j]) for i, j in _EDGES])
+    for ends, lying in live.bars:
+        tint = QColor(THERE if live.near else LYING if lying else WANTED)
+        _drop(painter, eye, data, ends)
+        start, end = _points(eye, ends)
+        painter.setPen(QPen(tint, 4, Qt.PenStyle.SolidLine if lying else Qt.PenStyle.DashLine))
+        painter.drawLine(QLineF(start, end))
+    painter.setFont(theme.font(theme.CAPTION))
+    for name, place in live.points:
+        (at,) = _points(eye, place[None])
+        painter.setPen(QPen(QColor(LYING), 7, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        painter.drawPoint(at)
+        painter.setPen(theme.colour("text"))
+        painter.drawText(at + QPointF(6, -4), name)
+    if live.ball is not None:
+        _drop(painter, eye, data, live.ball[0][None])
+        _draw_ball(painter, eye, *live.ball, near=live.near)
+
+
+def _drop(painter: QPainter, eye: Eye, data: SceneData, places: FloatArray) -> None:
+    """Where places lie over the floor: without it nothing in a picture says how high they are."""
+    below = places.copy()
+    below[:, 2] = data.floor.z
+    feet = _points(eye, below)
+    painter.setPen(QPen(theme.colour("soft"), 1, Qt.PenStyle.DotLine))
+    painter.drawLines([QLineF(a, b) for a, b in zip(_points(eye, places), feet, strict=True)])
+    painter.drawLines([QLineF(a, b) for a, b in itertools.pairwise(feet)])
+    for foot in feet:
+        painter.drawEllipse(foot, 3, 2)
+
+
+def _draw_ball(
+    painter: QPainter, eye: Eye, centre: FloatArray, top: FloatArray, radius_mm: float, *, near: bool
+) -> None:
+    """The ball, thin enough for the ghost to stay in sight, with the way to its top."""
+    tint = QColor(THERE if near else LYING)
+    middle, pole = _points(eye, np.stack([centre, top]))
+    reach = radius_mm * eye.scale
+    fill = QColor(tint)
+    fill.setAlpha(46)
+    ink(painter, tint, 2.5, fill)
+    painter.drawEllipse(middle, reach, reach)
+    painter.drawLine(QLineF(middle, pole))
+    painter.setBrush(tint)
+    painter.drawEllipse(pole, 3, 3)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+
+
+def draw_image(painter: QPainter, corners: QPolygonF, image: QImage) -> None:
+    """A camera's image on the end of its frustum."""
+    w, h = image.width(), image.height()
+    there = QTransform()
+    own = QPolygonF([QPointF(0, 0), QPointF(w, 0), QPointF(w, h), QPointF(0, h)])
+    if QTransform.quadToQuad(own, corners, there):
+        painter.save()
+        painter.setTransform(there, combine=True)
+        painter.drawImage(0, 0, image)
+        painter.restore()
+
+
+def _points(eye: Eye, places: FloatArray) -> list[QPointF]:
+    return [QPointF(x, y) for x, y in eye.flat(places).tolist()]

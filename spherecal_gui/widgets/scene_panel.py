@@ -1,5 +1,6 @@
 """A scene with its buttons: what is shown, everything in sight, save as a picture or a 3-D model."""
 
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
@@ -11,11 +12,12 @@ from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import SHOWN_AT_FIRST
 from spherecal_files.filesystem import write_whole
 from spherecal_gui import theme
+from spherecal_gui.languages import error_text
 from spherecal_gui.presenters.gltf import scene_glb
-from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import add, bare, button, spaced
 from spherecal_gui.widgets.icons import menu_icon
 from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import png_of
 
 _MODEL = ".glb"
 _SHARE = 2 / 3  # of what a larger screen adds: the scene grows, lines of text need little more room
@@ -76,8 +78,10 @@ class ScenePanel(QWidget):
         self.whole.clicked.connect(lambda: self.view.look_from("oblique"))
         self.save = button(self.tr("Save"), "scene-save", icon="photo-down")
         saving = QMenu(self)
-        saving.addAction(menu_icon("photo-down"), self.tr("As a picture (PNG)"), self.save_picture)
-        saving.addAction(menu_icon("cube"), self.tr("As a 3-D model (glTF)"), self.save_model)
+        picture = partial(self._ask_and_save, self.tr("Save the picture"), ".png", "PNG")
+        saving.addAction(menu_icon("photo-down"), self.tr("As a picture (PNG)"), picture)
+        model = partial(self._ask_and_save, self.tr("Save the 3-D model"), _MODEL, "glTF")
+        saving.addAction(menu_icon("cube"), self.tr("As a 3-D model (glTF)"), model)
         self.save.setMenu(saving)
         column.addLayout(add(spaced(QHBoxLayout(), theme.SMALL), self.show_what, self.whole, self.save, None))
         self._offer()
@@ -102,17 +106,11 @@ class ScenePanel(QWidget):
             frozenset(name for name, action in self.layers.items() if action.isChecked() and action.isEnabled())
         )
 
-    def save_picture(self) -> None:
-        """Ask for a file and write what is seen."""
-        name, _ = QFileDialog.getSaveFileName(self, self.tr("Save the picture"), "rig.png", "PNG (*.png)")
+    def _ask_and_save(self, title: str, ending: str, form: str) -> None:
+        """Ask for a file, and write what is seen or the scene as a model."""
+        name, _ = QFileDialog.getSaveFileName(self, title, f"rig{ending}", f"{form} (*{ending})")
         if name:
-            self.save_as(Path(name) if name.lower().endswith(".png") else Path(f"{name}.png"))
-
-    def save_model(self) -> None:
-        """Ask for a file and write the scene as glTF."""
-        name, _ = QFileDialog.getSaveFileName(self, self.tr("Save the 3-D model"), f"rig{_MODEL}", f"glTF (*{_MODEL})")
-        if name:
-            self.save_as(Path(name) if name.lower().endswith(_MODEL) else Path(f"{name}{_MODEL}"))
+            self.save_as(Path(name) if name.lower().endswith(ending) else Path(f"{name}{ending}"))
 
     def save_as(self, path: Path) -> None:
         """Write a picture or, by its ending .glb, a model; what came of it is said."""
@@ -122,7 +120,7 @@ class ScenePanel(QWidget):
             if path.suffix.lower() == _MODEL:
                 write_whole(path, scene_glb(self.view.data, self.view.style_of_now()))
             else:
-                write_whole(path, self.view.picture_png())
+                write_whole(path, png_of(self.view.grab()))
         except SpherecalError as error:
             self.said.emit("bad", *error_text(error))
             return

@@ -1,7 +1,7 @@
 """What all views of the rig have in common: turning, what is under the mouse, names, legend, cube (scene_overlay)."""
 
 import numpy as np
-from PySide6.QtCore import QBuffer, QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QBuffer, QPointF, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QFocusEvent,
@@ -9,22 +9,19 @@ from PySide6.QtGui import (
     QKeyEvent,
     QMouseEvent,
     QPainter,
-    QPaintEvent,
     QPixmap,
     QResizeEvent,
     QWheelEvent,
 )
-from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.eye import Eye, View, fitting_view
 from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
-from spherecal_gui.presenters.scene_hover import SceneItem, items_of
-from spherecal_gui.rig_scenes import LiveParts
-from spherecal_gui.widgets.scene_live import paint_live
-from spherecal_gui.widgets.scene_overlay import Overlay
+from spherecal_gui.rig_scenes import LiveParts, SceneItem, items_of
+from spherecal_gui.widgets.basic import Canvas, ink
+from spherecal_gui.widgets.scene_overlay import Overlay, paint_live
 
 _NEAR_PX, _HOVER_PX = 28.0, 14.0
 DEG_PER_PX = 0.4
@@ -34,13 +31,11 @@ _CLICK_PX = 4
 _TURN_KEY_DEG = 10.0
 
 
-class SceneView(QWidget):
-    """A rig that is turned by dragging, moved with the right button and enlarged by the wheel.
+class SceneView(Canvas):
+    """A rig that is turned by dragging, moved with the right button and enlarged by the wheel."""
 
-    `camera_chosen` when a camera was double-clicked.
-    """
-
-    camera_chosen = Signal(str)
+    camera_chosen = Signal(str)  # it was double-clicked
+    hint = (560, 420)
 
     def __init__(self) -> None:
         super().__init__()
@@ -61,10 +56,6 @@ class SceneView(QWidget):
         self._overlay = Overlay(self)
         self._items: list[SceneItem] = []
         self._hovered: SceneItem | None = None
-
-    def sizeHint(self) -> QSize:
-        """As a picture in a page."""
-        return QSize(560, 420)
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
@@ -179,7 +170,9 @@ class SceneView(QWidget):
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         """Turn or move; without a button say what is under the mouse."""
         if self._dragged is None:
-            self._hover(event.position())
+            if (found := self.item_at(event.position())) is not self._hovered:
+                self._hovered = found
+                self.update()
             return
         moved, self._dragged = event.position() - self._dragged, event.position()
         shifted = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
@@ -244,11 +237,6 @@ class SceneView(QWidget):
         else:
             super().keyPressEvent(event)
 
-    def _hover(self, at: QPointF) -> None:
-        if (found := self.item_at(at)) is not self._hovered:
-            self._hovered = found
-            self.update()
-
     def item_at(self, at: QPointF) -> SceneItem | None:
         """What is nearest to a place on the widget; of things that lie behind one another, the one in front."""
         if not self._items:
@@ -273,7 +261,6 @@ class SceneView(QWidget):
         return self._items[order[0]]
 
     def _hidden(self, i: int, balls: list[int], places: FloatArray, eye: Eye) -> bool:
-        """Whether a ball lies in front of an item."""
         for k in balls:
             way = places[i] - places[k]
             across = way - (way @ eye.towards) * eye.towards
@@ -284,10 +271,8 @@ class SceneView(QWidget):
 
     # --- painting ----------------------------------------------------------------------------------------------------
 
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """The picture, and over it names, legend and cube."""
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), QColor(theme.now().scene))
         if self.data is None:
             return
@@ -296,18 +281,14 @@ class SceneView(QWidget):
         paint_live(painter, self.data, eye, self.live)
         self._overlay.paint(painter, self.data, eye, self.layers, self.marked, self._hovered)
         if self._ringed:
-            painter.setPen(QColor(theme.now().accent))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
+            ink(painter, theme.now().accent)
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
         """The rig itself."""
 
     def thumbnail(self, width: int, height: int) -> QImage:
-        """The rig without names and legend, for a picture too small to read them.
-
-        `width`, `height`: size of the picture, px.
-        """
+        """The rig without names and legend, for a picture (px) too small to read them."""
         image = QImage(width, height, QImage.Format.Format_RGB32)
         image.fill(QColor(theme.now().scene))
         if self.data is not None:
@@ -317,10 +298,6 @@ class SceneView(QWidget):
             self.paint_rig(painter, self.data, view.eye(width, height))
             painter.end()
         return image
-
-    def picture_png(self) -> bytes:
-        """What is seen, as a PNG file's contents."""
-        return png_of(self.grab())
 
 
 def png_of(image: QPixmap) -> bytes:

@@ -4,17 +4,12 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from spherecal_gui import languages, theme
+from spherecal_gui.languages import Cell
 
 _PADDING_PX, _ARROW_PX = 9.0, 14.0
-Cell = str | float | int | None
-
-
-def figure(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
-    """The cell of a number; a dash, sorted as the largest, where there is none."""
-    return ("-", float("inf"), level) if value is None else (f"{value:.{digits}f}", value, level)
 
 
 class _Item(QTableWidgetItem):
@@ -42,15 +37,10 @@ class _Headings(QHeaderView):
 
 
 class Table(QTableWidget):
-    """A table that is only read; numbers to the right.
+    """A table that is only read; `spare`: columns that are left out in this order where there is no room for all."""
 
-    `spare`: columns that are left out, in this order, where all of them are wider than the table.
-    """
-
-    def __init__(
-        self, headings: Sequence[str], sortable: bool = True, spare: Sequence[int] = (), parent: QWidget | None = None
-    ) -> None:
-        super().__init__(0, len(headings), parent)
+    def __init__(self, headings: Sequence[str], sortable: bool = True, spare: Sequence[int] = ()) -> None:
+        super().__init__(0, len(headings))
         self._spare = tuple(spare)
         self.setHorizontalHeader(_Headings(Qt.Orientation.Horizontal, self))
         self.horizontalHeader().setSectionsClickable(sortable)
@@ -67,10 +57,7 @@ class Table(QTableWidget):
         self._sortable = sortable
 
     def fill(self, rows: Sequence[Sequence[Cell | tuple[str, Cell, str]]], sort_by: int | None = None) -> None:
-        """Fill the table; the first cell names the row. A cell is a value, or its text, value and level.
-
-        `sort_by` None: by the first column, the smallest first.
-        """
+        """Fill the table; the first cell names the row. A cell is a value, or its text, value and level."""
         self.setSortingEnabled(False)
         self.setRowCount(len(rows))
         for i, row in enumerate(rows):
@@ -84,7 +71,12 @@ class Table(QTableWidget):
                 if level in ("good", "caution", "bad"):
                     item.setForeground(QColor(theme.now().of(level)))
                 self.setItem(i, j, item)
-        self._align_headings()
+        # each heading over its column: at the side where the column's cells are written
+        for column in range(self.columnCount()):
+            cell, heading = self.item(0, column), self.horizontalHeaderItem(column)
+            if cell is not None and heading is not None:
+                side = Qt.AlignmentFlag(cell.textAlignment()) & Qt.AlignmentFlag.AlignHorizontal_Mask
+                heading.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
         self.verticalHeader().setDefaultSectionSize(int(theme.pt(32)))
         self.horizontalHeader().setMinimumSectionSize(int(theme.pt(32)))  # Qt's own is the font's widest letter
         if self._sortable:
@@ -111,14 +103,6 @@ class Table(QTableWidget):
         """There is room for more columns, or for fewer."""
         super().resizeEvent(event)
         self._leave_out()
-
-    def _align_headings(self) -> None:
-        """Each heading over its column: at the side where the column's cells are written."""
-        for column in range(self.columnCount()):
-            cell, heading = self.item(0, column), self.horizontalHeaderItem(column)
-            if cell is not None and heading is not None:
-                side = Qt.AlignmentFlag(cell.textAlignment()) & Qt.AlignmentFlag.AlignHorizontal_Mask
-                heading.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
 
     def name_of(self, row: int) -> str:
         """The name of a row."""

@@ -4,7 +4,7 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QBrush,
     QColor,
@@ -14,7 +14,6 @@ from PySide6.QtGui import (
     QKeySequence,
     QMouseEvent,
     QPainter,
-    QPaintEvent,
     QPen,
     QResizeEvent,
     QShortcut,
@@ -24,7 +23,7 @@ from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 from spherecal_gui import languages, theme
 from spherecal_gui.presenters.look_presenter import TileState
 from spherecal_gui.project import Rectangle
-from spherecal_gui.widgets.basic import MARKS, bare, button, named, plain
+from spherecal_gui.widgets.basic import MARKS, Canvas, bare, button, ink, named, plain
 
 if TYPE_CHECKING:  # imports scipy
     from spherecal_gui.tasks.ghost import Drawn
@@ -39,10 +38,7 @@ _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a te
 
 
 def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
-    """A grey image as Qt draws it, thinned out to about this width; the memory is its own.
-
-    `image`: grey values (height, width).
-    """
+    """A grey image (height, width) as Qt draws it, thinned out to about this width; the memory is its own."""
     step = max(1, image.shape[1] // max(width, 1))
     small = image[::step, ::step]
     if small.dtype != np.uint8:
@@ -60,12 +56,13 @@ def _fitting(message: str, metrics: QFontMetrics, width: float) -> str:
     return metrics.elidedText(shown, Qt.TextElideMode.ElideRight, int(width))
 
 
-class CameraTile(QWidget):
+class CameraTile(Canvas):
     """One camera: image, dots found in it, name, counter, what is wrong with it; the border is the state's colour."""
 
     opened = Signal(str)
     renamed = Signal(str, str)  # serial; the new name
     masked = Signal(str, object)  # serial; left, top, width, height in px of the image
+    hint = (320, 260)
 
     def __init__(self, serial: str, name: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -133,10 +130,7 @@ class CameraTile(QWidget):
             self.update()
 
     def show_coverage(self, before: np.ndarray | None, now: np.ndarray | None, need: str = "") -> None:
-        """Lay the cells that are covered over the image.
-
-        `before`: dots in the cells (10, 10), of the placements taken; None: not shown.
-        """
+        """Lay the covered cells (10, 10) over the image, of the placements taken and of this one; None: not shown."""
         same = need == self.need and all(
             one is other or (one is not None and other is not None and np.array_equal(one, other))
             for one, other in ((before, self._covered[0]), (now, self._covered[1]))
@@ -146,10 +140,6 @@ class CameraTile(QWidget):
             self.setToolTip(plain(need or self.state.word))
             self.update()
 
-    def sizeHint(self) -> QSize:
-        """As a usual image."""
-        return QSize(320, 260)
-
     @property
     def _has_two_lines(self) -> bool:
         """Whether the figures have a line of their own below the word."""
@@ -157,11 +147,9 @@ class CameraTile(QWidget):
 
     @property
     def _foot(self) -> float:
-        """The height of the lines below the image."""
         return theme.pt(40 if self._has_two_lines else 22) + (_DASHES_PX if self.need else 0)
 
     def _room(self) -> QRectF:
-        """Where the image may be."""
         box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
         head, foot = theme.pt(34), self._foot
         return QRectF(box.left() + 4, box.top() + head, box.width() - 8, max(box.height() - head - foot, 1))
@@ -173,22 +161,18 @@ class CameraTile(QWidget):
         width, height = self._size[0] * scale, self._size[1] * scale
         return QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height), scale
 
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """Draw header, image, dots and border."""
         c = theme.now()
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         tint = QColor(c.of(self.state.level))
         box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(c.surface))
+        ink(painter, None, fill=c.surface)
         painter.drawRoundedRect(box, 6, 6)
         self._draw_image(painter, self._room())
         self._draw_masks(painter)
         self._draw_ghost(painter)
         self._draw_words(painter, box, theme.pt(34), self._foot, tint)
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setPen(QPen(tint, 5 if self.hasFocus() else 3))
+        ink(painter, tint, 5 if self.hasFocus() else 3)
         painter.drawRoundedRect(box, 6, 6)
         if self.need:
             painter.setPen(QPen(theme.colour("accent"), 3, Qt.PenStyle.DashLine))
@@ -307,7 +291,6 @@ class CameraTile(QWidget):
             painter.setPen(QPen(QColor("#ff5fd2"), 2))
             painter.setBrush(hatched)
             painter.drawRect(QRectF(*self._drag).normalized())
-        painter.setBrush(Qt.BrushStyle.NoBrush)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a mask, where one is to be drawn; a click on the name edits it."""
@@ -372,7 +355,6 @@ class CameraTile(QWidget):
             painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
     def _name_box(self) -> QRectF:
-        """Where the name is."""
         return QRectF(8, 2, self.width() / 2, theme.pt(34))
 
     def edit_name(self) -> None:

@@ -10,7 +10,6 @@ from spherecal_gui import theme
 from spherecal_gui.presenters.bars_presenter import (
     budget_cells,
     camera_cells,
-    camera_levels,
     errors_of,
     length_cells,
     rule_text,
@@ -109,8 +108,7 @@ class VerificationView(QSplitter):
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))
         self.table.fill([[*map(_cell, row)] for row in length_cells(bars)])
-        cameras = zip(camera_cells(bars), camera_levels(bars), strict=True)
-        self.cameras.fill([[*map(_cell, row[:-1]), (row[-1], row[-1], level)] for row, level in cameras])
+        self.cameras.fill(camera_cells(bars))
         self.budget.fill(budget_cells(bars))
         self._fit_tables()
 

@@ -13,8 +13,8 @@ import spherecal
 from spherecal.base.resources import resource_path
 from spherecal_documents.support.licences import LGPL_NOTE, parts
 from spherecal_gui import languages
+from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.languages import translate
-from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
 
 
@@ -36,8 +36,7 @@ def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = No
     text = QTextBrowser(openExternalLinks=False)
     text.setSearchPaths([str(folder)] if folder is not None else [])
     text.setHtml(html)
-    column = QVBoxLayout(dialog)
-    column.addWidget(text)
+    QVBoxLayout(dialog).addWidget(text)
     dialog.resize(720, 560)
     dialog.show()
     return dialog

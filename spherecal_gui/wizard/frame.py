@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
+from PySide6.QtCore import QByteArray, QEvent, QObject, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QAction, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
@@ -24,9 +24,8 @@ from spherecal_gui.widgets.basic import Banner, add, bare, label, named, spaced
 from spherecal_gui.widgets.icons import dress_icons
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.wizard.dialogs import about_dialog
-from spherecal_gui.wizard.footer import Footer
-from spherecal_gui.wizard.header import Header
-from spherecal_gui.wizard.window_settings import WindowSettings, default_projects
+from spherecal_gui.wizard.header import Footer, Header
+from spherecal_gui.wizard.window_settings import default_projects, window_settings
 
 
 class _Pages(QStackedWidget):
@@ -39,10 +38,7 @@ class _Pages(QStackedWidget):
 
 
 class _PageArea(QScrollArea):
-    """A page larger than a small screen scrolls: else the window grows and its buttons leave the screen (800 px).
-
-    Not resized by Qt, which would scroll as soon as a page with wrapping text is smaller than it would like to be.
-    """
+    """Scrolls a page larger than a small screen, which the window would outgrow; Qt's own resizing scrolls too soon."""
 
     def __init__(self, pages: _Pages) -> None:
         super().__init__()
@@ -79,26 +75,31 @@ class WindowFrame(QMainWindow):
     def __init__(self, projects: Path | None = None) -> None:
         super().__init__()
         self.projects = projects or default_projects()
-        self.settings = WindowSettings()
+        self.settings = window_settings()
         self.sounds = Sounds()
         self._dressed: tuple[bool, bool] | None = None
         self.setWindowTitle("SphereCal")
         application = QApplication.instance()
         assert isinstance(application, QApplication)
         # before there are widgets: those that exist keep the font that they were made with
-        theme.apply(application, self.settings.flag("dark", True), self.settings.flag("far"))
+        theme.apply(application, self._remembered("dark"), self._remembered("far"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._build()
 
     def _build(self) -> None:
+        self.header = Header(languages.now())
+        self.header.toggled.connect(self._toggled)
+        self.header.language_chosen.connect(self.language_chosen)
+        self.header.about.triggered.connect(lambda: about_dialog(self))
+        self.source, self.validity, self.doing = self.header.source, self.header.validity, self.header.doing
         middle = QWidget()
-        outer = add(bare(QVBoxLayout(middle), 0), self._header())
+        outer = add(bare(QVBoxLayout(middle), 0), self.header)
         self.rail = Rail()
         self.stack = _Pages()
         self.start = StartPage(self.projects)
         self.header.validity.clicked.connect(self.start.show_profile)
         self.header.training.connect(self.start.train)
-        self.header.studies.connect(self.start.show_studies)
+        self.header.studies.triggered.connect(self.start.show_studies)
         self.stack.addWidget(self.start)
         self.footer = Footer()
         self.title, self.task = label("", "title", wrap=False), label("", "task")
@@ -110,15 +111,11 @@ class WindowFrame(QMainWindow):
         outer.addLayout(add(spaced(QHBoxLayout(), 0), self.rail, (column, 1)), 1)
         self.setCentralWidget(middle)
         self.banner = Banner(middle)
-        self._log()
-
-    def _header(self) -> Header:
-        self.header = Header(languages.now())
-        self.header.toggled.connect(self._toggled)
-        self.header.language_chosen.connect(self.language_chosen)
-        self.header.about.connect(lambda: about_dialog(self))
-        self.source, self.validity, self.doing = self.header.source, self.header.validity, self.header.doing
-        return self.header
+        self.lines = named(QPlainTextEdit(readOnly=True, maximumBlockCount=5000), "", self.tr("Log"))
+        self.log_dock = named(QDockWidget(self.tr("Log"), self), "log-dock")
+        self.log_dock.setWidget(self.lines)
+        self.log_dock.hide()
+        self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
 
     def show_compiling(self, percent: int) -> None:
         """How far the kernels are compiled in the background; nothing at 100."""
@@ -127,35 +124,31 @@ class WindowFrame(QMainWindow):
         self.header.compiling.show_state(words if percent < 100 else "", "none", details)
         self.header.compiling.setVisible(percent < 100 and self.stack.currentWidget() is self.start)
 
-    def _log(self) -> None:
-        self.lines = named(QPlainTextEdit(readOnly=True, maximumBlockCount=5000), "", self.tr("Log"))
-        self.log_dock = named(QDockWidget(self.tr("Log"), self), "log-dock")
-        self.log_dock.setWidget(self.lines)
-        self.log_dock.hide()
-        self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
-
     def _restore(self) -> None:
-        geometry = self.settings.geometry
-        if geometry is None or not self.restoreGeometry(geometry):
+        geometry = self.settings.value("geometry")
+        if not isinstance(geometry, QByteArray) or not self.restoreGeometry(geometry):
             self.resize(1280, 800)
             self.setWindowState(Qt.WindowState.WindowMaximized)
         for name, one in self._options().items():
-            one.blockSignals(True)
-            one.setChecked(self.settings.flag(name, name == "dark" or (name == "goes-on" and self.goes_on_at_first)))
-            one.blockSignals(False)
+            with QSignalBlocker(one):
+                one.setChecked(self._remembered(name))
         self._dress()
+
+    def _remembered(self, name: str) -> bool:
+        """Whether an option is on: as it was left, else as it is at first."""
+        at_first = name == "dark" or (name == "goes-on" and self.goes_on_at_first)
+        return bool(self.settings.value(name, at_first, type=bool))
 
     # --- look --------------------------------------------------------------------------------------------------------
 
     def _options(self) -> dict[str, QAction]:
-        """The options that are remembered, by the name in the settings."""
         head = self.header
         return {"dark": head.dark, "far": head.far, "mute": head.mute, "goes-on": head.goes_on}
 
     def _toggled(self) -> None:
         self.log_dock.setVisible(self.header.show_log.isChecked())
         for name, one in self._options().items():
-            self.settings.set_flag(name, one.isChecked())
+            self.settings.setValue(name, one.isChecked())
         self._dress()
 
     def _dress(self) -> None:

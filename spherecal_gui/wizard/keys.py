@@ -71,10 +71,7 @@ class Onward:
 
 
 class Keys(QObject):
-    """Hears the keys of one window before its widgets do.
-
-    `options`: the widgets whose buttons the space bar never presses, such as the header. `press` is the page's action.
-    """
+    """Hears the keys of one window before its widgets do; the space bar never presses buttons in `options`."""
 
     def __init__(self, window: QWidget, options: QWidget, press: Callable[[], None]) -> None:
         super().__init__(window)
@@ -83,10 +80,7 @@ class Keys(QObject):
         self._heard: QWindow | None = None
 
     def listen(self) -> None:
-        """Hear the keys of the window, which has to be shown by now.
-
-        At the platform's window, not at the application: there every event of every widget would pass through Python.
-        """
+        """Hear the keys at the shown window's platform window: at the application all events would pass Python."""
         handle = self._window.windowHandle()
         if handle is not None and handle is not self._heard:
             self._heard = handle
@@ -99,8 +93,10 @@ class Keys(QObject):
         focus = self._window.focusWidget() or self._window  # to which Qt would hand it
         if event.key() == Qt.Key.Key_Space:
             return self._space(focus, event.isAutoRepeat())
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            return self._enter(focus, event.isAutoRepeat())
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and isinstance(focus, QAbstractButton):
+            if not event.isAutoRepeat():  # presses the button that has the focus; in a field it only commits the field
+                focus.click()
+            return True
         return False
 
     def _space(self, watched: QWidget, again: bool) -> bool:
@@ -114,11 +110,3 @@ class Keys(QObject):
         if not again:
             self._press()
         return True
-
-    @staticmethod
-    def _enter(watched: QWidget, again: bool) -> bool:
-        """Presses the button that has the focus; in a field it only commits the field."""
-        if isinstance(watched, QAbstractButton) and not again:
-            watched.click()
-            return True
-        return isinstance(watched, QAbstractButton)

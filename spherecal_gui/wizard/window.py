@@ -10,22 +10,21 @@ from PySide6.QtWidgets import QApplication, QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import languages, theme
+from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.wizard_page import Page
+from spherecal_gui.languages import error_text, reason_text, step_title
+from spherecal_gui.pages.limits_dialog import LimitsDialog
+from spherecal_gui.pages.wizard_page import Page, load_pages, loaded, page_class
+from spherecal_gui.presenters.limits_presenter import load_limits
 from spherecal_gui.presenters.look_presenter import bump_text
-from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.start_presenter import source_word, validity_of
 from spherecal_gui.project_folder import is_project, load_project, profile_shown, rig_bench, write_bench
-from spherecal_gui.standing import Standing, camera_level
-from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.task import BackgroundTask
-from spherecal_gui.texts import error_text, reason_text, step_title
-from spherecal_gui.wizard.bench_editor import show_bench
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.keys import Guard, Keys, Onward
-from spherecal_gui.wizard.limits_viewer import show_limits, take_over_limits
-from spherecal_gui.wizard.page_classes import load_pages, loaded, page_class
+from spherecal_gui.wizard.window_settings import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.workflow import Status, Step, StepKind
 
 _TICK_MS = 100
@@ -62,10 +61,11 @@ class WizardWindow(WindowFrame):
         self._timer.start()
         self._restore()
         self.refresh()
-        take_over_limits(self.controller, self.banner)
+        if damaged := load_limits():
+            self.controller.note(damaged)
+            self.banner.tell("bad", damaged)
 
     def _connect(self) -> None:
-        """Which part does what."""
         self.controller.changed.connect(self.refresh)
         self.controller.said.connect(self._say)
         self.controller.logged.connect(self.lines.appendPlainText)
@@ -78,11 +78,11 @@ class WizardWindow(WindowFrame):
             self.controller.cameras.somebody_answers = True
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
-        self.header.bundle.connect(self.offer_bundle)
-        self.header.copy_command.connect(self.copy_command)
-        self.header.limits.connect(self._show_limits)
-        self.header.sound_test.connect(self._test_sound)
-        self.header.bench.connect(self.edit_bench)
+        self.header.bundle.triggered.connect(self.offer_bundle)
+        self.header.copy.triggered.connect(self.copy_command)
+        self.header.limits.triggered.connect(self._show_limits)
+        self.header.sound_test.triggered.connect(self._test_sound)
+        self.header.bench.triggered.connect(self.edit_bench)
         self.start.bench_wanted.connect(self.edit_bench)
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
@@ -96,13 +96,9 @@ class WizardWindow(WindowFrame):
         self.footer.settled.connect(self._show_buttons)
         self.footer.back.clicked.connect(self.go_back)
         self.footer.next.clicked.connect(self.go_next)
-        keys = Qt.Key
-        for key, act in (
-            (keys.Key_PageDown, self.press),
-            (keys.Key_PageUp, self.go_back),
-            (keys.Key_F1, self.show_help),
-        ):
-            QShortcut(QKeySequence(key), self).activated.connect(act)
+        QShortcut(QKeySequence(Qt.Key.Key_PageDown), self).activated.connect(self.press)
+        QShortcut(QKeySequence(Qt.Key.Key_PageUp), self).activated.connect(self.go_back)
+        QShortcut(QKeySequence(Qt.Key.Key_F1), self).activated.connect(self.show_help)
 
     def redraw(self) -> None:
         """The colours or sizes are others."""
@@ -143,17 +139,16 @@ class WizardWindow(WindowFrame):
     def open_project(self, folder: str) -> None:
         """Go on with a project; a session is shown as live cameras, a folder of images is imported first."""
         there = Path(folder)
-        if not is_project(there) and (there / "session.json").is_file():
+        if is_project(there) or not there.is_dir():
+            self._try(lambda: self.controller.open_project(there))
+        elif (there / "session.json").is_file():
             self.new_project(f"replay:{folder}")
-            return
-        if not is_project(there) and there.is_dir():
+        else:
             self._import(there)
-            return
-        self._try(lambda: self.controller.open_project(Path(folder)))
 
     def _import(self, images: Path) -> None:
         """Show how a folder of images is read, and make a session of it once somebody agrees."""
-        from spherecal_gui.pages.import_dialog import ImportDialog  # needs scipy and OpenCV
+        from spherecal_gui.pages.images_dialogs import ImportDialog  # needs scipy and OpenCV
 
         try:
             self.import_dialog = ImportDialog(images, self.projects, self)
@@ -178,7 +173,14 @@ class WizardWindow(WindowFrame):
         self._say("info", self.tr("Copied."), commands[0])
 
     def _show_limits(self) -> None:
-        show_limits(self.controller, self.projects, self, self.redraw)
+        dialog = LimitsDialog(self.controller.profile_folder or profile_shown(self.projects), self)
+        dialog.changed.connect(self._limits_changed)
+        dialog.open()
+
+    def _limits_changed(self, lines: list[str]) -> None:
+        for line in lines:
+            self.controller.note(languages.translate("Limits", "Limit changed: {line}").format(line=line))
+        self.redraw()
 
     def _test_sound(self) -> None:
         """Play it where somebody can hear it, or say why not."""
@@ -187,6 +189,8 @@ class WizardWindow(WindowFrame):
 
     def edit_bench(self) -> None:
         """Describe ball, bars and limits."""
+        from spherecal_gui.pages.bench_dialog import show_bench  # needs scipy
+
         self.bench_dialog = show_bench(self.controller, self.projects, self)
         self.bench_dialog.limits_wanted.connect(self._show_limits)
 
@@ -292,19 +296,15 @@ class WizardWindow(WindowFrame):
         self._show_source()
         standing = self.page.standing()
         self.rail.show_state(state, standing)
-        self._sound_ready(standing)
-        self.footer.show_standing(standing, state, self.controller.runner.running is not None)
-
-    def _sound_ready(self, standing: Standing) -> None:
-        """A tone when ball or bar can be captured: somebody may stand at the rig with the back to the screen."""
+        # a tone when ball or bar can be captured: somebody may stand at the rig with the back to the screen
         kind = self._shown_step.kind if self._shown_step is not None else None
         ready = kind in ("placement", "scale", "verify") and standing.level == "good" and standing.default == "action"
         if ready and not self._ready:
             self.sounds.play("ready")
         self._ready = ready
+        self.footer.show_standing(standing, state, self.controller.runner.running is not None)
 
     def _show_source(self) -> None:
-        """Where the images come from, and from how many cameras."""
         project, connection = self.controller.project, self.controller.cameras.connection
         self.source.setVisible(project is not None)
         if project is not None:
@@ -338,8 +338,7 @@ class WizardWindow(WindowFrame):
         state = self.controller.state
         if state is None or state.now.status is not Status.FAILED or state.now.reason is None:
             return False
-        code = state.now.reason.code
-        return text in reason_text(state.now.reason) or code in _SAID_BY_PAGES
+        return text in reason_text(state.now.reason) or state.now.reason.code in _SAID_BY_PAGES
 
     def _tick(self) -> None:
         self._ticks += 1
@@ -379,7 +378,7 @@ class WizardWindow(WindowFrame):
         if task is not self._timed:
             self._timed = task
             if task is not None:
-                task.usual_s = expected_s(read_durations(self.settings.text(f"pace-{kind_of(task.name)}")))
+                task.usual_s = expected_s(read_durations(str(self.settings.value(pace_key(task.name)))))
         self.controller.computation.follow()
         here = task is not None and self._shown_step is not None and task.name == self._shown_step.id
         shown = here or (self.page is not None and self.page.said().left)  # the page says it, large
@@ -391,8 +390,8 @@ class WizardWindow(WindowFrame):
         self.doing.setVisible(bool(text))
 
     def _remember_pace(self, name: str, seconds: float) -> None:
-        key = f"pace-{kind_of(name)}"
-        self.settings.set_text(key, as_text(with_duration(read_durations(self.settings.text(key)), seconds)))
+        before = str(self.settings.value(pace_key(name)))
+        self.settings.setValue(pace_key(name), with_duration(before, seconds))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 
@@ -472,7 +471,6 @@ class WizardWindow(WindowFrame):
         return help_dialog(self._shown_step.kind if self._shown_step is not None else "start", self)
 
     def _bundle_of(self, trouble: str) -> tuple[Path | None, str, str]:
-        """The project's folder, the log and the versions."""
         project = self.controller.project
         about = "\n".join(f"{name} {version}" for name, version in versions())
         return project.folder if project is not None else None, f"{self.lines.toPlainText()}\n{trouble}", about
@@ -491,10 +489,7 @@ class WizardWindow(WindowFrame):
         return box
 
     def save_bundle(self, trouble: str = "") -> Path | None:
-        """What somebody needs to help, without images, beside the projects; where it is.
-
-        `trouble`: what went wrong inside the program.
-        """
+        """What somebody needs to help, without images, with what went wrong; beside the projects; where it is."""
         from spherecal_gui.tasks.bundle_task import make_bundle  # loads the calibration
 
         output = self.projects / f"support-{datetime.now():%Y-%m-%d-%H%M%S}.zip"
@@ -508,7 +503,6 @@ class WizardWindow(WindowFrame):
         return output
 
     def _ask_driver(self, question: DriverQuestion) -> None:
-        """Have somebody say whether a driver that was never allowed may be loaded."""
         self.question = driver_dialog(question, self)
 
     def may_close(self) -> bool:
@@ -534,24 +528,18 @@ class WizardWindow(WindowFrame):
         if self._closed:
             event.accept()
             return
-        self._timer.stop()
-        self.controller.changed.disconnect(self.refresh)
-        self.controller.runner.lasted.disconnect(self._remember_pace)
-        if not self._own:
-            self._closed = True
-            event.accept()
-            return
-        self.settings.geometry = self.saveGeometry()
-        self.settings.sync()
-        if not self._work_ended() or not self.start.close_work():
-            self._timer.start()
-            self.controller.changed.connect(self.refresh)
-            self.controller.runner.lasted.connect(self._remember_pace)
+        if self._own and not (self._work_ended() and self.start.close_work()):
             self._say("info", self.tr("The computation is still stopping; close the window again in a moment."), "")
             event.ignore()
             return
-        self._drop_pages()
-        self.controller.close_project()
-        self.sounds.close()
+        self._timer.stop()
+        self.controller.changed.disconnect(self.refresh)
+        self.controller.runner.lasted.disconnect(self._remember_pace)
+        if self._own:
+            self.settings.setValue("geometry", self.saveGeometry())
+            self.settings.sync()
+            self._drop_pages()
+            self.controller.close_project()
+            self.sounds.close()
         self._closed = True
         event.accept()

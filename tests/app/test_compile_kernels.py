@@ -219,7 +219,7 @@ def test_the_background_process_reports_and_ends(notes: Path, monkeypatch: pytes
     from PySide6.QtCore import QDeadlineTimer, QEventLoop
     from PySide6.QtWidgets import QApplication
 
-    from spherecal_gui.tasks.compiling import Compiling
+    from spherecal_gui.app import Compiling
 
     application = QApplication.instance() or QApplication([])
     one, told = Compiling(), []

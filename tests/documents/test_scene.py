@@ -33,7 +33,7 @@ from spherecal_documents.scene.picture import named_places, paper_style
 from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.scene.shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
 from spherecal_gui.presenters.gltf import scene_glb
-from spherecal_gui.presenters.scene_hover import items_of
+from spherecal_gui.rig_scenes import items_of
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.scene_overlay import Overlay

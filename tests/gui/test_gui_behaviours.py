@@ -25,19 +25,17 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.protocol import CameraSettings, CameraState, CameraStatus, Counters
 from spherecal_files.write_result import write_result
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.fingerprint import fingerprint
 from spherecal_gui.pages.calibrate_page import CalibratePage
 from spherecal_gui.pages.check_page import CheckPage
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
-from spherecal_gui.presenters.check_presenter import check_notes, check_rows, check_verdict
+from spherecal_gui.presenters.check_presenter import check_cells, check_notes, check_verdict
 from spherecal_gui.presenters.connect_presenter import CameraLine, connect_summary, model_text
 from spherecal_gui.presenters.look_presenter import TileState, figures_text
-from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, read_durations, with_duration
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene
 from spherecal_gui.presenters.results_presenter import culprit
 from spherecal_gui.presenters.start_presenter import in_use, picture_name, validity_of
-from spherecal_gui.project import Computation, Project
+from spherecal_gui.project import Computation, Project, fingerprint
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.rig_scenes import check_scene
 from spherecal_gui.tasks import jobs
@@ -45,6 +43,7 @@ from spherecal_gui.tasks.kept_check import read_kept_check
 from spherecal_gui.tasks.task import BackgroundTask
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.window import WizardWindow
+from spherecal_gui.wizard.window_settings import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.workflow import Step
 from spherecal_rigs.check_file import FORMAT, VERSION
 from spherecal_rigs.save_entry import SaveOptions, save_result
@@ -189,11 +188,11 @@ def test_how_long_it_has_lain_still_grows_to_the_whole():
 
 
 def test_time_is_said_after_a_second_and_compared_with_the_last_times():
-    kept = ()
+    kept = ""
     for seconds in (9.0, 20.0, 21.0, 22.0, 23.0, 300.0):
         kept = with_duration(kept, seconds)
-    assert expected_s(read_durations(as_text(kept))) == 22.0 and read_durations("x") == () and expected_s(()) is None
-    assert kind_of("placement:P3") == "placement"
+    assert expected_s(read_durations(kept)) == 22.0 and read_durations("x") == () and expected_s(()) is None
+    assert pace_key("placement:P3") == "pace-placement"
 
 
 def test_the_window_says_how_long_work_takes_and_remembers_it(qtbot, tmp_path, monkeypatch):
@@ -213,7 +212,7 @@ def test_the_window_says_how_long_work_takes_and_remembers_it(qtbot, tmp_path, m
     assert window.doing.text().endswith(" s")
     go[0] = True
     settle(window.controller)
-    assert read_durations(window.settings.text("pace-save"))[0] >= 12.0
+    assert read_durations(window.settings.value("pace-save"))[0] >= 12.0
     window.close()
 
 
@@ -331,8 +330,8 @@ def test_the_paper_s_method_is_chosen_before_and_among_the_details(page):
 def test_the_window_calibrates_by_the_method_chosen(tmp_path):
     assert main(["simulate", "demo", "--observations-only", "-q", "-o", str(tmp_path / "s")]) == 0
     for chosen, method in (("tao2021", "tao2021"), ("", "auto")):
-        jobs.calibrate(tmp_path / "s", tmp_path / f"r{chosen}", (), Context(), None, chosen)
-        written = json.loads((tmp_path / f"r{chosen}" / "rig.json").read_bytes())
+        jobs.calibrate(Project(tmp_path / "s", "simulated:demo", method=chosen), Context())
+        written = json.loads((tmp_path / "s" / "result" / "rig.json").read_bytes())
         assert written["software"]["method"] == method
 
 
@@ -353,8 +352,8 @@ def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     found = read_kept_check(project.folder)
     assert found is not None
     assert check_verdict(found).word == "RECALIBRATE" and "C03" in check_verdict(found).sentence
-    (row,) = check_rows(found)
-    assert (row.move_px, row.point_mm, row.shift_mm) == (9.1, 7.5, 4.5) and row.turn_deg == pytest.approx(0.3)
+    (row,) = check_cells(found)
+    assert [text for text, *_ in row][2:] == ["9.100", "7.500", "4.500", "0.3000", "2.000", "0.100"]
     assert len(check_notes(found)) == 3 and found.to_repair == ("C03",)
     controller = Controller()
     monkeypatch.setattr(controller.cameras, "connect_all", lambda: None)

@@ -24,6 +24,7 @@ from spherecal_cameras.plan import read_plan
 from spherecal_files.bar_registry import BAR_REGISTRY, RegisteredBar
 from spherecal_gui.controllers.bench_desk import BenchDesk
 from spherecal_gui.pages.bench_dialog import BenchDialog
+from spherecal_gui.presenters.bars_presenter import bench_reminder, reminder, state_words
 from spherecal_gui.presenters.bench_presenter import (
     BarDraft,
     BenchDraft,
@@ -33,7 +34,6 @@ from spherecal_gui.presenters.bench_presenter import (
     read_bar,
     read_bench,
 )
-from spherecal_gui.presenters.certificates import bench_reminder, reminder, state_words
 from spherecal_gui.presenters.connect_presenter import bench_rows
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import rig_bench
@@ -208,7 +208,7 @@ def test_letters_are_one_step_back_and_forth(qtbot, dialog):
     assert (dialog.desk.draft.bars[0].serial, serial.text()) == ("B-7", "B-7")
     press(qtbot, dialog, "redo-bench")
     assert serial.text() == "B-99"
-    while dialog.desk.can_undo:
+    while dialog.desk.past:
         dialog.desk.undo()
     assert dialog.desk.draft == BenchDraft()
 

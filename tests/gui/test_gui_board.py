@@ -17,8 +17,7 @@ import spherecal
 from benchmarks.studies.boards import BASELINE_MM, render_set
 from spherecal_app.cli.main import main
 from spherecal_gui.coverage import BOARD_VIEWS, Dots, board_needs
-from spherecal_gui.pages.board_dialog import BoardDialog
-from spherecal_gui.pages.import_dialog import ImportDialog
+from spherecal_gui.pages.images_dialogs import BoardDialog, ImportDialog
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.results_page import ResultsPage
 from spherecal_gui.presenters.connect_presenter import bench_rows

@@ -15,10 +15,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.targets.detection import Detector
 from spherecal.targets.target_set import TargetSet
 from spherecal_cameras.simulated.simulated_source import SimulatedFault, SimulatedSource
-from spherecal_gui.pages.look_page import LookPage
+from spherecal_gui.pages.live_page import LookPage
 from spherecal_gui.presenters.look_presenter import bump_text, tile_state
-from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
-from spherecal_gui.tasks.live_detection import LiveView
+from spherecal_gui.tasks.live_detection import BUMP_PX, BumpWatch, LiveView
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_walking import at_rest, pump, settle
 

@@ -23,7 +23,7 @@ from benchmarks.timed_window import WalkTimes
 from installer.walk import GOES_ON_S
 from spherecal_gui.click_map import ClickMap
 from spherecal_gui.controllers.camera_controller import CameraController
-from spherecal_gui.wizard.footer import Footer
+from spherecal_gui.wizard.header import Footer
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_walking import pump, settle
 
@@ -169,7 +169,7 @@ def test_a_press_that_was_meant_for_something_else_is_not_heard(qtbot, tmp_path)
     """ "Cancel" ends as the finger comes down: the button is "Calibrate" by then, and must not begin anew."""
     from spherecal_gui.project import Project
     from spherecal_gui.standing import Button, Said, Standing
-    from spherecal_gui.wizard.footer import AFTER_CANCEL_S
+    from spherecal_gui.wizard.header import AFTER_CANCEL_S
     from spherecal_gui.workflow import Running, resolve
 
     footer = Footer()

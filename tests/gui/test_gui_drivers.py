@@ -22,8 +22,8 @@ from spherecal_cameras.camera_network import InterfaceFact
 from spherecal_cameras.genicam import discovery
 from spherecal_cameras.genicam.trust import TrustStore
 from spherecal_gui.controllers.controller import Controller
+from spherecal_gui.pages.connect_dialogs import DriversPanel, MakersDialog
 from spherecal_gui.pages.connect_page import ConnectPage
-from spherecal_gui.pages.drivers_panel import DriversPanel, MakersDialog
 from spherecal_gui.presenters.drivers_presenter import driver_notes, makers_rows, network_notes
 from spherecal_gui.workflow import Step
 from tests.gui_walking import settle

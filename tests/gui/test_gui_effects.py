@@ -17,9 +17,9 @@ from pytestqt.qtbot import QtBot
 from spherecal.data.rig import ImageMotion
 from spherecal.geometry.field_table import FieldTable
 from spherecal_files.write_result import MOTION_COLUMNS, MOTIONS_FILE, _motion_row, write_table
-from spherecal_gui.presenters.effects_presenter import drift_text, field_text
-from spherecal_gui.tasks.camera_effects import MOTIONS, effects_of
-from spherecal_gui.widgets.effects_view import EffectsView
+from spherecal_gui.presenters.results_presenter import drift_text, field_text
+from spherecal_gui.tasks.outcome import MOTIONS, effects_of
+from spherecal_gui.widgets.results_views import EffectsView
 
 
 def rig(field: FieldTable | None) -> SimpleNamespace:

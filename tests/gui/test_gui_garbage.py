@@ -17,8 +17,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QPushButton, QVBoxLayout, QWidget
 
-from spherecal_gui.tasks import garbage
-from spherecal_gui.tasks.task import Runner
+from spherecal_gui.tasks.task import Runner, due
 
 SECONDS = 2.0
 USUAL = (700, 10, 10)
@@ -129,4 +128,4 @@ def test_what_a_long_calculation_drops_is_collected_meanwhile(qapp, qtbot) -> No
     ],
 )
 def test_which_generation_is_due(count: tuple[int, int, int], busy: bool, generation: int | None) -> None:
-    assert garbage.due(count, USUAL, busy) == generation
+    assert due(count, USUAL, busy) == generation

@@ -16,8 +16,7 @@ from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_files.session_json import session_json
 from spherecal_gui.coverage import Dots, same_place
-from spherecal_gui.presenters.guidance_presenter import is_enough, now_text
-from spherecal_gui.presenters.placement_presenter import Scene, need_text
+from spherecal_gui.presenters.placement_presenter import Scene, is_enough, need_text, now_text
 from spherecal_gui.presenters.step_states import PlacementFacts, move_text, placement_says
 from spherecal_gui.tasks.ghost import Lenses, ToGo, drawn, drawn_bar, lying_ball, outline, thinned, to_go
 from spherecal_gui.tasks.placement_advice import plan_coarse, plan_next

@@ -15,8 +15,8 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal_files.session_json import session_json
 from spherecal_gui import coverage as cov
-from spherecal_gui.placement_view import GuidanceView
-from spherecal_gui.presenters.guidance_presenter import next_text, now_text
+from spherecal_gui.presenters.placement_presenter import next_text, now_text
+from spherecal_gui.rig_scenes import GuidanceView
 from spherecal_gui.tasks.placement_advice import plan_next, printed_scale, session_of_dots
 from tests.networks import one_thread, simulated
 

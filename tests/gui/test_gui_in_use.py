@@ -17,8 +17,7 @@ from PySide6.QtWidgets import QInputDialog
 from spherecal.base.errors import InputError
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.in_use import number_of, result_of
-from spherecal_gui.last_verification import keep_verification, last_verification
+from spherecal_gui.in_use import keep_verification, last_verification, number_of, result_of
 from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.pages.save_page import SavePage
 from spherecal_gui.presenters.start_presenter import in_use, validity_of

@@ -322,7 +322,7 @@ def test_a_failed_verification_is_never_called_missing(qtbot, home, tmp_path):
 
 
 def test_the_chip_follows_the_limits(home, result, desk, tmp_path):
-    from spherecal_gui.last_verification import keep_verification
+    from spherecal_gui.in_use import keep_verification
     from spherecal_gui.presenters.start_presenter import validity_of
 
     profile = tmp_path / "rig-profile"

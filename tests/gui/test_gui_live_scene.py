@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QApplication
 from spherecal_gui.coverage import same_place
 from spherecal_gui.pages.bars_page import ScalePage
 from spherecal_gui.pages.connect_page import ConnectPage
-from spherecal_gui.pages.look_page import LookPage
+from spherecal_gui.pages.live_page import LookPage
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_walking import pump, settle
 

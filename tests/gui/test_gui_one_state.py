@@ -14,11 +14,11 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal_gui import languages
+from spherecal_gui.languages import moved_text
 from spherecal_gui.presenters import step_states as st
 from spherecal_gui.presenters.placement_presenter import Scene
 from spherecal_gui.standing import Said
 from spherecal_gui.tasks.ghost import ToGo
-from spherecal_gui.texts import moved_text
 from tests.conftest import ROOT
 from tests.gui_states import all_facts
 

@@ -23,7 +23,7 @@ from spherecal_gui.presenters.bars_presenter import errors_of as verification_er
 from spherecal_gui.presenters.results_presenter import CameraResiduals
 from spherecal_gui.widgets.basic import label
 from spherecal_gui.widgets.charts import ConvergenceChart, ErrorChart
-from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.results_views import ResidualView
 from spherecal_gui.widgets.scene_panel import SceneSplit
 from spherecal_gui.widgets.table import Table
 from spherecal_verify.limit import Acceptance, LengthConformity, parse_limit
@@ -160,7 +160,7 @@ def test_only_the_screen_has_no_break_spaces(qapp) -> None:
     assert languages.by_locale("0.25 px") == "0.25 px", "cells of tables are copied"
     window = Path(languages.__file__).parent
     callers = {path.name for path in window.rglob("*.py") if "unbroken(" in path.read_text(encoding="utf-8")}
-    assert callers == {"languages.py", "basic.py", "need_label.py"}, "nothing that is written, copied or compared"
+    assert callers == {"languages.py", "basic.py", "fields.py"}, "nothing that is written, copied or compared"
 
 
 @pytest.mark.parametrize(("low", "high", "told"), [(-3.1, 0.1, [-3, -2, -1, 0]), (-0.8, 0.1, [0.2, 0.5, 1])])

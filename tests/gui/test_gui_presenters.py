@@ -460,7 +460,7 @@ CAMERAS = np.array([[-1000.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [0.0, 1000.0,
 
 def guided(ends: np.ndarray | None, still: bool | None = True):
     """What is said of a bar that should lie along x from -250 to 250 mm."""
-    from spherecal_gui.presenters.bar_guide import bar_guide
+    from spherecal_gui.presenters.bars_presenter import bar_guide
     from spherecal_gui.rig_scenes import RigPlanes
     from spherecal_rigs.pose_plan import PlannedPose
 
@@ -504,7 +504,7 @@ def test_the_bar_is_guided_in_words(ends, still, text, accepted):
 
 
 def test_poses_stand_in_columns_by_line():
-    from spherecal_gui.presenters.bar_guide import pose_columns
+    from spherecal_gui.presenters.bars_presenter import pose_columns
 
     assert pose_columns(["L1-1", "L1-2", "L2-1"]) == [["L1-1", "L1-2"], ["L2-1"]]
     assert pose_columns(["A-01", "A-02", "B-01"]) == [["A-01", "A-02"], ["B-01"]]

@@ -37,7 +37,7 @@ from spherecal_gui.presenters.results_presenter import (
 from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
-from spherecal_gui.widgets.findings_list import FindingsList
+from spherecal_gui.widgets.results_views import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
 from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session

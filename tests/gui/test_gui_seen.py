@@ -23,10 +23,11 @@ from spherecal_cameras.simulated.simulated_source import SimulatedFault
 from spherecal_gui.controllers import project_controller
 from spherecal_gui.controllers.camera_controller import CameraController
 from spherecal_gui.controllers.controller import Controller
-from spherecal_gui.pages.import_dialog import ImportDialog
+from spherecal_gui.languages import moved_text, reason_text, status_word
+from spherecal_gui.pages import wizard_page
+from spherecal_gui.pages.images_dialogs import ImportDialog
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.pages.verify_page import VerifyPage
-from spherecal_gui.placement_view import GuidanceView
 from spherecal_gui.presenters.connect_presenter import connect_summary
 from spherecal_gui.presenters.drivers_presenter import DriverNote
 from spherecal_gui.presenters.look_presenter import summary, tile_state
@@ -35,13 +36,12 @@ from spherecal_gui.presenters.start_presenter import project_lines
 from spherecal_gui.presenters.step_states import ResultFacts, SaveFacts, results_says, save_says
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import is_project, load_project
+from spherecal_gui.rig_scenes import GuidanceView
 from spherecal_gui.standing import Part
 from spherecal_gui.tasks.ghost import Ghost, LastBall, Lenses, Lying
-from spherecal_gui.texts import moved_text, reason_text, status_word
-from spherecal_gui.widgets.findings_list import FindingsList
-from spherecal_gui.widgets.thumbnail import Thumbnail
+from spherecal_gui.widgets.connect_views import Thumbnail
+from spherecal_gui.widgets.results_views import FindingsList
 from spherecal_gui.widgets.verification_view import VerificationView
-from spherecal_gui.wizard import page_classes
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Reason, Running, Status, Step, StepState, resolve
 from tests.gui_walking import begun, pump, settle, take, words_shown
@@ -447,7 +447,7 @@ def test_a_key_without_figures_is_not_shown(window):
 def test_pages_to_come_are_made_while_images_are_captured(window):
     """Opening Results or Verify for the first time held the window for half a second."""
     at_placement(window)
-    pump(lambda: {"calibrate", "results", "verify", "save"} <= set(page_classes.loaded))
+    pump(lambda: {"calibrate", "results", "verify", "save"} <= set(wizard_page.loaded))
     assert "verify" not in window.pages
     release = threading.Event()
     window.controller.runner.start("waiting", lambda _: release.wait(), lambda _: None, lambda _: None)

@@ -23,7 +23,7 @@ from spherecal_gui.pages.verify_page import VerifyPage
 from spherecal_gui.presenters.connect_presenter import BenchRow, CameraLine
 from spherecal_gui.project import Project
 from spherecal_gui.standing import Button, Said, Standing
-from spherecal_gui.wizard.footer import Footer
+from spherecal_gui.wizard.header import Footer
 from spherecal_gui.workflow import Running, Step, resolve
 
 # What is left of 1280 x 800 for the page beside the rail, below the heading, above the large buttons.

@@ -109,7 +109,7 @@ def test_help_is_there_in_every_language(language):
 
 @pytest.mark.parametrize(("language", "word", "step"), [("de", "Kalibrieren", "Verbinden"), ("zh_CN", "标定", "连接")])
 def test_the_window_speaks(qtbot, tmp_path, monkeypatch, english_again, language, word, step):
-    from spherecal_gui.texts import step_title
+    from spherecal_gui.languages import step_title
 
     monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
     languages.use(language)
@@ -143,7 +143,7 @@ def test_another_language_makes_the_window_anew_and_goes_on(qtbot, tmp_path, mon
     qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=120_000)
     assert window.header.home.text() == "Startseite"
     assert window.controller.project.folder == folder
-    assert window.settings.text("language") == "de"
+    assert window.settings.value("language") == "de"
     window.close()
 
 

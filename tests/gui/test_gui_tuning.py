@@ -25,13 +25,13 @@ from spherecal.targets.masks import masked
 from spherecal_cameras.simulated import simulated_source
 from spherecal_files.read_session import read_session
 from spherecal_gui import languages
+from spherecal_gui.controllers.camera_controller import DriverQuestion
 from spherecal_gui.coverage import Dots, unmasked
-from spherecal_gui.pages.camera_dialog import CameraDialog
-from spherecal_gui.pages.look_page import LookPage
+from spherecal_gui.languages import error_text
+from spherecal_gui.pages.connect_dialogs import CameraDialog
+from spherecal_gui.pages.live_page import LookPage
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.project_folder import load_project
-from spherecal_gui.tasks.driver_question import DriverQuestion
-from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.tile import CameraTile
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status

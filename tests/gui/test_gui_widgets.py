@@ -27,13 +27,12 @@ from spherecal_gui.presenters.results_presenter import Action, CameraResiduals, 
 from spherecal_gui.project import Project
 from spherecal_gui.widgets.basic import button, once
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart, ErrorChart, PairMatrix
-from spherecal_gui.widgets.findings_list import FindingsList
-from spherecal_gui.widgets.name_tags import place_tags
-from spherecal_gui.widgets.need_label import NeedLabel
+from spherecal_gui.widgets.fields import NeedLabel
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.widgets.rendered_scene import RenderedScene
-from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.results_views import FindingsList, ResidualView
+from spherecal_gui.widgets.scene_overlay import place_tags
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.workflow import Running, resolve

@@ -19,11 +19,9 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from spherecal.base.errors import InputError, OutputError
 from spherecal_gui import project as changes
 from spherecal_gui import workflow
-from spherecal_gui.fingerprint import fingerprint
-from spherecal_gui.languages import word
-from spherecal_gui.project import Artefacts, Project
+from spherecal_gui.languages import reason_text, step_title, word
+from spherecal_gui.project import Artefacts, Project, fingerprint
 from spherecal_gui.project_folder import WIZARD, load_project, new_folder, recent_projects, save_project, taken_in
-from spherecal_gui.texts import reason_text, step_title
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.workflow import Reason, Running, Status, resolve, steps_of
 

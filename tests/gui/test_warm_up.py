@@ -12,7 +12,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal_gui.presenters.look_presenter import warm_up_text
-from spherecal_gui.tasks.warm_up import WarmUp
+from spherecal_gui.tasks.live_detection import WarmUp
 from spherecal_gui.wizard.window import WizardWindow
 from tests.gui_walking import pump, settle
 

@@ -20,7 +20,7 @@ from spherecal_files.atomic import RESULT, check_folder
 from spherecal_files.rig_file import rig_bytes
 from spherecal_gui import project, project_folder
 from spherecal_gui import recorded_sets as recorded
-from spherecal_gui.tasks import dot_store
+from spherecal_gui.coverage import DotStore
 from spherecal_gui.tasks.bundle_task import bundle_files
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
@@ -95,7 +95,7 @@ def test_a_strangers_project_replaces_no_folder(tmp_path: Path, precious: Path, 
 
 def test_the_store_of_dots_writes_nothing_outside(tmp_path: Path, precious: Path) -> None:
     before = contents(precious)
-    store = dot_store.DotStore(tmp_path / "project")
+    store = DotStore(tmp_path / "project")
     (tmp_path / "project").mkdir()
     for set_id in (f"{precious}/dots", "../../precious/dots"):
         store.save(set_id, "now", {})

@@ -1,24 +1,106 @@
-"""What should lie on the bench, drawn to one scale: the ball with its targets, below or beside it the bars."""
+"""What Connect shows: a camera's newest image with its dots, and the bench drawn to one scale."""
 
 import math
 from collections.abc import Sequence
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QRadialGradient
+import numpy as np
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QRadialGradient
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.connect_presenter import DrawnBench
+from spherecal_gui.widgets.basic import Canvas, ink
+from spherecal_gui.widgets.tile import shown_image
 
-_LEAST_PX = 90.0
+_LEAST_PX = (44, 36)
+_WIDTH_PX = 320  # of what is kept of an image
+_PAST_ALPHA, _DOT_PX = 170, 1.6
+
+
+class Thumbnail(QWidget):
+    """An image without words; an empty frame until there is one. `clicked` when somebody clicks on it."""
+
+    clicked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("thumbnail")
+        self.image: QImage | None = None  # what is shown
+        self._shown_s: float | None = None
+        self._dots = np.empty((0, 2))  # shares of width and height
+        self.past = False
+        self.setMinimumSize(*_LEAST_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """Tell that it was clicked."""
+        if self.rect().contains(event.position().toPoint()):
+            self.clicked.emit()
+
+    def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
+        """Show an image, unless it is shown already. `image`: grey values (height, width)."""
+        if taken_s == self._shown_s:
+            return
+        self.image, self._shown_s = shown_image(image, bits, _WIDTH_PX), taken_s
+        self.update()
+
+    def show_dots(self, uv: np.ndarray, size: tuple[int, int]) -> None:
+        """Show where dots were found. `uv`: where they are (n, 2), px; `size`: width and height of the image, px."""
+        self._dots = (uv + 0.5) / size
+        self.update()
+
+    def show_past(self, past: bool) -> None:
+        """Whether the image is an old one, of a camera that sends no more: it is darkened."""
+        if past != self.past:
+            self.past = past
+            self.update()
+
+    @property
+    def dots(self) -> int:
+        """How many dots are shown."""
+        return len(self._dots)
+
+    @property
+    def has_image(self) -> bool:
+        """Whether there is one."""
+        return self.image is not None
+
+    def sizeHint(self) -> QSize:
+        """As a picture in a row."""
+        return QSize(80, 64)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """The image in its proportions, in the middle."""
+        size = self.image.size() if self.image is not None else QSize(5, 4)
+        scale = min(self.width() / size.width(), self.height() / size.height())
+        width, height = scale * size.width(), scale * size.height()
+        room = QRectF((self.width() - width) / 2, (self.height() - height) / 2, width, height)
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        if self.image is None:
+            painter.fillRect(room, QColor(theme.now().scene))
+        else:
+            painter.drawImage(room, self.image)
+            if self.past:
+                painter.fillRect(room, QColor(0, 0, 0, _PAST_ALPHA))
+                return
+            painter.setPen(QPen(QColor("#2fd27a"), _DOT_PX))
+            places = self._dots * (width, height) + (room.x(), room.y())
+            painter.drawPoints([QPointF(x, y) for x, y in places.tolist()])
+
+
+_LEAST_DRAWN_PX = 90.0
 _MARGIN_PX = 12.0
 _MARK_PX = 5.0
 _STICKER_PX = 84.0
 _TURN = math.pi * (3.0 - math.sqrt(5.0))  # the golden angle spreads points evenly over a ball
 
 
-class BenchView(QWidget):
+class BenchView(Canvas):
     """The drawing; nothing where nothing is known, or where there is no room for it."""
+
+    hint = (240, 0)  # as high as the page leaves
 
     def __init__(self) -> None:
         super().__init__()
@@ -31,11 +113,7 @@ class BenchView(QWidget):
         self._shown = shown
         self.update()
 
-    def sizeHint(self) -> QSize:
-        """As much as the page leaves."""
-        return QSize(240, 0)
-
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint(self, painter: QPainter) -> None:
         """Ball and bars, as large as there is room for both at one scale: below each other, or beside each other."""
         shown, line = self._shown, 2.4 * self.fontMetrics().height()
         ball, bar = shown.diameter_mm or 0.0, max((max(marks) for _, marks in shown.bars), default=0.0)
@@ -46,10 +124,8 @@ class BenchView(QWidget):
         below = min(width / max(ball, bar), (height - lines) / (ball or bar))
         beside = min((width - 2 * _MARGIN_PX) / (ball + bar), height / ball) if ball and height > lines else 0.0
         scale = max(below, beside)
-        if scale * max(ball, bar) < _LEAST_PX:
+        if scale * max(ball, bar) < _LEAST_DRAWN_PX:
             return
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         middle = QPointF(self.width() / 2, _MARGIN_PX + scale * ball / 2)
         at = QPointF(middle.x(), _MARGIN_PX + scale * ball)
         if beside > below:
@@ -68,11 +144,9 @@ class BenchView(QWidget):
         c, shown = theme.now(), self._shown
         reach = max(max(abs(x), abs(y)) for _, x, y in shown.sticker) * 1.35 or 1.0
         places = {name: box.center() + QPointF(x, y) * (box.width() / 2 / reach) for name, x, y in shown.sticker}
-        painter.setPen(QPen(QColor(c.border), 1))
-        painter.setBrush(QColor("#1c1c1c"))
+        ink(painter, c.border, 1, "#1c1c1c")
         painter.drawRect(box)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor("#f4f4f2"))
+        ink(painter, None, fill="#f4f4f2")
         for place in places.values():
             painter.drawEllipse(place, 4, 4)
         ends = [places[name] for name in shown.between if name in places]
@@ -90,8 +164,7 @@ class BenchView(QWidget):
         painter.setPen(QPen(QColor(c.soft), 1.5))
         painter.setBrush(light)
         painter.drawEllipse(centre, radius, radius)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(c.soft))
+        ink(painter, None, fill=c.soft)
         for i in range(self._shown.targets):
             height = 1.0 - (2 * i + 1) / self._shown.targets
             out = math.sqrt(1.0 - height * height)
@@ -105,8 +178,7 @@ class BenchView(QWidget):
         half = scale * max(marks) / 2
         painter.setPen(QPen(QColor(c.soft), 3.0))
         painter.drawLine(at - QPointF(half, 0), at + QPointF(half, 0))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(c.accent))
+        ink(painter, None, fill=c.accent)
         for one in marks:
             painter.drawEllipse(at + QPointF(scale * one - half, 0), _MARK_PX, _MARK_PX)
         painter.setPen(QColor(c.text))

@@ -1,14 +1,25 @@
-"""One camera: its live picture large, its light, name, exposure and gain."""
+"""On Connect: one camera with what is set at it; why no camera is found; the list of makers and their drivers."""
 
 import numpy as np
-from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QComboBox, QDialog, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QComboBox,
+    QDialog,
+    QFormLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QVBoxLayout,
+    QWidget,
+)
 
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.presenters.connect_presenter import model_text
+from spherecal_gui.presenters.drivers_presenter import DriverNote, makers_rows
 from spherecal_gui.presenters.look_presenter import tile_state
-from spherecal_gui.widgets.basic import add, button, enable, label, named, plain
+from spherecal_gui.widgets.basic import add, bare, button, clear, details_button, enable, label, named, plain, spaced
 from spherecal_gui.widgets.fields import number_field
+from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile
 
 _TICK_MS = 100
@@ -34,7 +45,9 @@ class CameraDialog(QDialog):
         about = label(f"{model_text(info.model) if info is not None else ''}  {serial}".strip(), "soft")
         which = label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's."))
         side = add(QVBoxLayout(), label(self.name, "huge", wrap=False), about, which, self.blink, self.message, None)
-        add(QHBoxLayout(self), (self.tile, 1), add(side, self._form(), self._buttons()))
+        self.apply = button(self.tr("Apply"), "apply-camera", act=self._apply)
+        buttons = add(QHBoxLayout(), self.apply, button(self.tr("Close"), "close-camera", act=self.accept))
+        add(QHBoxLayout(self), (self.tile, 1), add(side, self._form(), buttons))
         self._timer = QTimer(self, interval=_TICK_MS)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
@@ -69,21 +82,14 @@ class CameraDialog(QDialog):
 
     def _trigger_field(self, chosen: str) -> QComboBox:
         self.trigger = named(QComboBox(), "camera-trigger", self.tr("Trigger of all cameras"))
-        for mode, text in (
-            ("software", self.tr("Software, one after the other")),
-            ("scheduled", self.tr("Common clock (IEEE 1588), all at once")),
-            ("hardware", self.tr("Trigger box, all at once")),
-            ("free", self.tr("None: free running")),
-        ):
-            self.trigger.addItem(text, mode)
+        self.trigger.addItem(self.tr("Software, one after the other"), "software")
+        self.trigger.addItem(self.tr("Common clock (IEEE 1588), all at once"), "scheduled")
+        self.trigger.addItem(self.tr("Trigger box, all at once"), "hardware")
+        self.trigger.addItem(self.tr("None: free running"), "free")
         self.trigger.setCurrentIndex(self.trigger.findData(chosen))
         enable(self.trigger, not self.controller.tuning.why_no_trigger(), self.controller.tuning.why_no_trigger())
         self.trigger.activated.connect(lambda _: self.controller.tuning.set_all(trigger=self.trigger.currentData()))
         return self.trigger
-
-    def _buttons(self) -> QHBoxLayout:
-        self.apply = button(self.tr("Apply"), "apply-camera", act=self._apply)
-        return add(QHBoxLayout(), self.apply, button(self.tr("Close"), "close-camera", act=self.accept))
 
     def _tick(self) -> None:
         """Follow the camera; the dialog goes when the camera is no longer there."""
@@ -119,3 +125,84 @@ class CameraDialog(QDialog):
             self.message.setText("" if has_light else self.tr("This camera has no light that can be switched."))
         except RuntimeError:  # the dialog was closed meanwhile
             return
+
+
+class DriversPanel(QWidget):
+    """One block for each reason; `of_drivers`: the list of makers is offered too."""
+
+    allowed = Signal(str)  # the file of a driver
+    builtin = Signal()  # the built-in driver is to be used
+    cured = Signal(str)  # the command that mends this computer's network
+
+    def __init__(self, of_drivers: bool = True) -> None:
+        super().__init__()
+        self._notes: list[DriverNote] | None = None
+        self._blocks = spaced(QVBoxLayout(), 10)
+        self.makers = button(self.tr("Makers and their drivers"), "makers", act=self.show_makers)
+        if not of_drivers:
+            self.makers.hide()
+        add(bare(QVBoxLayout(self)), self._blocks, add(QHBoxLayout(), self.makers, None))
+        self.hide()
+
+    def show_notes(self, notes: list[DriverNote]) -> None:
+        """Show these; nothing where there are none."""
+        if notes == self._notes:
+            return
+        self._notes = notes
+        clear(self._blocks)
+        for note in notes:
+            self._blocks.addWidget(self._block(note))
+        self.setVisible(bool(notes))
+
+    def _block(self, note: DriverNote) -> QWidget:
+        box = QWidget()
+        column = bare(QVBoxLayout(box), 2)
+        if note.title:
+            column.addWidget(label(note.title, "big", level=note.level))
+        for step in note.steps:
+            line = label(f"• {step}")
+            line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)  # commands are copied
+            line.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            column.addWidget(line)
+        if note.allow:
+            yes = button(self.tr("Allow this driver"), "allow-driver", act=lambda: self.allowed.emit(note.allow))
+            column.addWidget(yes, 0, Qt.AlignmentFlag.AlignLeft)
+        if note.builtin:
+            use = button(self.tr("Use the built-in driver"), "builtin-driver", act=self.builtin)
+            column.addWidget(use, 0, Qt.AlignmentFlag.AlignLeft)
+        if note.cure:
+            cure = button(
+                self.tr("Do it now"), "apply-cure", act=lambda: self.cured.emit(note.cure), tip=plain(note.cure)
+            )
+            column.addWidget(cure, 0, Qt.AlignmentFlag.AlignLeft)
+        if note.details:
+            said = label(note.details, "soft")
+            column.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignLeft)
+            column.addWidget(said)
+        return box
+
+    def show_makers(self) -> QDialog:
+        """The list of makers."""
+        dialog = MakersDialog(self)
+        dialog.show()
+        return dialog
+
+
+class MakersDialog(QDialog):
+    """Makers, the package of each one's driver, its file, where it usually lies on this system."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle(self.tr("Makers and their drivers"))
+        message = self.tr("Install the maker's package; its driver is then found by itself. Never copy the .cti file.")
+        self.table = Table(
+            [self.tr("Maker"), self.tr("Package"), self.tr("Driver's file"), self.tr("Usual folder")], sortable=False
+        )
+        self.table.fill(makers_rows())
+        self.table.setWordWrap(False)  # else rows are made for columns that are not yet as wide as their texts
+        self.table.resizeRowsToContents()
+        self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        close = button(self.tr("Close"), "close-makers", act=self.accept)
+        add(QVBoxLayout(self), label(message), (self.table, 1), add(QHBoxLayout(), None, close))
+        self.resize(1100, 640)

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spherecal.base.messages.values import as_json, from_json
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
 from spherecal_files.codec import FileFormat, choice, field, free, items, only, prose, record
+from spherecal_files.written_phrase import as_json, from_json
 
 FINDINGS_FILE = "findings.json"
 

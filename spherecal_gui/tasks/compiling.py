@@ -6,8 +6,8 @@ from contextlib import suppress
 
 from PySide6.QtCore import QObject, QProcess, Signal, Slot
 
-from spherecal.base.working_folder import own_program
 from spherecal_app.kernel_state import state
+from spherecal_files.programs import own_program
 from spherecal_gui.tasks.task import leave_behind
 
 _PATIENCE_MS = 2000

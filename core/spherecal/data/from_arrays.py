@@ -99,15 +99,9 @@ def _camera(name: str, given: Any, image_size: ImageSize | None, fisheye: bool |
         raise InputError(f"The lens of {what} must be K (3, 3), (K, dist) or a CameraSpec, but is {_shown(given)}.")
     pair = isinstance(given, tuple | list) and len(given) == 2
     K, dist = given if pair else (given, None)
-    wide = is_wide(name, fisheye)
-    return CameraSpec(
-        name,
-        size_of(name, image_size),
-        opencv.lens_vector(K, dist, wide, what),
-        True,
-        name,
-        lens_model="fisheye" if wide else "brown",
-    )
+    wide, size = is_wide(name, fisheye), size_of(name, image_size)
+    lens = opencv.lens_vector(K, dist, wide, what)
+    return CameraSpec(name, size, lens, True, name, lens_model="fisheye" if wide else "brown")
 
 
 def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequence[str]) -> Observations:
@@ -136,18 +130,11 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
         sigma = np.column_stack([_numbers(columns[name], name) for name in SIGMA_COLUMNS])
         if not (sigma[seen] >= LEAST_SIGMA_PX).all():
             raise InputError(f"sigma_u and sigma_v must be {LEAST_SIGMA_PX:g} px or more.")
-    whole = Observations(
-        (*placements, *bar_poses),
-        ids,
-        tuple(points),
-        _index(columns["placement"], (*placements, *bar_poses), "placement"),
-        _index(columns["camera"], ids, "camera"),
-        _whole_numbers(columns["target"]),
-        _index(columns["point"], points, "point"),
-        uv,
-        sigma,
-    )
-    observations = whole.select(seen)
+    places = (*placements, *bar_poses)
+    named = (("placement", places), ("camera", ids), ("point", tuple(points)))
+    placement, camera, point = (_index(columns[name], known, name) for name, known in named)
+    rows = placement, camera, _whole_numbers(columns["target"]), point, uv, sigma
+    observations = Observations(places, ids, tuple(points), *rows).select(seen)
     _check_inside(observations, cameras)
     _check_once(observations)
     return observations

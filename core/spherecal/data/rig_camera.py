@@ -182,17 +182,9 @@ def camera_of_opencv(
     if not isinstance(given, Sequence) or len(given) != 4:
         raise InputError(Phrase("error-opencv-entry", {"what": what}))
     K, dist, rvec, tvec = given
-    return RigCamera(
-        name,
-        None,
-        size_of(name, image_size),
-        opencv.lens_vector(K, dist, is_wide(name, fisheye), what),
-        opencv.pose_rotation(rvec, what),
-        mm * opencv.pose_translation(tvec, what),
-        None,
-        0,
-        None,
-    )
+    size, lens = size_of(name, image_size), opencv.lens_vector(K, dist, is_wide(name, fisheye), what)
+    pose = opencv.pose_rotation(rvec, what), mm * opencv.pose_translation(tvec, what)
+    return RigCamera(name, None, size, lens, *pose, rms_px=None, observations=0, sigma=None)
 
 
 def is_wide(name: str, fisheye: bool | Collection[str]) -> bool:

@@ -33,7 +33,7 @@ from spherecal.data.rig import (
     RigScale,
 )
 from spherecal.data.rig_camera import posed
-from spherecal.data.session import CameraSpec, Session
+from spherecal.data.session import CameraSpec
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
@@ -283,23 +283,16 @@ def build_failed_result(
     recording: Recording, local: LocalNetwork, method: str, seconds: dict[str, float]
 ) -> Calibration:
     """The result where not even three cameras could be reconstructed: no camera has a pose."""
-    session, observations = recording.session, recording.observations
     lost = Finding("nothing-reconstructed", "error", kind="ball")
-    apart = unlinked(observations, local.counts, [], np.zeros(len(session.cameras), dtype=bool))
-    return unsolved(session, observations, recording.features, [lost, *apart], method, seconds)
+    apart = unlinked(recording.observations, local.counts, [], np.zeros(len(recording.session.cameras), dtype=bool))
+    return unsolved(recording, [lost, *apart], method, seconds)
 
 
-def unsolved(
-    session: Session,
-    observations: Observations,
-    features: Features,
-    findings: Sequence[Finding],
-    method: str,
-    seconds: dict[str, float],
-) -> Calibration:
+def unsolved(recording: Recording, findings: Sequence[Finding], method: str, seconds: dict[str, float]) -> Calibration:
     """The result where no camera could be placed."""
+    observations, features = recording.observations, recording.features
     quality = Quality(False, None, None, None, tuple(findings))
-    rig = Rig(None, (), RigScale("none", None), quality, session.input_sha256)
+    rig = Rig(None, (), RigScale("none", None), quality, recording.session.input_sha256)
     unknown, views = np.full((len(features), 3), np.nan), np.zeros(len(features), dtype=np.int64)
     of_rows = np.full((len(observations), 2), np.nan), np.zeros(len(observations), dtype=bool)
     return Calibration(rig, observations, features, unknown, unknown, views, *of_rows, (), method, seconds)

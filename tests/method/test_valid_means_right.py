@@ -19,12 +19,11 @@ from benchmarks.studies.mischief_world import make_world
 from benchmarks.studies.moves import knocked
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.findings import AdvisedRepair, Finding, as_written
+from spherecal.data.findings import AdvisedRepair, Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, ruled, widening
-from spherecal.data.verdict_words import named
 from spherecal.diagnose.plausibility import implausible
 from spherecal.geometry.transform import fit_similarity
 from spherecal.result.build_result import _points_sigma
@@ -34,6 +33,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.main import main
 from spherecal_files.capture_file import read_captured_sets
+from spherecal_files.findings_file import as_written
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
 from spherecal_rigs.check_rig import check
@@ -43,6 +43,7 @@ from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from spherecal_verify.limit import parse_limit
+from spherecal_verify.verdict_words import named
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import calibrated, one_thread, with_observations

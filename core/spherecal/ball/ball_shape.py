@@ -106,23 +106,11 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     information[there] = variance * np.linalg.inv(dots.covariance_mm2[of_shape[there]])
     turned = np.stack([np.eye(3), *(motion.rotation for motion in motions.values())])
     shifted = np.stack([np.zeros(3), *(motion.translation * unit for motion in motions.values())])
-    rigid = replace(
-        network,
-        feature=point[network.feature],
-        n_features=len(every),
-        ball=Stored(
-            block[features.placement][network.feature],
-            np.arange(1 + len(motions)) > 0,
-            shape=ShapePrior(places, information),
-        ),
-    )
-    start = replace(
-        state.scaled(unit),
-        points=places.copy(),
-        placement_rotation=turned,
-        placement_translation=shifted,
-        anchored=every[:, 0] < 0,
-    )
+    prior, is_free = ShapePrior(places, information), np.arange(1 + len(motions)) > 0
+    stored = Stored(block[features.placement][network.feature], is_free, shape=prior)
+    rigid = replace(network, feature=point[network.feature], n_features=len(every), ball=stored)
+    start = replace(state.scaled(unit), points=places.copy(), anchored=every[:, 0] < 0)
+    start = replace(start, placement_rotation=turned, placement_translation=shifted)
     turns, shifts = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
     nothing_shared = np.zeros((n_placements, n_placements), dtype=np.int64)
     alignment = Alignment(np.arange(n_placements), turns, shifts, nothing_shared)

@@ -180,10 +180,8 @@ def share_shape(network: Network, features: Features, state: State, alignment: A
     point = point.reshape(-1)
     ball = Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0)
     rigid = replace(network, feature=point[network.feature], n_features=len(dots), ball=ball)
-    start = replace(
-        state,
-        points=np.full((len(dots), 3), np.nan),
-        placement_rotation=np.concatenate([np.eye(3)[None], alignment.rotation[alignment.moved]]),
-        placement_translation=np.concatenate([np.zeros((1, 3)), alignment.translation[alignment.moved]]),
-    )
+    turned = np.concatenate([np.eye(3)[None], alignment.rotation[alignment.moved]])
+    shifted = np.concatenate([np.zeros((1, 3)), alignment.translation[alignment.moved]])
+    start = replace(state, points=np.full((len(dots), 3), np.nan))
+    start = replace(start, placement_rotation=turned, placement_translation=shifted)
     return RigidNetwork(rigid, Places(point, block[features.placement]), alignment, network.feature), start

@@ -97,8 +97,3 @@ class Finding:
 
     def __hash__(self) -> int:
         return hash(self._key())
-
-
-def as_written(severity: Severity, code: str, message: str, hint: str, where: tuple[str, ...] = ()) -> Finding:
-    """A finding of a file, whose values are not known: its message and hint stay as they are."""
-    return Finding(code, severity, {}, where, written=(message, hint))

@@ -22,7 +22,6 @@ _FORMS = (
     "Give {camera: {frame: (ids, uv)}}, arrays (n, 2) or (frames, n, 2) by camera, or a table (dict of columns or data "
     "frame) with camera, target, u, v."
 )
-_ONE_FRAME = "Give {camera: (ids, uv)} of one frame, or arrays (..., 2) by camera."
 
 Lens = CameraSpec | ArrayLike | tuple[ArrayLike, ArrayLike | None]
 Places = dict[str, dict[str, tuple[IntArray, FloatArray]]]  # by frame and camera, ids (n,) and image points (n, k, 2)
@@ -189,7 +188,7 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
     by_camera = any(key in cameras for key in given)
     inner: dict[str, Mapping[str, Any]] = {}
     for outer, one in given.items():
-        if by_camera and _pair(one) is not None:
+        if by_camera and ids_and_points(one) is not None:
             inner[outer] = {"P1": one}
         elif hasattr(one, "keys"):
             inner[outer] = {str(key): one[key] for key in one}
@@ -198,7 +197,7 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
     found: Places = {}
     for outer, items in inner.items():
         for key, one in items.items():
-            pair = _pair(one)
+            pair = ids_and_points(one)
             if pair is None:
                 if not by_camera and not found:  # arrays by placement
                     return None
@@ -214,34 +213,7 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
     return {frame: found[frame] for frame in (sorted(found, key=int) if numbers else found)}
 
 
-def points_by_ids(given: Mapping[str, Any]) -> tuple[IntArray, dict[str, FloatArray]] | None:
-    """All ids (n,), and image points (n, 2) or (n, k, 2) by camera, of (ids, uv) or {id: (u, v)}; None for arrays."""
-    pairs = {name: _pair(one) for name, one in given.items()}
-    found = {name: pair for name, pair in pairs.items() if pair is not None}
-    wrong = [name for name in pairs if name not in found and (found or hasattr(given[name], "keys"))]
-    if wrong:
-        said = f"The image points of {wrong[0]} are not (ids, uv) or {{id: (u, v)}} of one frame."
-        raise InputError(said, _ONE_FRAME)
-    if not found:
-        return None
-    ids = np.unique(np.concatenate([numbers for numbers, _ in found.values()]))
-    width = max(points.shape[1] for _, points in found.values())
-    arrays: dict[str, FloatArray] = {}
-    for name, (numbers, points) in found.items():
-        if len(numbers) != len(points):
-            raise InputError(f"{name} has {len(numbers)} ids, but {len(points)} image points.", _ONE_FRAME)
-        if len(np.unique(numbers)) < len(numbers):
-            raise InputError(f"{name} has an id twice.", _ONE_FRAME)
-        if len(points) and points.shape[1] != width:
-            raise InputError(f"{name} has {points.shape[1]} points for an id, other cameras {width}.", _ONE_FRAME)
-        filled = np.full((len(ids), width, 2), np.nan)
-        if len(points):
-            filled[np.searchsorted(ids, numbers)] = points
-        arrays[name] = filled[:, 0] if width == 1 else filled
-    return ids, arrays
-
-
-def _pair(one: Any) -> tuple[IntArray, FloatArray] | None:
+def ids_and_points(one: Any) -> tuple[IntArray, FloatArray] | None:
     """Ids (n,) and image points (n, k, 2) of (ids, uv) or {id: (u, v)}, in OpenCV's shapes too; None for others."""
     if one is None:
         ids, uv = None, None
@@ -269,7 +241,7 @@ def _wrong(one: Any) -> str:
     """What is not (ids, uv) or {id: (u, v)}, for a message: the first wrong item of a dict, the shapes of a pair."""
     if hasattr(one, "keys"):
         items = list(one.items())
-        key, place = next((item for item in items if _pair(dict([item])) is None), items[0])
+        key, place = next((item for item in items if ids_and_points(dict([item])) is None), items[0])
         return f"{{{key!r}: {_shown(place)}, ...}}"
     if isinstance(one, tuple | list) and len(one) == 2:
         return f"({_shown(one[0])}, {_shown(one[1])})"

@@ -130,12 +130,11 @@ def adjust_placed(network: Network, state: State, placed: BoolArray, candidates:
     return triangulated(network, state, candidates & placed[network.camera] & waiting[network.feature])
 
 
+Follow = Callable[[InitialPoses], InitialPoses]
+
+
 def resect_rest(
-    network: Network,
-    resected: InitialPoses,
-    candidates: BoolArray,
-    context: Context,
-    follow: Callable[[InitialPoses], InitialPoses] = lambda resected: resected,
+    network: Network, resected: InitialPoses, candidates: BoolArray, context: Context, follow: Follow = lambda now: now
 ) -> InitialPoses:
     """Poses of cameras that have none yet, those first that see most known points, an adjustment after each round."""
     state, placed = resected.state, resected.placed.copy()

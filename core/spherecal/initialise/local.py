@@ -86,12 +86,10 @@ def reconstruct_locally(
     on_a_path = {number for path in found.values() for number in path.triples}
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]
-    if not triples:
-        pair = _strongest_pair(gate, table, xy, intrinsics, seed)
-        if pair is not None:
-            graph = replace(graph, groups=np.isin(np.arange(n_cameras), pair.cameras).astype(int))
-        return LocalNetwork(keep, counts, triples, graph, found, pair)
-    return LocalNetwork(keep, counts, triples, graph, found)
+    pair = None if triples else _strongest_pair(gate, table, xy, intrinsics, seed)
+    if pair is not None:
+        graph = replace(graph, groups=np.isin(np.arange(n_cameras), pair.cameras).astype(int))
+    return LocalNetwork(keep, counts, triples, graph, found, pair)
 
 
 def _strongest_pair(

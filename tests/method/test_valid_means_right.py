@@ -25,9 +25,10 @@ from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, ruled, widening
 from spherecal.diagnose.plausibility import implausible
+from spherecal.diagnose.yardstick import most_moved
 from spherecal.geometry.transform import fit_similarity
 from spherecal.result.build_result import _points_sigma
-from spherecal.steps.automatic_repairs import most_wrong, ways
+from spherecal.steps.automatic_repairs import ways
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
@@ -507,7 +508,7 @@ def test_no_repair_where_too_much_is_wrong_or_two_may_have_moved() -> None:
 
     assert next(ways(session, told(moved("C01")), Repairs())) == Repairs(split=("C01@P3",))
     assert not list(ways(session, told(moved("C01", "C02")), Repairs()))
-    many = [moved(f"C{k:02d}") for k in range(1, most_wrong(session) + 2)]
+    many = [moved(f"C{k:02d}") for k in range(1, most_moved(len(session.cameras)) + 2)]
     assert not list(ways(session, told(*many), Repairs()))
     assert not list(ways(session, told(moved("C01")), Repairs(split=("C01@P3",))))
     values = {"first": "C01", "second": "C02", "times": 2.0, "swapped_px": 1.0, "as_is_px": 2.0, "usual_px": 1.0}

@@ -17,12 +17,3 @@ def resource_path(*parts: str) -> Path:
     """The path of a shipped file or folder, e.g. `resource_path("target_sets", "dots8.json")`; it may not exist."""
     root = _IN_WHEEL if _IN_WHEEL.is_dir() else _IN_SOURCE_TREE
     return root.joinpath(*parts)
-
-
-def manual_page(language: str = "en") -> Path | None:
-    """The manual's first page in a language (en, de, zh), offline; None in a checkout before `dev.py docs`."""
-    page = "index.html" if language == "en" else f"guide/{language}/index.html"
-    for folder in (_IN_WHEEL / "manual", _IN_SOURCE_TREE.parent / "build" / "site"):
-        if (folder / page).is_file():
-            return folder / page
-    return None

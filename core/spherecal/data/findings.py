@@ -97,3 +97,6 @@ class Finding:
 
     def __hash__(self) -> int:
         return hash(self._key())
+
+
+Findings = tuple[Finding, ...]

@@ -252,10 +252,6 @@ def common_scales(triples: list[Triple]) -> FloatArray:
     return np.exp(log_scale)
 
 
-def _operator(shape: tuple[int, int], times: Callable[[FloatArray], FloatArray]) -> LinearOperator:
-    return LinearOperator(shape, matvec=times, dtype=np.float64)  # pyright: ignore[reportCallIssue]
-
-
 def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right: FloatArray) -> FloatArray:
     """The solution of (diag(own) - share diag(1/total) share') x = right, of mean zero in each connected part.
 
@@ -269,8 +265,8 @@ def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right
 
     n = len(own)
     shape = (n, n)
-    matrix = _operator(shape, times)
-    scaling = _operator(shape, lambda x: x.ravel() / own)
+    matrix = LinearOperator(shape, matvec=times, dtype=np.float64)  # pyright: ignore[reportCallIssue]
+    scaling = LinearOperator(shape, matvec=lambda x: x.ravel() / own, dtype=np.float64)  # pyright: ignore[reportCallIssue]
     x = cg(matrix, right, rtol=1e-8, maxiter=20 * n, M=scaling)[0]
     part = connected_components(csr_array(share @ share.T), directed=False)[1]
     return x - (np.bincount(part, x) / np.bincount(part))[part]

@@ -16,7 +16,7 @@ from spherecal.ball.fit import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.catalogue import phrase
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Finding, Findings
 from spherecal.data.observations import Features, Observations
 from spherecal.data.recording import Recording
 from spherecal.data.rig import (
@@ -48,14 +48,7 @@ from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
-from spherecal.result.camera_effects import (
-    effects_findings,
-    image_motions,
-    lens_field,
-    not_of_fields,
-    shared_with_fields,
-    turn_sds,
-)
+from spherecal.result import camera_effects as effects
 from spherecal.result.widening import Uncertain, by_findings, drifting, either_lens, either_pose, either_size
 from spherecal.scale.bar_scale import within_growth
 from spherecal.scale.metric import MetricFit, Solution
@@ -97,12 +90,12 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     rig = Uncertain(cameras, _camera_covariance(lasting, adjusted, solution))
     ball_size = size_change(evidence)
     uv = {session.cameras[c].id: measured.uv[used & (measured.camera == c)] for c in every}
-    motions = image_motions(session, observations.placements, corrections)
+    motions = effects.image_motions(session, observations.placements, corrections)
     found = run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence)
-    findings = ruled(_all_said(found, effects_findings(cameras, motions, uv)))
+    findings = ruled(_all_said(found, effects.effects_findings(cameras, motions, uv)))
     release_freed()
     names = [camera.id for camera in cameras]
-    share = not_of_fields(corrections, solution.covariance, len(placed))[lasting]
+    share = effects.not_of_fields(corrections, solution.covariance, len(placed))[lasting]
     parts, others = ([f for f in findings if (f.code in OF_PARTS) == by_parts] for by_parts in (True, False))
     grown = zip(widening(parts, names, choice.form), widening(others, names, choice.form), strict=True)
     factor, of_poses = (np.maximum(np.sqrt(1 + (part**2 - 1) * share), other) for part, other in grown)
@@ -113,11 +106,11 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     doubt = float(np.linalg.norm(further))
     scale = _doubted(solution.scale, doubt)
     rig = by_findings(rig, of_poses, factor, solution.scale, scale)
-    rig = replace(rig, cameras=shared_with_fields(rig.cameras, uv))
+    rig = replace(rig, cameras=effects.shared_with_fields(rig.cameras, uv))
     rig = either_pose(rig, evidence, findings)
     known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
     middle = known.sum(axis=0) / max(len(known), 1)
-    rig = drifting(rig, turn_sds(corrections, np.flatnonzero(lasting), adjusted.variance), middle)
+    rig = drifting(rig, effects.turn_sds(corrections, np.flatnonzero(lasting), adjusted.variance), middle)
     rig = either_lens(rig, evidence, findings)
     if ball_size is not None:
         from_middle = np.array([camera.centre_mm for camera in cameras]) - middle
@@ -172,11 +165,7 @@ def _observed(observations: Observations, solved: BallFit) -> BoolArray:
 
 
 def quality_of(
-    residual: FloatArray,
-    sigma0: float | None,
-    findings: tuple[Finding, ...],
-    names: Sequence[str],
-    region: Affected | None = None,
+    residual: FloatArray, sigma0: float | None, findings: Findings, names: Sequence[str], region: Affected | None = None
 ) -> Quality:
     """How good a fit is, by the residuals (n,2) px of the observations that it used, and what was found."""
     size = np.linalg.norm(residual, axis=1)
@@ -221,13 +210,13 @@ def _doubted(scale: RigScale, doubt: float) -> RigScale:
     return replace(scale, relative_uncertainty=float(np.hypot(scale.relative_uncertainty, doubt)))
 
 
-def _all_said(found: Sequence[Finding], of_effects: tuple[Finding, ...]) -> list[Finding]:
+def _all_said(found: Sequence[Finding], of_effects: Findings) -> list[Finding]:
     """All findings; where the ball moves between the exposures of most cameras, no camera alone is unsteady."""
     moves = any(f.code == "camera-drifts" and f.kind == "most" for f in of_effects)
     return [*(f for f in found if not (moves and f.code == "camera-unsteady")), *of_effects]
 
 
-def _said_of_size(size: SizeChange | None, e: Evidence) -> tuple[Finding, ...]:
+def _said_of_size(size: SizeChange | None, e: Evidence) -> Findings:
     if size is None:
         return ()
     radii = [sphere.radius for sphere in e.solution.spheres.values()]
@@ -332,7 +321,7 @@ def _camera(recording: Recording, fit: MetricFit, residual: FloatArray, c: int) 
         cofactors = solution.covariance.cameras[c] * adjusted.variance
         sigma = camera_sigma(cofactors, solution.state.rotation[c], adjusted.problem, c, solution.factor)
     own = residual[adjusted.used & (recording.observations.camera == c)]
-    field = lens_field(fit.solved, solution.covariance, c, spec.image_size)
+    field = effects.lens_field(fit.solved, solution.covariance, c, spec.image_size)
     return placed_camera(spec, solution.state, c, own, sigma, field)
 
 
@@ -379,7 +368,7 @@ def map_of_lengths(
     return length_map(looking, volume, noise_px)
 
 
-def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
+def _said_of(lengths: LengthMap | None) -> Findings:
     if lengths is None or lengths.typical_mm is None or lengths.worst is None:
         return ()
     worst, place = lengths.worst
@@ -392,7 +381,7 @@ def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
     return (*said, Finding("degenerate-geometry", "error", values, kind="hardly")) if hardly else said
 
 
-def _ball_within_lengths(findings: tuple[Finding, ...], lengths: LengthMap | None, doubt: float) -> tuple[Finding, ...]:
+def _ball_within_lengths(findings: Findings, lengths: LengthMap | None, doubt: float) -> Findings:
     """The findings; a ball off its nominal diameter by less than lengths are uncertain by says nothing about the scale.
 
     Not turned, behind lenses off by 0.06 and 0.12 px: 5.1 and 7.4 mm, where lengths of that size had U of 13 and 14 mm
@@ -414,8 +403,8 @@ def _ball_within_lengths(findings: tuple[Finding, ...], lengths: LengthMap | Non
 
 
 def _moves_within_lengths(
-    findings: tuple[Finding, ...], cameras: tuple[RigCamera, ...], lengths: LengthMap | None, middle_mm: FloatArray
-) -> tuple[tuple[Finding, ...], FloatArray]:
+    findings: Findings, cameras: tuple[RigCamera, ...], lengths: LengthMap | None, middle_mm: FloatArray
+) -> tuple[Findings, FloatArray]:
     """The findings, and turns (c,) rad of cameras that moved by so little of what lengths are uncertain by.
 
     Their moves are information: the turns, as far as the rays of each turned between its images, state them.
@@ -438,7 +427,7 @@ def _moves_within_lengths(
     return tuple(out), turns
 
 
-def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> tuple[Finding, ...]:
+def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> Findings:
     """The finding where some lengths of the map, or all if there is none, are less certain than is wanted."""
     if wanted_mm is None or (lengths is not None and lengths.worst is not None and lengths.worst[0] <= wanted_mm):
         return ()

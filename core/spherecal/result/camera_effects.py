@@ -10,7 +10,7 @@ from spherecal.adjust.lens_field import left_unknown, lens_and_turns_in
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.fit import BallFit
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Finding, Findings
 from spherecal.data.rig import ImageMotion
 from spherecal.data.rig_camera import RigCamera
 from spherecal.data.session import Session
@@ -113,7 +113,7 @@ def image_motions(
 
 def effects_findings(
     cameras: tuple[RigCamera, ...], motions: tuple[ImageMotion, ...], uv: dict[str, FloatArray]
-) -> tuple[Finding, ...]:
+) -> Findings:
     """What is said of fields and drift of which lenses and cameras; `uv`: used image points (n,2) px by camera."""
     found = []
     fields = {

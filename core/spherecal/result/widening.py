@@ -8,7 +8,7 @@ import numpy as np
 from spherecal.adjust.camera_effects import TURN
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Findings
 from spherecal.data.rig import CameraCovariance, CameraSigma, RigCamera, RigScale
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.rejected_edges import rejected_edges
@@ -60,7 +60,7 @@ def by_findings(
     return wider.with_matrix(matrix)
 
 
-def either_pose(rig: Uncertain, evidence: Evidence, findings: tuple[Finding, ...]) -> Uncertain:
+def either_pose(rig: Uncertain, evidence: Evidence, findings: Findings) -> Uncertain:
     """Cameras with unconfirmed poses, with uncertainties such that each other pose is one standard uncertainty off."""
     names = [camera.id for camera in rig.cameras]
     for pose in unconfirmed_poses(evidence, findings):
@@ -105,7 +105,7 @@ def _products(changes: FloatArray) -> FloatArray:
     return off.T @ off
 
 
-def either_lens(rig: Uncertain, evidence: Evidence, findings: tuple[Finding, ...]) -> Uncertain:
+def either_lens(rig: Uncertain, evidence: Evidence, findings: Findings) -> Uncertain:
     """Cameras with rejected edges, with uncertainties such that a lens closer to these is one sigma off."""
     named = {name for f in findings if f.code == "lens-misfit" and f.kind == "edge" for name in f.where}
     columns, group = evidence.adjusted.problem.intrinsic_columns, evidence.solved.network.group

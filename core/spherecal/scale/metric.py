@@ -12,7 +12,7 @@ from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, with_effects_unknown, with_lengths
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Findings
 from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
 from spherecal.data.session import Session
@@ -50,7 +50,7 @@ class MetricFit:
     solved: BallFit
     choice: ModelChoice
     solution: Solution
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
     stopped: bool = False
 
 

@@ -99,7 +99,7 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     steps = [step for f in findings if (step := _step(f, session)) is not None]
     steps = [step for step in steps if _with(done, list(step.first)) != done]
     single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}
-    if not steps or len(single) > most_wrong(session):
+    if not steps or len(single) > most_moved(len(session.cameras)):  # the others cannot prove that more are wrong
         return
     # one placement, not the last, contradicts the others grossly, for no known reason: other repairs would hide it
     gross = [f.where[-1:] for f in findings if f.code == "placements-contradict" and not f.repairs]
@@ -113,11 +113,6 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     sure = [step for step in steps if step.code in _OF_AN_IMAGE]
     if sure and (unmended or len(sure) < len(steps)):
         yield _with(done, [option for step in sure for option in step.first])
-
-
-def most_wrong(session: Session) -> int:
-    """How many cameras may be wrong at most for the others to prove it."""
-    return most_moved(len(session.cameras))
 
 
 @dataclass(frozen=True)

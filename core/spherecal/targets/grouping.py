@@ -11,18 +11,10 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.kernels import njit
+from spherecal.targets import code_reading as reading
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
-from spherecal.targets.code_reading import (
-    CODE_MM,
-    MOST_NEIGHBOURS,
-    REACH_MM,
-    CodeLookup,
-    fits_layout,
-    fits_view,
-    may_be_template,
-    read_code,
-)
+from spherecal.targets.code_reading import CodeLookup
 from spherecal.targets.code_table import CodeTable
 from spherecal.targets.neighbours import D_E_MM, HALF_B_C_MM, may_be_apart, metric_of, neighbours, sorted_blobs
 from spherecal.targets.partial_groups import find_partial_groups
@@ -101,11 +93,11 @@ def _search(blobs, lookup):
     """Rows (target, eight blobs) of all complete groups, with their views."""
     rows = np.empty((len(blobs.uv), 9), np.int64)
     views = np.empty((len(blobs.uv), VIEW_SIZE))
-    near = np.empty(MOST_NEIGHBOURS, np.int64)
+    near = np.empty(reading.MOST_NEIGHBOURS, np.int64)
     found = 0
     for d in range(len(blobs.uv)):
-        count = neighbours(blobs, d, REACH_MM, _LIKENESS, near)
-        if 7 <= count < MOST_NEIGHBOURS:
+        count = neighbours(blobs, d, reading.REACH_MM, _LIKENESS, near)
+        if 7 <= count < reading.MOST_NEIGHBOURS:
             found += _best_reading(blobs, near[:count], d, lookup, rows[found], views[found])
     return rows[:found], views[:found]
 
@@ -144,7 +136,7 @@ def _best_reading(blobs, near, d, lookup, row, view):
                     if (uv[c, 0] - cu) ** 2 + (uv[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
                         continue
                     across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
-                    if not may_be_template(blobs, near, d, (uv[a, 0], uv[a, 1]), along, across, _QUICK_LOOK):
+                    if not reading.may_be_template(blobs, near, d, (uv[a, 0], uv[a, 1]), along, across, _QUICK_LOOK):
                         continue
                     five[0], five[1], five[2], five[4] = a, b, c, e
                     if _reads(blobs, near, five, lookup, trial_row, trial_view) and trial_view[sv.RMS] < best:
@@ -157,11 +149,11 @@ def _best_reading(blobs, near, d, lookup, row, view):
 @njit(nogil=True, cache=True, error_model="numpy")
 def _reads(blobs, near, five, lookup, row, view):
     """Whether the five template dots, with exactly three more blobs on their sticker, are a target."""
-    if not fits_view(blobs, five, lookup.template, True, lookup.camera, _EXACTNESS, view):
+    if not reading.fits_view(blobs, five, lookup.template, True, lookup.camera, _EXACTNESS, view):
         return False
-    hits, code, dots = read_code(blobs.uv, near, five, view, lookup.places, _EXACTNESS[CODE_MM])
+    hits, code, dots = reading.read_code(blobs.uv, near, five, view, lookup.places, _EXACTNESS[reading.CODE_MM])
     if hits != 3:
         return False
     code.sort()
     target = lookup.by_triple[code[0], code[1], code[2]]
-    return target >= 0 and fits_layout(blobs, five, dots, target, lookup, _EXACTNESS, row, view)
+    return target >= 0 and reading.fits_layout(blobs, five, dots, target, lookup, _EXACTNESS, row, view)

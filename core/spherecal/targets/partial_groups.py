@@ -11,19 +11,9 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.kernels import njit
+from spherecal.targets import code_reading as reading
 from spherecal.targets import sticker_view as sv
-from spherecal.targets.code_reading import (
-    CODE_MM,
-    MISSING,
-    MOST_NEIGHBOURS,
-    REACH_MM,
-    CodeLookup,
-    fits_layout,
-    fits_view,
-    is_on_sheet,
-    may_be_template,
-    read_code,
-)
+from spherecal.targets.code_reading import MISSING, CodeLookup
 from spherecal.targets.looks import are_alike
 from spherecal.targets.neighbours import (
     A_D_MM,
@@ -114,19 +104,19 @@ def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _search(blobs, readings):
-    near, far = np.empty(MOST_NEIGHBOURS, np.int64), np.empty(MOST_NEIGHBOURS, np.int64)
+    near, far = np.empty(reading.MOST_NEIGHBOURS, np.int64), np.empty(reading.MOST_NEIGHBOURS, np.int64)
     found, metric = 0, np.empty(3)
     for pivot in range(len(blobs.uv)):
         if not readings.free[pivot]:
             continue
         metric_of(blobs.moments, pivot, metric)
         count = neighbours(blobs, pivot, _FAR_REACH_MM, _LOOSE_LIKENESS, far)
-        if not _FEWEST <= count < MOST_NEIGHBOURS:
+        if not _FEWEST <= count < reading.MOST_NEIGHBOURS:
             continue
         count = _within(blobs.uv, readings.free, pivot, metric, _FAR_REACH_MM, far[:count], far)
         if count > _CLUTTERED:
             count = _agreeing(blobs.looks, pivot, far[:count])
-        within = _within(blobs.uv, readings.free, pivot, metric, REACH_MM, far[:count], near)
+        within = _within(blobs.uv, readings.free, pivot, metric, reading.REACH_MM, far[:count], near)
         if _FEWEST <= within <= _MOST_NEAR:
             found = _read_along_line(blobs, near[:within], pivot, readings, found)
             for missing in (_A, _E):
@@ -167,14 +157,14 @@ def _agreeing(looks, pivot, some):
 @njit(nogil=True, cache=True, error_model="numpy")
 def _is_alone(blobs, readings, row, view):
     """Whether no other blob that might be a dot of it is on the sticker, but where the missing dot should be."""
-    near, gap = np.empty(MOST_NEIGHBOURS, np.int64), readings.lookup.layouts[row[0], np.argmin(row[1:])]
+    near, gap = np.empty(reading.MOST_NEIGHBOURS, np.int64), readings.lookup.layouts[row[0], np.argmin(row[1:])]
     uv = blobs.uv
     for dot in row[1:]:
         if dot == MISSING:
             continue
-        count = neighbours(blobs, dot, REACH_MM, _LOOSE_LIKENESS, near)
+        count = neighbours(blobs, dot, reading.REACH_MM, _LOOSE_LIKENESS, near)
         for i in near[:count]:
-            if not readings.free[i] or (row[1:] == i).any() or not is_on_sheet(view, uv[i, 0], uv[i, 1]):
+            if not readings.free[i] or (row[1:] == i).any() or not reading.is_on_sheet(view, uv[i, 0], uv[i, 1]):
                 continue
             x, y = place_of(view, uv[i, 0], uv[i, 1])
             if np.hypot(x - gap[0], y - gap[1]) > _DEFORMED_MM:
@@ -208,7 +198,7 @@ def _read_along_line(blobs, near, d, readings, found):
                 left = _is_left(uv, a, e, b)
                 along = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
                 across = (-2 * bu, -2 * bv) if left else (2 * bu, 2 * bv)
-                if not may_be_template(blobs, near, d, (uv[a, 0], uv[a, 1]), along, across, _QUICK_LOOK):
+                if not reading.may_be_template(blobs, near, d, (uv[a, 0], uv[a, 1]), along, across, _QUICK_LOOK):
                     continue
                 five[_B], five[_C] = (b, MISSING) if left else (MISSING, b)
                 found = _try(blobs, near, five, readings, found)
@@ -250,7 +240,7 @@ def _read_across_line(blobs, near, pivot, missing, readings, found):
             for c in near:
                 if c not in (b, other) and _is_middle(uv, b, c, mu, mv, slack):
                     across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
-                    if may_be_template(blobs, near, pivot, at_a, along, across, _QUICK_LOOK):
+                    if reading.may_be_template(blobs, near, pivot, at_a, along, across, _QUICK_LOOK):
                         five[_B], five[_C] = b, c
                         found = _try(blobs, near, five, readings, found)
     return found
@@ -295,13 +285,14 @@ def _try(blobs, near, five, readings, found):
             known += 1
     whole = known == 5
     exactness = _EXACTNESS if whole else _LOOSE_EXACTNESS
-    if not fits_view(blobs, dots[:known], at[:known], whole, lookup.camera, exactness, view):
+    if not reading.fits_view(blobs, dots[:known], at[:known], whole, lookup.camera, exactness, view):
         return found
-    hits, code, code_blobs = read_code(blobs.uv, near, five, view, lookup.places, exactness[CODE_MM])
+    hits, code, code_blobs = reading.read_code(blobs.uv, near, five, view, lookup.places, exactness[reading.CODE_MM])
     if hits != 7 - known:
         return found
     code[:hits].sort()
     target = lookup.by_pair[code[0], code[1]] if whole else lookup.by_triple[code[0], code[1], code[2]]
     if target < 0 or readings.seen[target]:
         return found
-    return found + fits_layout(blobs, five, code_blobs[:hits], target, lookup, _EXACTNESS, readings.rows[found], view)
+    row = readings.rows[found]
+    return found + reading.fits_layout(blobs, five, code_blobs[:hits], target, lookup, _EXACTNESS, row, view)

@@ -85,8 +85,12 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
         own = (features.placement == t) & (known >= 0) & np.isfinite(state.points[:, 0])
         common[t] = own.sum()
         found = fit_motion(dots.places_mm[known[own]], state.points[own], features.target[own], with_scale=True)
-        if found is not None and _alike(found, dots.places_mm[known[own]], state.points[own]):
-            motions[t] = found
+        if found is not None:  # and most dots are where the motion puts those of the shape
+            shape = dots.places_mm[known[own]]
+            off = np.linalg.norm(found.apply(shape) - state.points[own], axis=1)
+            size = found.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
+            if np.median(off) <= OTHER_BALL * size:
+                motions[t] = found
     if not motions:
         return None
     unit = 1.0 / float(np.median([motion.scale for motion in motions.values()]))
@@ -116,10 +120,3 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     alignment = Alignment(np.arange(n_placements), turns, shifts, nothing_shared)
     places_of = Places(point, block[features.placement])
     return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common)
-
-
-def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:
-    """Whether most dots (n,3) are where the motion puts those of the shape."""
-    off = np.linalg.norm(motion.apply(shape) - there, axis=1)
-    size = motion.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
-    return bool(np.median(off) <= OTHER_BALL * size)

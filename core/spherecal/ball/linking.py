@@ -91,14 +91,10 @@ def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) ->
 
 def _size(now: InitialPoses, group: InitialPoses, n_ball: int) -> float | None:
     """The size of a group in the ball's frame relative to its own, from the distances between its cameras."""
-    ratios = []
     members = np.flatnonzero(group.placed)
-    for t in range(n_ball):
-        here = members[now.placed[members * n_ball + t]]
-        if len(here) >= 2:
-            images = here * n_ball + t
-            ratios.append(_spread(now.state, images) / _spread(group.state, here))
-    return float(np.median(ratios)) if ratios else None
+    at_each = [(t, members[now.placed[members * n_ball + t]]) for t in range(n_ball)]
+    sizes = [_spread(now.state, c * n_ball + t) / _spread(group.state, c) for t, c in at_each if len(c) >= 2]
+    return float(np.median(sizes)) if sizes else None
 
 
 def _spread(state: State, cameras: IntArray) -> float:

@@ -213,9 +213,7 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
     return solve_with_priors(rigid.network, everything, start.placed, solution, run)
 
 
-def _with_more_placements(
-    fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
-) -> tuple[BallFit, ModelChoice]:
+def _with_more_placements(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run) -> Chosen:
     """The rigid form, repeated while the dots that it located connect more placements.
 
     Where two sides see the ball, each ties other placements to it; only both together tie all. Of two times three

@@ -26,11 +26,12 @@ def nothing_found(session: Session, from_images: bool) -> Findings:
         cause = why_nothing_in(paths, targets)
         values = {"images": len(paths), "cause": cause.seen, "remedy": cause.remedy}
         return (Finding("no-targets", "error", values, kind="any" if len(paths) > 1 else "only"),)
-    seen = np.zeros((len(session.placements) + len(session.bar_poses), len(session.cameras)), dtype=bool)
+    n, cameras = len(session.placements), session.cameras
+    seen = np.zeros((n + len(session.bar_poses), len(cameras)), dtype=bool)
     seen[observations.placement, observations.camera] = True
-    blind, empty = (~seen[: len(session.placements)].any(axis=0)).tolist(), (~seen.any(axis=1)).tolist()
-    of_cameras = [("camera", one.id, 1, i) for i, one in enumerate(session.cameras) if blind[i]]
-    of_places = [("placement", one.id, 0, i) for i, one in enumerate(session.placements) if empty[i]]
+    blind, empty = (np.flatnonzero(~seen[:n].any(axis=axis)).tolist() for axis in (0, 1))
+    of_cameras = [("camera", cameras[c].id, 1, c) for c in blind]
+    of_places = [("placement", session.placements[p].id, 0, p) for p in empty]
     found = []
     for kind, name, of, i in of_cameras + of_places:
         if paths := [shot[2] for shot in shots if shot[of] == i]:

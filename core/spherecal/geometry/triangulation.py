@@ -100,7 +100,11 @@ def _triangulated(rows: _Rows, n_features: int) -> Triangulation:
 
     take = usable & possible[feature]
     centre = -np.einsum("cji,cj->ci", cameras.rotation, cameras.translation)
-    start = _nearest_to_rays(feature[take], centre[camera[take]], ray[take], n_features)
+    along = ray[take]
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    normal = _sum_by(feature[take], across, n_features)
+    right = _sum_by(feature[take], np.einsum("nij,nj->ni", across, centre[camera[take]]), n_features)
+    start = np.einsum("mij,mj->mi", _inverse(normal), right)  # with the least squared distances to the rays
     points, normal = _minimise(rows.select(take), np.where(possible[:, None], start, np.nan))
 
     x_camera = np.einsum("nij,nj->ni", cameras.rotation[camera], points[feature]) + cameras.translation[camera]
@@ -143,14 +147,6 @@ def _largest_angle(feature: IntArray, ray: FloatArray, n_features: int) -> Float
         of_one, of_other = (np.take_along_axis(of_each, which[:, None, None], axis=1)[:, 0] for which in (one, other))
         sine[own] = np.linalg.norm(cross(of_one, of_other), axis=1)
     return np.arcsin(sine.clip(max=1.0))
-
-
-def _nearest_to_rays(feature: IntArray, centre: FloatArray, ray: FloatArray, n_features: int) -> FloatArray:
-    """The point of each feature with the least squared distances to its rays, (m, 3)."""
-    across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
-    normal = _sum_by(feature, across, n_features)
-    right = _sum_by(feature, np.einsum("nij,nj->ni", across, centre), n_features)
-    return np.einsum("mij,mj->mi", _inverse(normal), right)
 
 
 def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:

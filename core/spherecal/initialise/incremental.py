@@ -160,6 +160,4 @@ def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -
     rows, xy = rows[usable], xy[usable]
     points = network.only(rows).world_points(state)
     pose = resect(points, xy, RESECTION_GATE_PX / state.intrinsics[camera, 0])
-    if pose is None or pose[2] < MIN_AGREEING_SHARE * len(rows):
-        return None
-    return pose[0], pose[1]
+    return None if pose is None or pose[2] < MIN_AGREEING_SHARE * len(rows) else pose[:2]

@@ -11,7 +11,7 @@ from spherecal.adjust.state import State
 from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, with_effects_unknown, with_lengths
 from spherecal.ball.selection import ModelChoice
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Findings
 from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
@@ -144,18 +144,13 @@ def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> d
     spheres = {}
     for t in range(n_placements):
         own = points[(placement == t) & np.isfinite(points[:, 0])]
-        sphere = fit_sphere(own[_near_the_rest(own)])
+        if len(own):  # no farther from their middle than five times the median distance: a ball's stay below 2
+            distance = np.linalg.norm(own - np.median(own, axis=0), axis=1)
+            own = own[distance <= 5 * np.median(distance)]
+        sphere = fit_sphere(own)
         if sphere is not None:
             spheres[t] = sphere
     return spheres
-
-
-def _near_the_rest(points: FloatArray) -> BoolArray:
-    """Points (n,) no farther from their common middle than five times the median distance: a ball's stay below 2."""
-    if not len(points):
-        return np.zeros(0, dtype=bool)
-    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
-    return distance <= 5 * np.median(distance)
 
 
 def _find_scale(

@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from spherecal.base.resources import cache_folder
+from spherecal_files.cache_folder import cache_folder
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.producer.build_producer import aravis_flags
 

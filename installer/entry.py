@@ -10,7 +10,7 @@ def main() -> int:
     """As `spherecal` and `spherecal-gui` of the wheel; the exit code."""
     multiprocessing.freeze_support()  # children of PyInstaller's bundles arrive here and never return
     _have_streams()
-    from spherecal.base.resources import cache_folder
+    from spherecal_files.cache_folder import cache_folder
 
     os.environ.setdefault("MPLCONFIGDIR", str(cache_folder("matplotlib")))  # its list of fonts; see spherecal.spec
     arguments = sys.argv[1:]

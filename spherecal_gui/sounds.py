@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QProcess
 
-from spherecal.base.working_folder import find_program
 from spherecal_files.filesystem import remove_below
+from spherecal_files.programs import find_program
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
 

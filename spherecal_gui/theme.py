@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
 from PySide6.QtWidgets import QApplication
 
 from spherecal.base.resources import resource_path
-from spherecal.base.working_folder import elsewhere
+from spherecal_files.programs import elsewhere
 
 
 @dataclass(frozen=True)

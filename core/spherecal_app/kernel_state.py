@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from spherecal.base.kernels import AHEAD
-from spherecal.base.resources import cache_folder
+from spherecal_files.cache_folder import cache_folder
 from spherecal_files.filesystem import write_whole
 
 

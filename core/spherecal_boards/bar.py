@@ -18,6 +18,7 @@ from spherecal.base.context import Context, Stopwatch
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import find_features
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import Placement, Session
 from spherecal.detect.session_images import observed
@@ -125,7 +126,7 @@ def calibrate_bar(
     linking = [*about, *late, *unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)]
     if not start.placed.any():
         lost = Finding("nothing-reconstructed", "error", {"least": LEAST_COMMON}, kind="bar")
-        return unsolved(session, o, find_features(o), [lost, *linking], METHOD, watch.seconds)
+        return unsolved(Recording(session, o, find_features(o)), [lost, *linking], METHOD, watch.seconds)
     work = BarNetwork(session, recording, network, known, start.reference, start.placed)
     rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
     translation = np.where(start.placed[:, None], start.translation, 0.0)

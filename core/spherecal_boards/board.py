@@ -13,6 +13,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, Observations
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, RigScale
 from spherecal.data.session import UNMEASURED_PRINT, Session
 from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
@@ -82,7 +83,7 @@ def calibrate_board(
     if not start.poses:
         features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
         lost = Finding("nothing-reconstructed", "error", {"least": LEAST_POINTS}, kind="board")
-        return unsolved(session, observations, features, [lost, *findings], METHOD, watch.seconds)
+        return unsolved(Recording(session, observations, features), [lost, *findings], METHOD, watch.seconds)
     network, state, groups = _chained(session, views, start, free, group, context)
     placed = np.isfinite(state.translation[:, 0])
     solution, about_shape = _adjusted(session, network, state, start.candidates, context, settings.joint)

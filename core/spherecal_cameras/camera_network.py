@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Literal
 
 from spherecal.base.messages.values import Phrase
-from spherecal.base.working_folder import find_program, own_program
 from spherecal.data.findings import Finding
 from spherecal_cameras.network_lines import CameraLoad, NetworkLine, assess, network_lines, network_of
 from spherecal_cameras.protocol import CameraError
+from spherecal_files.programs import find_program, own_program
 from spherecal_gentl.gige import gvcp
 
 # Bootstrap registers of GigE Vision; the stream's are those of its first channel.

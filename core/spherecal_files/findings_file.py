@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spherecal.base.messages.values import as_json, from_json
-from spherecal.data.findings import AdvisedRepair, Finding, as_written
+from spherecal.data.findings import AdvisedRepair, Finding, Severity
 from spherecal_files.codec import FileFormat, choice, field, free, items, only, prose, record
+from spherecal_files.written_phrase import as_json, from_json
 
 FINDINGS_FILE = "findings.json"
 
@@ -23,6 +23,11 @@ def _finding(values: Mapping[str, Any], **others: Any) -> Finding | None:
     except (KeyError, TypeError, ValueError, RecursionError):
         return None
     return finding
+
+
+def as_written(severity: Severity, code: str, message: str, hint: str, where: tuple[str, ...] = ()) -> Finding:
+    """A finding of a file, whose values are not known: its message and hint stay as they are."""
+    return Finding(code, severity, {}, where, written=(message, hint))
 
 
 FINDING = record(

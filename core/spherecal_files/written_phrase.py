@@ -1,11 +1,12 @@
 """Sentences in files: the English words for people and older readers, and beside them the phrase they are made of."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from spherecal.base.messages.catalogue import phrase
-from spherecal.base.messages.values import Phrase, as_json, from_json
+from spherecal.base.messages.values import Phrase, Value
 from spherecal_files.codec import Field, field, free, optional, prose, record
 
 
@@ -15,6 +16,31 @@ class Sentence:
 
     text: str
     phrase: Phrase | None = None
+
+
+def as_json(value: Value) -> Any:
+    """A value as a JSON document has it; numbers that are not finite go by name."""
+    if isinstance(value, Phrase):
+        return {"phrase": value.key, "values": {name: as_json(item) for name, item in value.values.items()}}
+    if isinstance(value, tuple):
+        return [as_json(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return {"number": str(value)}
+    return value
+
+
+def from_json(document: Any) -> Value:
+    """The value that `as_json` wrote."""
+    if isinstance(document, list):
+        return tuple(from_json(item) for item in document)
+    if not isinstance(document, dict):
+        return document
+    if set(document) == {"number"}:
+        return float(str(document["number"]))
+    phrase, values = document.get("phrase"), document.get("values")
+    if set(document) != {"phrase", "values"} or not isinstance(phrase, str) or not isinstance(values, dict):
+        raise ValueError("neither a number nor a phrase")
+    return Phrase(phrase, {str(name): from_json(item) for name, item in values.items()})
 
 
 PHRASE = replace(

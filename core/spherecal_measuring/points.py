@@ -14,7 +14,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray, ReadOnly
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
-from spherecal.data.from_arrays import above_zero, of_kind, points_by_ids
+from spherecal.data.from_arrays import above_zero, ids_and_points, of_kind
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import last_axis, posed
 from spherecal_rigs.framed_rig import in_frame
@@ -27,6 +27,7 @@ from spherecal_verify.uncertainty import PointErrors, point_errors
 # is proportional to its square, so that a caller who knows better can say so.
 DEFAULT_SIGMA_PX = 0.1
 _AT_ONCE = 500  # points: 100 cameras with 15 parameters each take 18 MB
+_ONE_FRAME = "Give {camera: (ids, uv)} of one frame, or arrays (..., 2) by camera."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -178,7 +179,7 @@ def triangulate_points(
     sigma_px = above_zero("sigma_px", sigma_px)
     if isinstance(image_points, Mapping):
         image_points = {name: seen for name, seen in image_points.items() if seen is not None}
-    with_ids = points_by_ids(image_points) if isinstance(image_points, Mapping) else None
+    with_ids = _points_by_ids(image_points) if isinstance(image_points, Mapping) else None
     arrays, shape = _image_points(rig, image_points if with_ids is None else with_ids[1])
     n = int(np.prod(shape))
     seen = [(c, uv, np.flatnonzero(np.isfinite(uv).all(axis=1))) for c, uv in arrays.items()]
@@ -265,3 +266,30 @@ def _image_points(
         raise InputError(Phrase("error-point-numbers" if numbers else "error-point-shapes", {"shapes": said}))
     flat = {c: values.reshape(-1, 2) for c, values in sorted(arrays.items())}
     return flat, shapes[0] if shapes else (0,)
+
+
+def _points_by_ids(given: Mapping[str, Any]) -> tuple[IntArray, dict[str, FloatArray]] | None:
+    """All ids (n,), and image points (n, 2) or (n, k, 2) by camera, of (ids, uv) or {id: (u, v)}; None for arrays."""
+    pairs = {name: ids_and_points(one) for name, one in given.items()}
+    found = {name: pair for name, pair in pairs.items() if pair is not None}
+    wrong = [name for name in pairs if name not in found and (found or hasattr(given[name], "keys"))]
+    if wrong:
+        said = f"The image points of {wrong[0]} are not (ids, uv) or {{id: (u, v)}} of one frame."
+        raise InputError(said, _ONE_FRAME)
+    if not found:
+        return None
+    ids = np.unique(np.concatenate([numbers for numbers, _ in found.values()]))
+    width = max(points.shape[1] for _, points in found.values())
+    arrays: dict[str, FloatArray] = {}
+    for name, (numbers, points) in found.items():
+        if len(numbers) != len(points):
+            raise InputError(f"{name} has {len(numbers)} ids, but {len(points)} image points.", _ONE_FRAME)
+        if len(np.unique(numbers)) < len(numbers):
+            raise InputError(f"{name} has an id twice.", _ONE_FRAME)
+        if len(points) and points.shape[1] != width:
+            raise InputError(f"{name} has {points.shape[1]} points for an id, other cameras {width}.", _ONE_FRAME)
+        filled = np.full((len(ids), width, 2), np.nan)
+        if len(points):
+            filled[np.searchsorted(ids, numbers)] = points
+        arrays[name] = filled[:, 0] if width == 1 else filled
+    return ids, arrays

@@ -13,10 +13,10 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
-from spherecal.base.resources import cache_folder
 from spherecal.data.session import BarPose, Placement, Session
 from spherecal.targets.target_set import TargetSet
 from spherecal_files.atomic import SESSION, write_folder_whole
+from spherecal_files.cache_folder import cache_folder
 from spherecal_files.filesystem import create, move_below, remove_own_folder, scratch_beside
 from spherecal_files.png_file import png_bytes
 from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots

@@ -13,7 +13,7 @@ import pytest
 from conftest import ROOT
 
 import spherecal
-from spherecal.base.resources import manual_page
+from spherecal_app.cli.documents_command import manual_page
 from spherecal_app.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
 from spherecal_app.cli.main import main
 from spherecal_app.cli.options import make_parser

@@ -14,9 +14,9 @@ from conftest import ROOT
 
 from benchmarks.studies.hostile_folder import SETTINGS, attack, make_canaries, starts
 from benchmarks.studies.hostile_inputs import Ground
-from spherecal.base.working_folder import find_program, own_program, users_environment
 from spherecal_app.cli.options import TABLE
 from spherecal_boards.pattern_entry import recorded_board
+from spherecal_files.programs import find_program, own_program, users_environment
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 

@@ -20,7 +20,6 @@ from PIL import Image, ImageDraw
 from pypdf import PdfReader
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.data.findings import as_written
 from spherecal.data.rig import Quality, Rig, RigScale
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
@@ -30,6 +29,7 @@ from spherecal_documents.report.rig_drawing import ScenePicture
 from spherecal_documents.report.rig_view import make_scene
 from spherecal_documents.report.style import number, report_style, shortened, significant, text_width
 from spherecal_documents.report.write_report import make_report, report_bytes, write_report
+from spherecal_files.findings_file import as_written
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig, rig_bytes
 from spherecal_files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS

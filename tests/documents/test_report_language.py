@@ -18,7 +18,6 @@ from pypdf.generic import DictionaryObject
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES
-from spherecal.data.findings import as_written
 from spherecal_app.cli.main import main
 from spherecal_documents.report import language as language_module
 from spherecal_documents.report.detections import Detection, detection_sections
@@ -27,6 +26,7 @@ from spherecal_documents.report.model import FindingText, Report, Strong
 from spherecal_documents.report.sections_rig import rig_sections
 from spherecal_documents.report.style import chinese_fonts
 from spherecal_documents.report.write_report import make_report, write_report
+from spherecal_files.findings_file import as_written
 from spherecal_files.write_verification import write_verification
 from spherecal_files.written_phrase import Sentence
 from spherecal_rigs.result_folder import Result, read_bar_report, read_result

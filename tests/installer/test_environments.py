@@ -213,16 +213,15 @@ def test_caches_find_room_where_home_is_read_only(tmp_path: Path) -> None:
     """The demo's images and the like: in a folder of the user's own; never in one that somebody else has made there."""
     script = (
         "import os, sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path\n"
-        "from spherecal.base.resources import cache_folder\n"
+        "from spherecal_files.cache_folder import cache_folder\n"
         "folder = cache_folder('demo-1'); mode = folder.parent.stat().st_mode & 0o777\n"
         "assert mode == 0o700 and folder.parent.stat().st_uid == os.getuid(), oct(mode)\n"
         "folder.mkdir(); print(folder.parent.name)\n"
     )
-    package, inside = tmp_path / "installed" / "spherecal", tmp_path / "temporary"
+    package, inside = tmp_path / "installed" / "spherecal_files", tmp_path / "temporary"
     package.mkdir(parents=True)
-    (package / "base").mkdir()
-    for name in ("__init__.py", "base/__init__.py", "base/early.py", "base/resources.py"):
-        shutil.copy(ROOT / "core" / "spherecal" / name, package / name)
+    for name in ("__init__.py", "cache_folder.py"):
+        shutil.copy(ROOT / "core" / "spherecal_files" / name, package / name)
     inside.mkdir()
     inside.chmod(0o777)
     for path in (tmp_path, *tmp_path.parents):

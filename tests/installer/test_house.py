@@ -125,7 +125,7 @@ MAY_WRITE = {
     "core/spherecal_app/cli/producer_command.py": {"TemporaryDirectory"},
     "core/spherecal_app/cli/console.py": {"open", "TemporaryDirectory"},  # /dev/null, what goes to standard output
     "core/spherecal_app/cli/main.py": {"open", "FileHandler"},  # /dev/null, the log file that the user names
-    "core/spherecal/base/resources.py": {"mkdtemp"},
+    "core/spherecal_files/cache_folder.py": {"mkdtemp"},
     "core/spherecal_documents/scene/renderer.py": {"unlink"},  # shared memory
     "core/spherecal_files/atomic.py": {"rmdir", "rename", "open", "chmod"},  # folders just made; to sync
     "core/spherecal_files/lock.py": {"unlink", "ftruncate"},  # lock files

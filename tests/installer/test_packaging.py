@@ -20,7 +20,7 @@ from conftest import ROOT
 import spherecal
 from installer.debian import make_scene_deb
 from installer.scene_part import take_apart
-from spherecal.base.resources import manual_page
+from spherecal_app.cli.documents_command import manual_page
 from spherecal_documents.support.licences import bill_of_materials, licence_text, parts
 
 BIN = "Scripts" if os.name == "nt" else "bin"

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import OutputError
-from spherecal.data.findings import as_written
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
 from spherecal.geometry.rotation import exp_rotation
@@ -17,6 +16,7 @@ from spherecal.targets.family import make_target_set
 from spherecal_files import atomic
 from spherecal_files import filesystem as files
 from spherecal_files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
+from spherecal_files.findings_file import as_written
 from spherecal_files.observations_file import read_observations, write_observations
 from spherecal_files.rig_file import read_rig, rig_bytes
 from spherecal_files.target_set_file import read_target_set, write_target_set

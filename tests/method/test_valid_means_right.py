@@ -19,21 +19,22 @@ from benchmarks.studies.mischief_world import make_world
 from benchmarks.studies.moves import knocked
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.data.findings import AdvisedRepair, Finding, as_written
+from spherecal.data.findings import AdvisedRepair, Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, ruled, widening
-from spherecal.data.verdict_words import named
 from spherecal.diagnose.plausibility import implausible
+from spherecal.diagnose.yardstick import most_moved
 from spherecal.geometry.transform import fit_similarity
 from spherecal.result.build_result import _points_sigma
-from spherecal.steps.automatic_repairs import most_wrong, ways
+from spherecal.steps.automatic_repairs import ways
 from spherecal.steps.repairs import Repairs, repaired
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.main import main
 from spherecal_files.capture_file import read_captured_sets
+from spherecal_files.findings_file import as_written
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
 from spherecal_rigs.check_rig import check
@@ -43,6 +44,7 @@ from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from spherecal_verify.limit import parse_limit
+from spherecal_verify.verdict_words import named
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import calibrated, one_thread, with_observations
@@ -506,7 +508,7 @@ def test_no_repair_where_too_much_is_wrong_or_two_may_have_moved() -> None:
 
     assert next(ways(session, told(moved("C01")), Repairs())) == Repairs(split=("C01@P3",))
     assert not list(ways(session, told(moved("C01", "C02")), Repairs()))
-    many = [moved(f"C{k:02d}") for k in range(1, most_wrong(session) + 2)]
+    many = [moved(f"C{k:02d}") for k in range(1, most_moved(len(session.cameras)) + 2)]
     assert not list(ways(session, told(*many), Repairs()))
     assert not list(ways(session, told(moved("C01")), Repairs(split=("C01@P3",))))
     values = {"first": "C01", "second": "C02", "times": 2.0, "swapped_px": 1.0, "as_is_px": 2.0, "usual_px": 1.0}

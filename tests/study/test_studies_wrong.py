@@ -13,9 +13,9 @@ from benchmarks.studies.mischief import KINDS, Mischief
 from benchmarks.studies.mischief_frames import make_frame_world
 from benchmarks.studies.mischief_world import World, make_world
 from benchmarks.studies.wrong import outcome_of
-from spherecal.data.findings import as_written
 from spherecal.data.rig import CameraSigma, Quality, RigCamera
 from spherecal.geometry.rotation import exp_rotation
+from spherecal_files.findings_file import as_written
 
 
 @cache

@@ -85,8 +85,12 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
         own = (features.placement == t) & (known >= 0) & np.isfinite(state.points[:, 0])
         common[t] = own.sum()
         found = fit_motion(dots.places_mm[known[own]], state.points[own], features.target[own], with_scale=True)
-        if found is not None and _alike(found, dots.places_mm[known[own]], state.points[own]):
-            motions[t] = found
+        if found is not None:  # and most dots are where the motion puts those of the shape
+            shape = dots.places_mm[known[own]]
+            off = np.linalg.norm(found.apply(shape) - state.points[own], axis=1)
+            size = found.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
+            if np.median(off) <= OTHER_BALL * size:
+                motions[t] = found
     if not motions:
         return None
     unit = 1.0 / float(np.median([motion.scale for motion in motions.values()]))
@@ -106,32 +110,13 @@ def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) 
     information[there] = variance * np.linalg.inv(dots.covariance_mm2[of_shape[there]])
     turned = np.stack([np.eye(3), *(motion.rotation for motion in motions.values())])
     shifted = np.stack([np.zeros(3), *(motion.translation * unit for motion in motions.values())])
-    rigid = replace(
-        network,
-        feature=point[network.feature],
-        n_features=len(every),
-        ball=Stored(
-            block[features.placement][network.feature],
-            np.arange(1 + len(motions)) > 0,
-            shape=ShapePrior(places, information),
-        ),
-    )
-    start = replace(
-        state.scaled(unit),
-        points=places.copy(),
-        placement_rotation=turned,
-        placement_translation=shifted,
-        anchored=every[:, 0] < 0,
-    )
+    prior, is_free = ShapePrior(places, information), np.arange(1 + len(motions)) > 0
+    stored = Stored(block[features.placement][network.feature], is_free, shape=prior)
+    rigid = replace(network, feature=point[network.feature], n_features=len(every), ball=stored)
+    start = replace(state.scaled(unit), points=places.copy(), anchored=every[:, 0] < 0)
+    start = replace(start, placement_rotation=turned, placement_translation=shifted)
     turns, shifts = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
     nothing_shared = np.zeros((n_placements, n_placements), dtype=np.int64)
     alignment = Alignment(np.arange(n_placements), turns, shifts, nothing_shared)
     places_of = Places(point, block[features.placement])
     return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common)
-
-
-def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:
-    """Whether most dots (n,3) are where the motion puts those of the shape."""
-    off = np.linalg.norm(motion.apply(shape) - there, axis=1)
-    size = motion.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
-    return bool(np.median(off) <= OTHER_BALL * size)

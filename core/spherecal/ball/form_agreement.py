@@ -78,14 +78,8 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     between = np.bincount(at, taken_alone, len(group)) - taken
     turned = np.einsum("nij,njk->nik", inverse[at], square)
     scatter = 3 - np.bincount(at, np.einsum("nij,nji->n", turned, turned), len(group))
-    return np.array(
-        [
-            (gained - alone)[good].sum(),
-            between[good].sum(),
-            (3 - taken)[good].sum(),
-            np.maximum(scatter, 0.0)[good].sum(),
-        ]
-    )
+    terms = gained - alone, between, 3 - taken, np.maximum(scatter, 0.0)
+    return np.array([term[good].sum() for term in terms])
 
 
 def _summed(values: FloatArray, index: IntArray, count: int) -> FloatArray:

@@ -40,7 +40,8 @@ def link_camera_groups(
     if not (known & ~groups[0].placed).any():
         return groups[0], alignment
     rows = on_ball & known[network.camera]
-    taken = _most_seen(np.bincount(placement[rows], minlength=ball.n_ball), len(known))
+    dots = np.bincount(placement[rows], minlength=ball.n_ball)
+    taken = np.sort(np.argsort(-dots, kind="stable")[: max(MOST_IMAGES // len(known), 2)])  # in order, those seen most
     n_ball = len(taken)
     rows &= np.isin(placement, taken)
     renumbered = replace(ball.features, placement=np.searchsorted(taken, ball.features.placement))
@@ -51,11 +52,6 @@ def link_camera_groups(
     first = InitialPoses(adjust_placed(images, first.state, first.placed, every, context), first.placed)
     resected = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
     return _rig(groups[0], resected, count, alignment, root, taken)
-
-
-def _most_seen(count: IntArray, n_cameras: int) -> IntArray:
-    """The placements, in order, that take part, of the numbers of dots seen at each (t,)."""
-    return np.sort(np.argsort(-count, kind="stable")[: max(MOST_IMAGES // n_cameras, 2)])
 
 
 def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[int, InitialPoses]:
@@ -95,14 +91,10 @@ def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) ->
 
 def _size(now: InitialPoses, group: InitialPoses, n_ball: int) -> float | None:
     """The size of a group in the ball's frame relative to its own, from the distances between its cameras."""
-    ratios = []
     members = np.flatnonzero(group.placed)
-    for t in range(n_ball):
-        here = members[now.placed[members * n_ball + t]]
-        if len(here) >= 2:
-            images = here * n_ball + t
-            ratios.append(_spread(now.state, images) / _spread(group.state, here))
-    return float(np.median(ratios)) if ratios else None
+    at_each = [(t, members[now.placed[members * n_ball + t]]) for t in range(n_ball)]
+    sizes = [_spread(now.state, c * n_ball + t) / _spread(group.state, c) for t, c in at_each if len(c) >= 2]
+    return float(np.median(sizes)) if sizes else None
 
 
 def _spread(state: State, cameras: IntArray) -> float:

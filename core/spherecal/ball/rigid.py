@@ -98,27 +98,19 @@ class BallNetwork:
 
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
     """How the ball's placements are connected by shared dots (points (f,3)): a tree of the pairs with most of them."""
-    place = _by_dot(features, points, n_ball)
+    dots, number = np.unique(np.stack([features.target, features.point], axis=1), axis=0, return_inverse=True)
+    place, ball = np.full((n_ball, len(dots), 3), np.nan), features.placement < n_ball
+    place[features.placement[ball], number.reshape(-1)[ball]] = points[ball]
     known = np.isfinite(place[:, :, 0])
     counts = known.astype(np.int64) @ known.T
     np.fill_diagonal(counts, 0)
-    target = np.unique(np.stack([features.target, features.point], axis=1), axis=0)[:, 0]
     root = np.arange(n_placements)
     rotation, translation = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
-    for t, (start, motion) in _outward(counts, _tree(counts, place, known, target)).items():
+    for t, (start, motion) in _outward(counts, _tree(counts, place, known, dots[:, 0])).items():
         root[t], rotation[t], translation[t] = start, motion.rotation, motion.translation
     shared = np.zeros((n_placements, n_placements), dtype=np.int64)
     shared[:n_ball, :n_ball] = counts
     return Alignment(root, rotation, translation, shared)
-
-
-def _by_dot(features: Features, points: FloatArray, n_ball: int) -> FloatArray:
-    """Places (t, dots, 3) of all dots at all placements of the ball, NaN where unknown."""
-    dots, number = np.unique(np.stack([features.target, features.point], axis=1), axis=0, return_inverse=True)
-    place = np.full((n_ball, len(dots), 3), np.nan)
-    ball = features.placement < n_ball
-    place[features.placement[ball], number.reshape(-1)[ball]] = points[ball]
-    return place
 
 
 def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArray) -> dict[tuple[int, int], Similarity]:
@@ -180,10 +172,8 @@ def share_shape(network: Network, features: Features, state: State, alignment: A
     point = point.reshape(-1)
     ball = Rigid(block[features.placement][network.feature], np.arange(1 + alignment.moved.sum()) > 0)
     rigid = replace(network, feature=point[network.feature], n_features=len(dots), ball=ball)
-    start = replace(
-        state,
-        points=np.full((len(dots), 3), np.nan),
-        placement_rotation=np.concatenate([np.eye(3)[None], alignment.rotation[alignment.moved]]),
-        placement_translation=np.concatenate([np.zeros((1, 3)), alignment.translation[alignment.moved]]),
-    )
+    turned = np.concatenate([np.eye(3)[None], alignment.rotation[alignment.moved]])
+    shifted = np.concatenate([np.zeros((1, 3)), alignment.translation[alignment.moved]])
+    start = replace(state, points=np.full((len(dots), 3), np.nan))
+    start = replace(start, placement_rotation=turned, placement_translation=shifted)
     return RigidNetwork(rigid, Places(point, block[features.placement]), alignment, network.feature), start

@@ -96,7 +96,7 @@ class RequestedModel:
     `mm_per_unit` gives the length of the network's unit from its free form. `sizes` gives those of the ball at its
     placements (t,), relative to their mean, that the rigid form should have, by the free form's variance. With None for
     that variance it gives what sizes that are fitted already are off. `is_moved`: whether motions of cameras or of the
-    ball leave no more than a variance.
+    ball leave no more than a variance. `other_groups`: the free forms of cameras that are not placed (c,).
     """
 
     name: RequestedForm
@@ -104,15 +104,13 @@ class RequestedModel:
     mm_per_unit: Callable[[BallFit], float]
     sizes: Callable[[RigidNetwork, Adjustment, float | None], FloatArray | None]
     is_moved: Callable[[float], bool]
+    other_groups: Callable[[BoolArray], list[BallFit]]
 
 
-def choose_ball_model(
-    free: BallFit,
-    ball: BallNetwork,
-    other_groups: Callable[[BoolArray], list[BallFit]],
-    requested: RequestedModel,
-    run: Run,
-) -> tuple[BallFit, ModelChoice]:
+Chosen = tuple[BallFit, ModelChoice]
+
+
+def choose_ball_model(free: BallFit, ball: BallNetwork, requested: RequestedModel, run: Run) -> Chosen:
     """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason.
 
     Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
@@ -121,7 +119,7 @@ def choose_ball_model(
     run.context.report("rigid ball", 0.0)
     alignment = ball.aligned(free.adjusted.state.points)
     if not free.placed.all():
-        linked = _linked([free, *other_groups(free.placed)], ball, alignment, requested.name, run)
+        linked = _linked([free, *requested.other_groups(free.placed)], ball, alignment, requested.name, run)
         if linked is not None:
             return _with_more_cameras(*_with_more_placements(*linked, ball, run), ball, run)
     if not alignment.moved.any():
@@ -137,8 +135,7 @@ def choose_ball_model(
     # asked before the soft form, which takes as long as all else of a camera that moved
     if choice.refused and choice.limit is not None and requested.is_moved(choice.limit * free.adjusted.variance):
         if not free.placed.all():  # it may link more cameras
-            asked = replace(requested, name="rigid")
-            fit, choice = choose_ball_model(free, ball, other_groups, asked, run)
+            fit, choice = choose_ball_model(free, ball, replace(requested, name="rigid"), run)
             return fit, _kept(choice)
         choice = _kept(replace(choice, form="rigid"))
     if choice.form == "soft":
@@ -216,9 +213,7 @@ def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray,
     return solve_with_priors(rigid.network, everything, start.placed, solution, run)
 
 
-def _with_more_placements(
-    fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
-) -> tuple[BallFit, ModelChoice]:
+def _with_more_placements(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run) -> Chosen:
     """The rigid form, repeated while the dots that it located connect more placements.
 
     Where two sides see the ball, each ties other placements to it; only both together tie all. Of two times three
@@ -261,37 +256,28 @@ def _with_more_cameras(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run
 
 def _soft_solution(
     rigid: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, requested: RequestedModel, run: Run
-) -> tuple[BallFit, ModelChoice] | None:
+) -> Chosen | None:
     """The soft form of the cameras that the free one places, with its shape noise; None where that would do harm."""
-    noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
-    used, placed, unit_mm = free.adjusted.used, free.placed, requested.mm_per_unit(free)
+    noise, unit_mm = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE), requested.mm_per_unit(free)
+    is_stated = requested.shape_sd_mm is not None
     if requested.shape_sd_mm is None:
-        shape_sd, start = estimate_shape_variance(rigid, first, used, placed, noise**2, run.context)
+        shape_sd, start = estimate_shape_variance(rigid, first, free, noise**2, run.context)
     else:
         shape_sd = requested.shape_sd_mm / unit_mm / noise
-        start = adjusted_with(rigid, first, used, placed, shape_sd)
-    if choice.limit is not None and not choice.asked and shape_sd * noise > MOST_SHAPE_SD * _radius(start):
+        start = adjusted_with(rigid, first, free, shape_sd)
+    points = start.state.points[np.unique(start.problem.point)]
+    radius = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the ball, rms of its dots
+    if choice.limit is not None and not choice.asked and shape_sd * noise > MOST_SHAPE_SD * radius:
         return None
-    fit = rigid_solution(without_priors(rigid).softened(shape_sd), start, placed, run)
+    fit = rigid_solution(without_priors(rigid).softened(shape_sd), start, free.placed, run)
     sd_mm = shape_sd * noise * unit_mm
-    source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
+    source = Phrase("play-stated" if is_stated else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
-    choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=requested.shape_sd_mm is not None)
-    return replace(fit, free=free), choice
-
-
-def _radius(rigid: Adjustment) -> float:
-    """The radius of the ball in the network's unit: rms distance of its dots from their centroid."""
-    points = rigid.state.points[np.unique(rigid.problem.point)]
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return replace(fit, free=free), replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=is_stated)
 
 
 def _judged(
-    rigid: Adjustment,
-    free: list[BallFit],
-    alignment: Alignment,
-    requested: RequestedForm,
-    feature: IntArray | None = None,
+    rigid: Adjustment, free: list[BallFit], alignment: Alignment, requested: RequestedForm, feature: IntArray
 ) -> ModelChoice:
     """The free form of several groups of cameras together, for comparison; feature (n,) of the observations."""
     redundancy = sum(group.adjusted.redundancy for group in free)
@@ -305,7 +291,7 @@ def _judged(
     shared = int(alignment.shared.max(axis=1)[alignment.moved].min())
     facts = Phrase("form-facts", {"moved": moved, "shared": shared, "ratio": ratio, "limit": limit})
     agreed = None
-    if feature is not None and min(NOTICEABLE, limit) < ratio < np.inf:
+    if min(NOTICEABLE, limit) < ratio < np.inf:
         agreed = agreement(rigid, feature, rigid.variance / ratio)
     choice = ModelChoice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
     if requested in ("rigid", "soft"):

@@ -16,6 +16,7 @@ from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
+from spherecal.ball.fit import BallFit
 from spherecal.ball.rigid import RigidNetwork
 from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.context import Context
@@ -36,10 +37,10 @@ class _Trial:
 
 
 def estimate_shape_variance(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context
+    rigid: RigidNetwork, first: Adjustment, free: BallFit, variance: float, context: Context
 ) -> tuple[float, Adjustment]:
     """The shape noise (for a sd of unit weight of 1; 0 where nothing asks for it) and the network adjusted with it."""
-    state, used, problem, rows = _start(rigid, first, used, placed)
+    state, used, problem, rows = _start(rigid, first, free)
     settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
     redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
     shape_sd, trials = 0.0, list[_Trial]()
@@ -58,26 +59,22 @@ def estimate_shape_variance(
         shape_sd = float(np.exp(_next(trials)))
 
 
-def adjusted_with(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, shape_sd: float
-) -> Adjustment:
+def adjusted_with(rigid: RigidNetwork, first: Adjustment, free: BallFit, shape_sd: float) -> Adjustment:
     """The network adjusted with a known shape noise."""
-    state, used, problem, rows = _start(rigid, first, used, placed)
+    state, used, problem, rows = _start(rigid, first, free)
     problem = _with_shape_variance(problem, shape_sd)
     done = minimise(problem, state, Settings())
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
     return Adjustment(done.state, problem, rows, used, done, redundancy)
 
 
-def _start(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray
-) -> tuple[State, BoolArray, Problem, IntArray]:
+def _start(rigid: RigidNetwork, first: Adjustment, free: BallFit) -> tuple[State, BoolArray, Problem, IntArray]:
     """The rigid form's state, the observations of dots that it knows, and their problem with a shape noise of 1."""
     network, state = rigid.softened(1.0).network, first.state
-    used = used & np.isfinite(state.points[network.feature, 0])
+    used = free.adjusted.used & np.isfinite(state.points[network.feature, 0])
     used &= (network.views(used) >= 2)[network.feature]
     state = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
-    problem, rows = network.problem(used, network.free, placed, weighted=True)
+    problem, rows = network.problem(used, network.free, free.placed, weighted=True)
     return state, used, problem, rows
 
 

@@ -59,20 +59,14 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
     placements = tuple(np.flatnonzero(there.matched).tolist())
     common = round(float(there.common[there.matched].mean()))
     first = refine(there.rigid.network, there.start, free.adjusted.used, free.placed, run.context)
-    misfit = _misfit(first, free.adjusted)
+    # the share of the stored shape, and of observations that need it, in v'Pv over their share of redundancy
+    added, more = first.redundancy - free.adjusted.redundancy, first.minimum.cost - free.adjusted.minimum.cost
+    misfit = 2 * more / added / variance if added > 0 and free.adjusted.variance > 0 else np.inf
     if misfit > MOST_MISFIT or not np.isfinite(misfit):
         return StoredShapeFit(None, misfit, placements, common)
     first, placed = _with_the_rest(there, first, free.placed, ball.candidates, run)
     fit = rigid_solution(without_priors(there.rigid), first, placed, run)
     return StoredShapeFit(replace(fit, free=free), misfit, placements, common)
-
-
-def _misfit(with_ball: Adjustment, free: Adjustment) -> float:
-    """The share of the stored shape, and of observations that need it, in v'Pv over their share of redundancy."""
-    added = with_ball.redundancy - free.redundancy
-    if added <= 0 or not free.variance > 0:
-        return np.inf
-    return 2 * (with_ball.minimum.cost - free.minimum.cost) / added / max(free.variance, LEAST_NOISE**2)
 
 
 def _with_the_rest(

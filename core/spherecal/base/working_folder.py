@@ -8,43 +8,22 @@ looks again at every compilation.
 
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.machinery import ModuleSpec
 from types import CodeType, ModuleType
 from typing import Any
 
-_BY_FOLDER = "NoDefaultCurrentDirectoryInExePath"  # Windows then looks for programs on PATH only
+BY_FOLDER = "NoDefaultCurrentDirectoryInExePath"  # Windows then looks for programs on PATH only
 
 
 def distrust() -> None:
     """From now on nothing is run or read from the working folder unless the user names it."""
     if sys.platform == "win32":
-        os.environ[_BY_FOLDER] = "1"
+        os.environ[BY_FOLDER] = "1"
     if not any(isinstance(finder, _Guards) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Guards())
     if "multiprocessing.util" in sys.modules:
         _start_children_safely(sys.modules["multiprocessing.util"])
-
-
-@contextmanager
-def elsewhere() -> Iterator[None]:
-    """A block in the program's own folder, while no other thread reads files by relative paths; on Linux."""
-    if sys.platform != "linux":
-        yield
-        return
-    home = os.open(".", os.O_PATH | os.O_CLOEXEC)
-    try:
-        os.chdir(os.path.dirname(__file__))
-        yield
-    finally:
-        os.fchdir(home)
-        os.close(home)
-
-
-def users_environment() -> dict[str, str]:
-    """The environment of commands that the user gives, which may name programs in the working folder."""
-    return {name: value for name, value in os.environ.items() if name.upper() != _BY_FOLDER.upper()}
 
 
 class _Guards:
@@ -133,25 +112,3 @@ _LOADED: dict[str, Callable[[ModuleSpec, Any], None]] = {
     "cv2": _keeping_the_library_path,
     "multiprocessing.util": _with_safe_children,
 }
-
-
-def own_program(module: str, *arguments: str) -> list[str]:
-    """The command that runs a module of ours in a process of its own; the working folder is not on its path."""
-    # the bundle's program is no interpreter: it takes `-m` itself (installer/entry.py)
-    safe = [] if getattr(sys, "frozen", False) else ["-P"]
-    return [sys.executable, *safe, "-m", module, *arguments]
-
-
-def find_program(name: str, path: str | None = None) -> str | None:
-    """The absolute path of another program, found on `path` (PATH); never in the working folder, except by a path."""
-    if os.path.dirname(name):
-        return os.path.abspath(name) if os.access(name, os.X_OK) else None
-    return next((file for file in _candidates(name, path) if os.path.isfile(file) and os.access(file, os.X_OK)), None)
-
-
-def _candidates(name: str, path: str | None) -> Iterator[str]:
-    # not shutil.which, which begins in the working folder on Windows
-    endings = ["", *os.environ.get("PATHEXT", "").split(os.pathsep)] if sys.platform == "win32" else [""]
-    for folder in (path or os.environ.get("PATH", os.defpath)).split(os.pathsep):
-        if os.path.isabs(folder):
-            yield from (os.path.join(folder, name + ending) for ending in endings)

@@ -99,6 +99,4 @@ class Finding:
         return hash(self._key())
 
 
-def as_written(severity: Severity, code: str, message: str, hint: str, where: tuple[str, ...] = ()) -> Finding:
-    """A finding of a file, whose values are not known: its message and hint stay as they are."""
-    return Finding(code, severity, {}, where, written=(message, hint))
+Findings = tuple[Finding, ...]

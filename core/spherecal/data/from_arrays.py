@@ -22,7 +22,6 @@ _FORMS = (
     "Give {camera: {frame: (ids, uv)}}, arrays (n, 2) or (frames, n, 2) by camera, or a table (dict of columns or data "
     "frame) with camera, target, u, v."
 )
-_ONE_FRAME = "Give {camera: (ids, uv)} of one frame, or arrays (..., 2) by camera."
 
 Lens = CameraSpec | ArrayLike | tuple[ArrayLike, ArrayLike | None]
 Places = dict[str, dict[str, tuple[IntArray, FloatArray]]]  # by frame and camera, ids (n,) and image points (n, k, 2)
@@ -99,15 +98,9 @@ def _camera(name: str, given: Any, image_size: ImageSize | None, fisheye: bool |
         raise InputError(f"The lens of {what} must be K (3, 3), (K, dist) or a CameraSpec, but is {_shown(given)}.")
     pair = isinstance(given, tuple | list) and len(given) == 2
     K, dist = given if pair else (given, None)
-    wide = is_wide(name, fisheye)
-    return CameraSpec(
-        name,
-        size_of(name, image_size),
-        opencv.lens_vector(K, dist, wide, what),
-        True,
-        name,
-        lens_model="fisheye" if wide else "brown",
-    )
+    wide, size = is_wide(name, fisheye), size_of(name, image_size)
+    lens = opencv.lens_vector(K, dist, wide, what)
+    return CameraSpec(name, size, lens, True, name, lens_model="fisheye" if wide else "brown")
 
 
 def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequence[str]) -> Observations:
@@ -136,18 +129,11 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
         sigma = np.column_stack([_numbers(columns[name], name) for name in SIGMA_COLUMNS])
         if not (sigma[seen] >= LEAST_SIGMA_PX).all():
             raise InputError(f"sigma_u and sigma_v must be {LEAST_SIGMA_PX:g} px or more.")
-    whole = Observations(
-        (*placements, *bar_poses),
-        ids,
-        tuple(points),
-        _index(columns["placement"], (*placements, *bar_poses), "placement"),
-        _index(columns["camera"], ids, "camera"),
-        _whole_numbers(columns["target"]),
-        _index(columns["point"], points, "point"),
-        uv,
-        sigma,
-    )
-    observations = whole.select(seen)
+    places = (*placements, *bar_poses)
+    named = (("placement", places), ("camera", ids), ("point", tuple(points)))
+    placement, camera, point = (_index(columns[name], known, name) for name, known in named)
+    rows = placement, camera, _whole_numbers(columns["target"]), point, uv, sigma
+    observations = Observations(places, ids, tuple(points), *rows).select(seen)
     _check_inside(observations, cameras)
     _check_once(observations)
     return observations
@@ -202,7 +188,7 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
     by_camera = any(key in cameras for key in given)
     inner: dict[str, Mapping[str, Any]] = {}
     for outer, one in given.items():
-        if by_camera and _pair(one) is not None:
+        if by_camera and ids_and_points(one) is not None:
             inner[outer] = {"P1": one}
         elif hasattr(one, "keys"):
             inner[outer] = {str(key): one[key] for key in one}
@@ -211,7 +197,7 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
     found: Places = {}
     for outer, items in inner.items():
         for key, one in items.items():
-            pair = _pair(one)
+            pair = ids_and_points(one)
             if pair is None:
                 if not by_camera and not found:  # arrays by placement
                     return None
@@ -227,34 +213,7 @@ def _with_ids(given: Mapping[str, Any], cameras: Sequence[str]) -> Places | None
     return {frame: found[frame] for frame in (sorted(found, key=int) if numbers else found)}
 
 
-def points_by_ids(given: Mapping[str, Any]) -> tuple[IntArray, dict[str, FloatArray]] | None:
-    """All ids (n,), and image points (n, 2) or (n, k, 2) by camera, of (ids, uv) or {id: (u, v)}; None for arrays."""
-    pairs = {name: _pair(one) for name, one in given.items()}
-    found = {name: pair for name, pair in pairs.items() if pair is not None}
-    wrong = [name for name in pairs if name not in found and (found or hasattr(given[name], "keys"))]
-    if wrong:
-        said = f"The image points of {wrong[0]} are not (ids, uv) or {{id: (u, v)}} of one frame."
-        raise InputError(said, _ONE_FRAME)
-    if not found:
-        return None
-    ids = np.unique(np.concatenate([numbers for numbers, _ in found.values()]))
-    width = max(points.shape[1] for _, points in found.values())
-    arrays: dict[str, FloatArray] = {}
-    for name, (numbers, points) in found.items():
-        if len(numbers) != len(points):
-            raise InputError(f"{name} has {len(numbers)} ids, but {len(points)} image points.", _ONE_FRAME)
-        if len(np.unique(numbers)) < len(numbers):
-            raise InputError(f"{name} has an id twice.", _ONE_FRAME)
-        if len(points) and points.shape[1] != width:
-            raise InputError(f"{name} has {points.shape[1]} points for an id, other cameras {width}.", _ONE_FRAME)
-        filled = np.full((len(ids), width, 2), np.nan)
-        if len(points):
-            filled[np.searchsorted(ids, numbers)] = points
-        arrays[name] = filled[:, 0] if width == 1 else filled
-    return ids, arrays
-
-
-def _pair(one: Any) -> tuple[IntArray, FloatArray] | None:
+def ids_and_points(one: Any) -> tuple[IntArray, FloatArray] | None:
     """Ids (n,) and image points (n, k, 2) of (ids, uv) or {id: (u, v)}, in OpenCV's shapes too; None for others."""
     if one is None:
         ids, uv = None, None
@@ -282,7 +241,7 @@ def _wrong(one: Any) -> str:
     """What is not (ids, uv) or {id: (u, v)}, for a message: the first wrong item of a dict, the shapes of a pair."""
     if hasattr(one, "keys"):
         items = list(one.items())
-        key, place = next((item for item in items if _pair(dict([item])) is None), items[0])
+        key, place = next((item for item in items if ids_and_points(dict([item])) is None), items[0])
         return f"{{{key!r}: {_shown(place)}, ...}}"
     if isinstance(one, tuple | list) and len(one) == 2:
         return f"({_shown(one[0])}, {_shown(one[1])})"

@@ -20,8 +20,17 @@ class Recording:
     @classmethod
     def of(cls, session: Session) -> "Recording":
         """The recording of a session that has observations."""
-        observations = calibration_observations(session)
-        return cls(session, observations, find_features(observations))
+        o = session.observations
+        assert o is not None
+        # placements, and the marks of the bar that gives the scale; never check bars
+        take = o.placement < len(session.placements)
+        bars = {bar.id: bar for bar in session.bars}
+        for i, pose in enumerate(session.bar_poses):
+            if session.scale is not None and pose.bar == session.scale.bar:
+                marks = [mark.target for mark in bars[pose.bar].marks.values()]
+                take |= (o.placement == len(session.placements) + i) & np.isin(o.target, marks)
+        o = o if take.all() else o.select(take)
+        return cls(session, o, find_features(o))
 
     @property
     def priors(self) -> FloatArray:
@@ -37,16 +46,3 @@ class Recording:
     def n_placements(self) -> int:
         """How many placements there are, poses of bars included."""
         return self.n_ball + len(self.session.bar_poses)
-
-
-def calibration_observations(session: Session) -> Observations:
-    """What a calibration may use: placements, and the marks of the bar that gives the scale; never check bars."""
-    o = session.observations
-    assert o is not None
-    take = o.placement < len(session.placements)
-    bars = {bar.id: bar for bar in session.bars}
-    for i, pose in enumerate(session.bar_poses):
-        if session.scale is not None and pose.bar == session.scale.bar:
-            marks = [mark.target for mark in bars[pose.bar].marks.values()]
-            take |= (o.placement == len(session.placements) + i) & np.isin(o.target, marks)
-    return o if take.all() else o.select(take)

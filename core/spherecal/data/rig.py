@@ -50,6 +50,11 @@ class CameraCovariance(ReadOnly):
     matrix: FloatArray
     intrinsics: IntArray
 
+    @property
+    def width(self) -> int:
+        """How many parameters w of a camera it is of."""
+        return 6 + len(self.intrinsics)
+
 
 Verdict = Literal["valid", "use-with-care", "not-valid"]
 

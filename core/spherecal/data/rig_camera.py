@@ -13,17 +13,9 @@ from spherecal.base.arrays import FloatArray, ReadOnly, float_array
 from spherecal.base.errors import InputError, Words
 from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
+from spherecal.geometry import camera as lenses
 from spherecal.geometry import opencv
-from spherecal.geometry.camera import (
-    INTRINSIC_NAMES,
-    LensModel,
-    camera_matrix,
-    is_fisheye,
-    lens_model,
-    lens_names,
-    project,
-    undistort,
-)
+from spherecal.geometry.camera import LensModel
 from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import log_rotation
@@ -72,17 +64,17 @@ class RigCamera(ReadOnly):
     @property
     def lens_model(self) -> LensModel:
         """The smallest model that describes the lens: `brown`, `rational` or `fisheye` (then use cv2.fisheye)."""
-        return lens_model(self.intrinsics)
+        return lenses.lens_model(self.intrinsics)
 
     @property
     def K(self) -> FloatArray:
         """OpenCV's camera matrix, (3, 3) px."""
-        return camera_matrix(self.intrinsics)
+        return lenses.camera_matrix(self.intrinsics)
 
     @property
     def dist(self) -> FloatArray:
         """OpenCV's distortion: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, (12,); k1..k4 of cv2.fisheye, (4,)."""
-        return self.intrinsics[4:8].copy() if is_fisheye(self.intrinsics) else self.intrinsics[4:].copy()
+        return self.intrinsics[4:8].copy() if lenses.is_fisheye(self.intrinsics) else self.intrinsics[4:].copy()
 
     @property
     def rvec(self) -> FloatArray:
@@ -110,7 +102,7 @@ class RigCamera(ReadOnly):
         points = last_axis(points_mm, 3, "points_mm")
         x = points.reshape(-1, 3) @ self.rotation.T + self.translation_mm
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            uv = project(x, self.intrinsics)
+            uv = lenses.project(x, self.intrinsics)
         uv = uv if self.field is None else self.field.measured(uv)
         return np.where(x[:, 2:] > 0, uv, np.nan).reshape(*points.shape[:-1], 2)
 
@@ -131,7 +123,7 @@ class RigCamera(ReadOnly):
         InputError
             For an array of another shape, and for a `K` that is no camera matrix.
         """
-        matrix = self.K if K is None else camera_matrix(opencv.lens_vector(K, None, False, self.id))
+        matrix = self.K if K is None else lenses.camera_matrix(opencv.lens_vector(K, None, False, self.id))
         given = np.asarray(image_or_points)
         if given.ndim in (2, 3) and given.shape[:2] == self.image_size[::-1]:
             return opencv.undistort_image(given, self.intrinsics, matrix, self.field)
@@ -142,7 +134,7 @@ class RigCamera(ReadOnly):
         uv = last_axis(given, 2, "image points")
         flat = uv.reshape(-1, 2)
         with np.errstate(invalid="ignore"):
-            ideal, _ = undistort(flat if self.field is None else flat - self.field.at(flat), self.intrinsics)
+            ideal, _ = lenses.undistort(flat if self.field is None else flat - self.field.at(flat), self.intrinsics)
         return (ideal * matrix[[0, 1], [0, 1]] + matrix[:2, 2]).reshape(uv.shape)
 
 
@@ -157,11 +149,11 @@ def last_axis(values: ArrayLike, width: int, what: Words) -> FloatArray:
 
 def table_row(camera: RigCamera) -> dict[str, Any]:
     """The camera as a row of a table: numbers of Python, None where absent, NaN for coefficients it does not have."""
-    lens = dict(zip(lens_names(camera.intrinsics), map(float, camera.intrinsics), strict=False))
+    lens = dict(zip(lenses.lens_names(camera.intrinsics), map(float, camera.intrinsics), strict=False))
     sigma = camera.sigma
     row: dict[str, Any] = {"camera": camera.id, "serial": camera.serial, "lens_model": camera.lens_model}
     row |= {"width_px": camera.image_size[0], "height_px": camera.image_size[1]}
-    row |= {name: lens.get(name, float("nan")) for name in INTRINSIC_NAMES}
+    row |= {name: lens.get(name, float("nan")) for name in lenses.INTRINSIC_NAMES}
     for name, vector in (("centre_{}_mm", camera.centre_mm), ("rvec_{}_rad", camera.rvec), ("tvec_{}_mm", camera.tvec)):
         row |= {name.format(axis): float(value) for axis, value in zip("xyz", vector, strict=True)}
     for name, vector in (
@@ -182,17 +174,9 @@ def camera_of_opencv(
     if not isinstance(given, Sequence) or len(given) != 4:
         raise InputError(Phrase("error-opencv-entry", {"what": what}))
     K, dist, rvec, tvec = given
-    return RigCamera(
-        name,
-        None,
-        size_of(name, image_size),
-        opencv.lens_vector(K, dist, is_wide(name, fisheye), what),
-        opencv.pose_rotation(rvec, what),
-        mm * opencv.pose_translation(tvec, what),
-        None,
-        0,
-        None,
-    )
+    size, lens = size_of(name, image_size), opencv.lens_vector(K, dist, is_wide(name, fisheye), what)
+    pose = opencv.pose_rotation(rvec, what), mm * opencv.pose_translation(tvec, what)
+    return RigCamera(name, None, size, lens, *pose, rms_px=None, observations=0, sigma=None)
 
 
 def is_wide(name: str, fisheye: bool | Collection[str]) -> bool:

@@ -277,20 +277,10 @@ class Session(ByValue):
             raise InputError(Phrase("error-scale-bar", {"bar": scale.bar}))
         table = given.observations_of(observations, specs, poses)
         placements = tuple(Placement(name) for name in table.placements if name not in poses)
-        rest = repr((scale, tuple(bars), tuple(bar_poses), sphere_diameter_mm))
-        return cls(
-            Path(),
-            specs,
-            placements,
-            tuple(bars),
-            tuple(bar_poses),
-            scale,
-            None,
-            sphere_diameter_mm,
-            target_set,
-            table,
-            given.digest(specs, table, target_set, rest),
-        )
+        of_bars = tuple(bars), tuple(bar_poses)
+        sha = given.digest(specs, table, target_set, repr((scale, *of_bars, sphere_diameter_mm)))
+        of_ball = None, sphere_diameter_mm, target_set
+        return cls(Path(), specs, placements, *of_bars, scale, *of_ball, table, sha)
 
     @property
     def where(self) -> str:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.data.findings import Finding, Severity
+from spherecal.data.findings import Finding, Findings, Severity
 from spherecal.data.rig import Affected, Calibration
 
 Effect = Literal["information", "care", "not-valid"]
@@ -217,7 +217,7 @@ _RANK = {"error": 0, "warning": 1, "info": 2}
 _FORMS = ("free", "soft", "rigid")
 
 
-def ruled(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+def ruled(findings: Sequence[Finding]) -> Findings:
     """The findings with the severities that their effects have, errors first."""
     said = [replace(f, severity=_SEVERITY[effect(f)]) for f in findings]
     return tuple(sorted(said, key=lambda finding: _RANK[finding.severity]))
@@ -289,7 +289,7 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
     return factor, poses
 
 
-def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
+def with_findings(calibration: Calibration, findings: Findings) -> Calibration:
     """A calibration with more findings, its causes, before those of the same severity; judged again."""
     if not findings:
         return calibration

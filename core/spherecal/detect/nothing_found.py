@@ -1,17 +1,13 @@
 """Findings where no target was found: in no image, by one camera, at one placement, in an empty table."""
 
-from pathlib import Path
-from typing import Literal
-
 import numpy as np
 
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Finding, Findings
 from spherecal.data.session import Session
-from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import why_nothing_in
 
 
-def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
+def nothing_found(session: Session, from_images: bool) -> Findings:
     """Findings on a session without observations, and on cameras and placements whose images gave none."""
     observations, targets = session.observations, session.target_set
     assert observations is not None
@@ -30,20 +26,16 @@ def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
         cause = why_nothing_in(paths, targets)
         values = {"images": len(paths), "cause": cause.seen, "remedy": cause.remedy}
         return (Finding("no-targets", "error", values, kind="any" if len(paths) > 1 else "only"),)
-    seen = np.zeros((len(session.placements) + len(session.bar_poses), len(session.cameras)), dtype=bool)
+    n, cameras = len(session.placements), session.cameras
+    seen = np.zeros((n + len(session.bar_poses), len(cameras)), dtype=bool)
     seen[observations.placement, observations.camera] = True
+    blind, empty = (np.flatnonzero(~seen[:n].any(axis=axis)).tolist() for axis in (0, 1))
+    of_cameras = [("camera", cameras[c].id, 1, c) for c in blind]
+    of_places = [("placement", session.placements[p].id, 0, p) for p in empty]
     found = []
-    for c, camera in enumerate(session.cameras):
-        paths = [path for _, of, path in shots if of == c]
-        if paths and not seen[: len(session.placements), c].any():
-            found.append(_somewhere("camera", camera.id, paths, targets))
-    for p, placement in enumerate(session.placements):
-        paths = [path for of, _, path in shots if of == p]
-        if paths and not seen[p].any():
-            found.append(_somewhere("placement", placement.id, paths, targets))
+    for kind, name, of, i in of_cameras + of_places:
+        if paths := [shot[2] for shot in shots if shot[of] == i]:
+            cause = why_nothing_in(paths, targets)
+            values = {"cause": cause.seen, "remedy": cause.remedy}
+            found.append(Finding("no-targets-here", "warning", values, (name,), kind=kind))
     return tuple(found)
-
-
-def _somewhere(kind: Literal["camera", "placement"], name: str, paths: list[Path], targets: TargetSet) -> Finding:
-    cause = why_nothing_in(paths, targets)
-    return Finding("no-targets-here", "warning", {"cause": cause.seen, "remedy": cause.remedy}, (name,), kind=kind)

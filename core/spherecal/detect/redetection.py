@@ -1,6 +1,7 @@
 """Re-detection: targets that one camera missed though others saw them, searched where they must be."""
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,24 +52,28 @@ def with_missed_targets(session: Session, first: Located, context: Context) -> S
     table = code_table(targets)
     points = _points_by_target(first, observations, table)
     jobs = list(_jobs(session, observations, first, table, points))
+
+    def search(job: _Job) -> Found:
+        _, _, path, camera, expected = job
+        focal, _, u0, v0 = camera.intrinsics[:4]
+        return detect_predicted(read_image(path), expected, table, (focal, u0, v0))
+
+    names, more = ("placement", "camera", "target", "point", "uv", "sigma"), []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        found = []
-        for number, result in enumerate(pool.map(lambda job: _search(job, table), jobs)):
+        for number, (job, found) in enumerate(zip(jobs, pool.map(search, jobs), strict=True)):
             context.report(STAGE, number / len(jobs), Phrase("looking-again"))
-            found.append(result)
-    more = _extended(observations, jobs, found)
-    return session if more is observations else replace(session, observations=more)
+            n, k = np.nonzero(np.isfinite(found.uv[..., 0]))
+            if len(n):
+                image = np.full(len(n), job[0]), np.full(len(n), job[1])
+                more.append((*image, found.targets[n], k, found.uv[n, k], found.sigma_uv[n, k]))
+    if not more:
+        return session
+    columns = zip(names, zip(*more, strict=True), strict=True)
+    behind = {k: np.concatenate([getattr(observations, k), *own]) for k, own in columns}
+    return replace(session, observations=replace(observations, **behind))
 
 
-@dataclass(frozen=True)
-class _Job:
-    """One image to look at again: placement and camera (indices), its file, its camera, what is expected."""
-
-    placement: int
-    camera: int
-    path: Path
-    rig_camera: RigCamera
-    expected: ExpectedTargets
+_Job = tuple[int, int, Path, RigCamera, ExpectedTargets]  # placement and camera (indices) of an image to look at again
 
 
 def _points_by_target(first: Located, observations: Observations, table: CodeTable) -> FloatArray:
@@ -81,7 +86,9 @@ def _points_by_target(first: Located, observations: Observations, table: CodeTab
     return out
 
 
-def _jobs(session: Session, observations: Observations, first: Located, table: CodeTable, points: FloatArray):
+def _jobs(
+    session: Session, observations: Observations, first: Located, table: CodeTable, points: FloatArray
+) -> Iterator[_Job]:
     for p, placement in enumerate(session.placements):
         for c, spec in enumerate(session.cameras):
             camera, path = first.cameras.get(spec.id), placement.images.get(spec.id)
@@ -93,7 +100,7 @@ def _jobs(session: Session, observations: Observations, first: Located, table: C
             inside = _inside(uv, camera) & ~masked(uv, spec.ignore).any(axis=1)
             if inside.any():
                 expected = ExpectedTargets(table.ids[missed][inside], uv[inside], known, known_uv)
-                yield _Job(p, c, path, camera, expected)
+                yield p, c, path, camera, expected
 
 
 def _seen(observations: Observations, placement: int, camera: int):
@@ -139,22 +146,3 @@ def _inside(uv: FloatArray, camera: RigCamera) -> BoolArray:
     with np.errstate(invalid="ignore"):
         outside = known & ((uv < BORDER_PX) | (uv > limit)).any(axis=2)
     return (known.sum(axis=1) >= LEAST_DOTS) & ~outside.any(axis=1)
-
-
-def _search(job: _Job, table: CodeTable) -> Found:
-    focal, _, u0, v0 = job.rig_camera.intrinsics[:4]
-    return detect_predicted(read_image(job.path), job.expected, table, (focal, u0, v0))
-
-
-def _extended(observations: Observations, jobs: list[_Job], found: list[Found]) -> Observations:
-    """The observations with those found again behind them."""
-    names, more = ("placement", "camera", "target", "point", "uv", "sigma"), []
-    for job, result in zip(jobs, found, strict=True):
-        n, k = np.nonzero(np.isfinite(result.uv[..., 0]))
-        if len(n):
-            image = np.full(len(n), job.placement), np.full(len(n), job.camera)
-            more.append((*image, result.targets[n], k, result.uv[n, k], result.sigma_uv[n, k]))
-    if not more:
-        return observations
-    columns = zip(names, zip(*more, strict=True), strict=True)
-    return replace(observations, **{k: np.concatenate([getattr(observations, k), *own]) for k, own in columns})

@@ -1,8 +1,7 @@
 """Observations of a session from its images."""
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +12,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import CameraSpec, Session
 from spherecal.targets.detect_images import detect_images
-from spherecal.targets.detection import Detections, DetectionSettings
-
-
-@dataclass(frozen=True)
-class _Shot:
-    """One image: of which placement or bar pose and camera (indices), and its file."""
-
-    placement: int
-    camera: int
-    path: Path
+from spherecal.targets.detection import DetectionSettings
 
 
 def observed(session: Session, context: Context, bar_poses_only: bool = False) -> Session:
@@ -35,45 +25,32 @@ def observed(session: Session, context: Context, bar_poses_only: bool = False) -
         raise InputError(Phrase(nothing, {"folder": session.where}))
     if session.target_set is None:
         raise InputError(Phrase("error-no-target-set", {"folder": session.where}))
-    settings = [_what_is_known(session.cameras[shot.camera]) for shot in shots]
-    paths = [shot.path for shot in shots]
-    detections = detect_images(paths, session.target_set, context, os.cpu_count() or 1, settings)
-    return replace(session, observations=_collect(session, shots, detections))
+    placement, camera, paths = (list(column) for column in zip(*shots, strict=True))
+    settings = [_what_is_known(session.cameras[c]) for c in camera]
+    found = detect_images(paths, session.target_set, context, os.cpu_count() or 1, settings)
+    count = [len(one) for one in found]
+    image = np.repeat(np.array(placement, np.int64), count), np.repeat(np.array(camera, np.int64), count)
+    target, point, uv, sigma = (
+        np.concatenate([getattr(one, name) for one in found]) for name in ("target", "point", "uv", "sigma_uv")
+    )
+    places = tuple(place.id for place in (*session.placements, *session.bar_poses))
+    names = places, tuple(camera.id for camera in session.cameras), found[0].points
+    return replace(session, observations=Observations(*names, *image, target, point, uv, sigma))
 
 
-def _shots(session: Session, bar_poses_only: bool) -> list[_Shot]:
-    """All images of the session in the order of placements, bar poses and cameras."""
+def _shots(session: Session, bar_poses_only: bool) -> list[tuple[int, int, Path]]:
+    """All images, in the order of placements, bar poses and cameras: place and camera (indices), and the file."""
     index = {camera.id: c for c, camera in enumerate(session.cameras)}
-    groups = [placement.images for placement in session.placements] + [pose.images for pose in session.bar_poses]
+    groups = [place.images for place in (*session.placements, *session.bar_poses)]
     first = len(session.placements) if bar_poses_only else 0
     return [
-        _Shot(p, index[camera], path)
+        (p, index[camera], images[camera])
         for p, images in enumerate(groups)
         if p >= first
-        for camera, path in sorted(images.items(), key=lambda item: index[item[0]])
+        for camera in sorted(images, key=index.__getitem__)
     ]
 
 
 def _what_is_known(camera: CameraSpec) -> DetectionSettings:
     u0, v0 = camera.prior[2:4]
     return DetectionSettings(float(camera.prior[0]), (float(u0), float(v0)), camera.image_size, camera.ignore)
-
-
-def _collect(session: Session, shots: Sequence[_Shot], detections: Sequence[Detections]) -> Observations:
-    """The dots found in all images as one table of observations."""
-    count = np.array([len(found) for found in detections])
-
-    def column(values: list[int]) -> np.ndarray:
-        return np.repeat(np.array(values, dtype=np.int64), count)
-
-    return Observations(
-        tuple(placement.id for placement in session.placements) + tuple(pose.id for pose in session.bar_poses),
-        tuple(camera.id for camera in session.cameras),
-        detections[0].points,
-        column([shot.placement for shot in shots]),
-        column([shot.camera for shot in shots]),
-        np.concatenate([found.target for found in detections]),
-        np.concatenate([found.point for found in detections]),
-        np.concatenate([found.uv for found in detections]),
-        np.concatenate([found.sigma_uv for found in detections]),
-    )

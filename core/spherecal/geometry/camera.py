@@ -249,13 +249,9 @@ def _undistort_opencv(goal: FloatArray, c: FloatArray) -> tuple[FloatArray, Bool
         det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
         e = error[active]
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.stack(
-                [
-                    (jacobian[:, 1, 1] * e[:, 0] - jacobian[:, 0, 1] * e[:, 1]) / det,
-                    (jacobian[:, 0, 0] * e[:, 1] - jacobian[:, 1, 0] * e[:, 0]) / det,
-                ],
-                axis=1,
-            )
+            step_x = (jacobian[:, 1, 1] * e[:, 0] - jacobian[:, 0, 1] * e[:, 1]) / det
+            step_y = (jacobian[:, 0, 0] * e[:, 1] - jacobian[:, 1, 0] * e[:, 0]) / det
+        step = np.stack([step_x, step_y], axis=1)
         xy[active], error[active], size[active] = _halved_step(xy[active], step, e, goal[active], c[active])
     # a root on the far side of a fold is no image of a visible point
     jacobian = _distort_opencv_with_jacobian(xy, c)[1]

@@ -32,7 +32,11 @@ def agreeing_views(
     rows = rows[np.argsort(feature[rows], kind="stable")]
     if not len(rows):
         return out
-    views = _Views.of(camera[rows], uv[rows], xy[rows], gate_px[rows], cameras)
+    rotation = cameras.rotation[camera[rows]]
+    ray = np.einsum("nji,nj->ni", rotation, np.column_stack([xy[rows], np.ones(len(rows))]))
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    centre = -np.einsum("nji,nj->ni", rotation, cameras.translation[camera[rows]])
+    views = _Views(camera[rows], uv[rows], gate_px[rows], centre, ray, cameras)
     start = np.flatnonzero(np.diff(feature[rows], prepend=-1))
     count = np.diff(np.append(start, len(rows)))
     for some in np.unique(count[count >= 2]).tolist():  # points with equally many views at once
@@ -51,17 +55,6 @@ class _Views:
     centre: FloatArray
     ray: FloatArray
     cameras: PosedCameras
-
-    @classmethod
-    def of(
-        cls, camera: IntArray, uv: FloatArray, xy: FloatArray, gate_px: FloatArray, cameras: PosedCameras
-    ) -> "_Views":
-        """The rows of some views, with their undistorted image points `xy` (n,2)."""
-        rotation = cameras.rotation[camera]
-        ray = np.einsum("nji,nj->ni", rotation, np.column_stack([xy, np.ones(len(xy))]))
-        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        centre = -np.einsum("nji,nj->ni", rotation, cameras.translation[camera])
-        return cls(camera, uv, gate_px, centre, ray, cameras)
 
 
 def _largest_set(member: IntArray, of: _Views) -> BoolArray:

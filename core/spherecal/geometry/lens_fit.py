@@ -5,14 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.geometry.camera import (
-    FISHEYE_MARK,
-    LensModel,
-    estimated_mask,
-    is_fisheye,
-    project_with_derivatives,
-    undistort,
-)
+from spherecal.geometry import camera as lenses
+from spherecal.geometry.camera import LensModel
 
 FIELD_GRID = (41, 31)
 _STEPS = 50
@@ -41,27 +35,27 @@ def fit_lens(intrinsics: FloatArray, uv: FloatArray, model: LensModel) -> Fitted
 
     A lens that follows the model already is returned as it is, with an rms of 0.
     """
-    if (model == "fisheye") == bool(is_fisheye(intrinsics)):
+    if (model == "fisheye") == bool(lenses.is_fisheye(intrinsics)):
         return FittedLens(intrinsics, 0.0)
-    xy, good = undistort(uv, intrinsics)
+    xy, good = lenses.undistort(uv, intrinsics)
     good &= np.hypot(xy[:, 0], xy[:, 1]) < _WIDEST_TAN
     if good.sum() < 12:  # as many points as the largest model has numbers: two equations each
         return None
     rays, goal = np.column_stack([xy[good], np.ones(good.sum())]), uv[good]
     lens = np.zeros(16)
     lens[:4] = intrinsics[:4]
-    lens[15] = FISHEYE_MARK if model == "fisheye" else 0.0
+    lens[15] = lenses.FISHEYE_MARK if model == "fisheye" else 0.0
     # the numerator first: a rational model's eight numbers can replace each other, and a search for all at once stops
     if model == "rational":
-        lens, _ = _gauss_newton(lens, rays, goal, estimated_mask("brown"))
-    lens, rms = _gauss_newton(lens, rays, goal, estimated_mask(model))
+        lens, _ = _gauss_newton(lens, rays, goal, lenses.estimated_mask("brown"))
+    lens, rms = _gauss_newton(lens, rays, goal, lenses.estimated_mask(model))
     return FittedLens(lens, rms)
 
 
 def _gauss_newton(lens: FloatArray, rays: FloatArray, goal: FloatArray, free: BoolArray) -> tuple[FloatArray, float]:
     """The free numbers by damped least squares from a start; and the rms distance that remains."""
     columns, damping = np.flatnonzero(free), 1e-6
-    uv, _, by_lens = project_with_derivatives(rays, lens)
+    uv, _, by_lens = lenses.project_with_derivatives(rays, lens)
     cost = float(((uv - goal) ** 2).sum())
     for _ in range(_STEPS):
         jacobian = by_lens[:, :, columns].reshape(-1, len(columns))
@@ -71,7 +65,7 @@ def _gauss_newton(lens: FloatArray, rays: FloatArray, goal: FloatArray, free: Bo
         step = np.linalg.solve(normal + damping * np.eye(len(columns)), gradient) / size
         trial = lens.copy()
         trial[columns] -= step
-        trial_uv, _, trial_by_lens = project_with_derivatives(rays, trial)
+        trial_uv, _, trial_by_lens = lenses.project_with_derivatives(rays, trial)
         trial_cost = float(((trial_uv - goal) ** 2).sum())
         if not trial_cost < cost or (trial[:2] <= 0).any():
             damping *= 10

@@ -46,6 +46,20 @@ class Triangulation:
         return np.where(found[:, None, None], _inverse(self.normal), np.nan)
 
 
+@dataclass(frozen=True)
+class _Rows:
+    """The observations that take part, with the cameras they belong to."""
+
+    feature: IntArray
+    camera: IntArray
+    uv: FloatArray
+    weight: FloatArray
+    cameras: PosedCameras
+
+    def select(self, keep: BoolArray) -> "_Rows":
+        return _Rows(self.feature[keep], self.camera[keep], self.uv[keep], self.weight[keep], self.cameras)
+
+
 def triangulate(
     feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int, cameras: PosedCameras
 ) -> Triangulation:
@@ -55,19 +69,12 @@ def triangulate(
     Residuals are given for all rows. Points are worked on some at a time, since an observation takes 1 KB here.
     """
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
-    m, n = n_features, len(uv)
-    out = Triangulation(
-        np.empty((m, 3)),
-        np.empty((m, 3, 3)),
-        np.empty((n, 2)),
-        np.empty(m),
-        np.empty(m, dtype=np.int64),
-        np.empty(m, dtype=bool),
-    )
+    empty, m = np.empty, n_features
+    of_points = empty(m), empty(m, dtype=np.int64), empty(m, dtype=bool)
+    out = Triangulation(empty((m, 3)), empty((m, 3, 3)), empty((len(uv), 2)), *of_points)
     for points, rows in _some_points(feature, n_features):
-        part = _triangulated(
-            feature[rows] - points.start, camera[rows], uv[rows], weight[rows], points.stop - points.start, cameras
-        )
+        views = _Rows(feature[rows] - points.start, camera[rows], uv[rows], weight[rows], cameras)
+        part = _triangulated(views, points.stop - points.start)
         out.residual[rows] = part.residual
         for name in ("points", "normal", "max_angle_rad", "views", "in_front"):
             getattr(out, name)[points] = getattr(part, name)
@@ -82,25 +89,27 @@ def _some_points(feature: IntArray, n_features: int) -> Iterator[tuple[slice, In
         yield slice(first, last), order[start[first] : start[last]]
 
 
-def _triangulated(
-    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int, cameras: PosedCameras
-) -> Triangulation:
-    """The same of all points at once, weight (n, 2)."""
-    ray, usable = _rays(camera, uv, cameras)
-    usable = usable & (weight > 0).all(axis=1)
+def _triangulated(rows: _Rows, n_features: int) -> Triangulation:
+    """The same of all points at once."""
+    feature, camera, cameras = rows.feature, rows.camera, rows.cameras
+    ray, usable = _rays(camera, rows.uv, cameras)
+    usable = usable & (rows.weight > 0).all(axis=1)
     views = np.bincount(feature[usable], minlength=n_features)
     angle = _largest_angle(feature[usable], ray[usable], n_features)
     possible = (views >= 2) & (angle >= _LEAST_ANGLE_RAD)
 
     take = usable & possible[feature]
     centre = -np.einsum("cji,cj->ci", cameras.rotation, cameras.translation)
-    start = _nearest_to_rays(feature[take], centre[camera[take]], ray[take], n_features)
-    rows = _Rows(feature[take], camera[take], uv[take], weight[take], cameras)
-    points, normal = _minimise(rows, np.where(possible[:, None], start, np.nan))
+    along = ray[take]
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    normal = _sum_by(feature[take], across, n_features)
+    right = _sum_by(feature[take], np.einsum("nij,nj->ni", across, centre[camera[take]]), n_features)
+    start = np.einsum("mij,mj->mi", _inverse(normal), right)  # with the least squared distances to the rays
+    points, normal = _minimise(rows.select(take), np.where(possible[:, None], start, np.nan))
 
     x_camera = np.einsum("nij,nj->ni", cameras.rotation[camera], points[feature]) + cameras.translation[camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        residual = project(x_camera, cameras.intrinsics[camera]) - uv
+        residual = project(x_camera, cameras.intrinsics[camera]) - rows.uv
     behind = np.bincount(feature[usable], ~(x_camera[usable, 2] > 0), n_features)
     return Triangulation(points, normal, residual, angle, views, possible & (behind == 0))
 
@@ -138,28 +147,6 @@ def _largest_angle(feature: IntArray, ray: FloatArray, n_features: int) -> Float
         of_one, of_other = (np.take_along_axis(of_each, which[:, None, None], axis=1)[:, 0] for which in (one, other))
         sine[own] = np.linalg.norm(cross(of_one, of_other), axis=1)
     return np.arcsin(sine.clip(max=1.0))
-
-
-def _nearest_to_rays(feature: IntArray, centre: FloatArray, ray: FloatArray, n_features: int) -> FloatArray:
-    """The point of each feature with the least squared distances to its rays, (m, 3)."""
-    across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
-    normal = _sum_by(feature, across, n_features)
-    right = _sum_by(feature, np.einsum("nij,nj->ni", across, centre), n_features)
-    return np.einsum("mij,mj->mi", _inverse(normal), right)
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """The observations that take part, with the cameras they belong to."""
-
-    feature: IntArray
-    camera: IntArray
-    uv: FloatArray
-    weight: FloatArray
-    cameras: PosedCameras
-
-    def select(self, keep: BoolArray) -> "_Rows":
-        return _Rows(self.feature[keep], self.camera[keep], self.uv[keep], self.weight[keep], self.cameras)
 
 
 def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -55,16 +55,11 @@ def with_seen_focal_lengths(session: Session) -> tuple[Session, dict[str, float]
         found.setdefault(camera.intrinsics_group, []).extend([] if f is None else [f])
     shared = {group: float(np.median(values)) for group, values in found.items() if values}
     known = {camera.id: shared[camera.intrinsics_group] for camera in unknown if camera.intrinsics_group in shared}
-    cameras = tuple(
-        _starting_at(camera, known[camera.id]) if camera.id in known else camera for camera in session.cameras
-    )
-    return replace(session, cameras=cameras), known
-
-
-def _starting_at(camera: CameraSpec, focal_px: float) -> CameraSpec:
-    prior = camera.prior.copy()
-    prior[:2] = focal_px
-    return replace(camera, prior=prior)
+    cameras = list(session.cameras)
+    for c, camera in enumerate(cameras):
+        if (f := known.get(camera.id)) is not None:
+            cameras[c] = replace(camera, prior=np.array([f, f, *camera.prior[2:]]))
+    return replace(session, cameras=tuple(cameras)), known
 
 
 def _looks(o: Observations, layouts: dict[int, dict[str, FloatArray]], camera: CameraSpec) -> _Looks:

@@ -11,15 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import (
-    LARGE_START,
-    START_INTRINSICS,
-    RobustStep,
-    best_observations,
-    robust_adjustment,
-    spread_observations,
-    triangulated,
-)
+from spherecal.adjust import bundle
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -55,8 +47,8 @@ def grow(
     local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, context: Context
 ) -> InitialPoses:
     """Poses of all cameras that triples or points reach, in the reference camera's frame."""
-    if np.count_nonzero(candidates) > LARGE_START:
-        candidates = spread_observations(network, candidates, LARGE_OBSERVATIONS)
+    if np.count_nonzero(candidates) > bundle.LARGE_START:
+        candidates = bundle.spread_observations(network, candidates, LARGE_OBSERVATIONS)
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     if local.pair is not None:
         first, second = local.pair.cameras
@@ -121,21 +113,20 @@ def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | Non
 
 def adjust_placed(network: Network, state: State, placed: BoolArray, candidates: BoolArray, context: Context) -> State:
     """A short robust adjustment of placed cameras (c,) over the best of some rows (n,); points NaN where unknown."""
-    some = best_observations(network, candidates & placed[network.camera], ENOUGH_OBSERVATIONS)
-    step = RobustStep(START_INTRINSICS, RING_ITERATIONS, "growing the network")
-    state = robust_adjustment(network, triangulated(network, state, some), some, placed, step, context)
+    some = bundle.best_observations(network, candidates & placed[network.camera], ENOUGH_OBSERVATIONS)
+    step = bundle.RobustStep(bundle.START_INTRINSICS, RING_ITERATIONS, "growing the network")
+    state = bundle.robust_adjustment(network, bundle.triangulated(network, state, some), some, placed, step, context)
     # from here on only features matter by which cameras to come are placed
     waiting = np.zeros(network.n_features, dtype=bool)
     waiting[network.feature[candidates & ~placed[network.camera]]] = True
-    return triangulated(network, state, candidates & placed[network.camera] & waiting[network.feature])
+    return bundle.triangulated(network, state, candidates & placed[network.camera] & waiting[network.feature])
+
+
+Follow = Callable[[InitialPoses], InitialPoses]
 
 
 def resect_rest(
-    network: Network,
-    resected: InitialPoses,
-    candidates: BoolArray,
-    context: Context,
-    follow: Callable[[InitialPoses], InitialPoses] = lambda resected: resected,
+    network: Network, resected: InitialPoses, candidates: BoolArray, context: Context, follow: Follow = lambda now: now
 ) -> InitialPoses:
     """Poses of cameras that have none yet, those first that see most known points, an adjustment after each round."""
     state, placed = resected.state, resected.placed.copy()
@@ -169,6 +160,4 @@ def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -
     rows, xy = rows[usable], xy[usable]
     points = network.only(rows).world_points(state)
     pose = resect(points, xy, RESECTION_GATE_PX / state.intrinsics[camera, 0])
-    if pose is None or pose[2] < MIN_AGREEING_SHARE * len(rows):
-        return None
-    return pose[0], pose[1]
+    return None if pose is None or pose[2] < MIN_AGREEING_SHARE * len(rows) else pose[:2]

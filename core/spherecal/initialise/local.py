@@ -9,19 +9,12 @@ from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations, seen_matrix
 from spherecal.data.session import Session
 from spherecal.geometry.camera import undistort_views
+from spherecal.initialise import view_graph
 from spherecal.initialise.camera_path import Path, find_paths
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal.initialise.triple import MIN_POINTS, Triple, reconstruct_triple
 from spherecal.initialise.two_view import GATE_PX, Pair, TwoViewGate, relative_orientation, vote
-from spherecal.initialise.view_graph import (
-    MIN_COMMON,
-    CameraGraph,
-    build_graph,
-    candidate_triples,
-    common_counts,
-    solve_triples,
-    strongest_pairs,
-)
+from spherecal.initialise.view_graph import MIN_COMMON, CameraGraph
 
 # Pairs of each camera that the two-view gate asks, and that triples are made of. With 113 views of one scene all pairs
 # made 9,905 triples, 93 s instead of 9; the network they started ended in the same minimum.
@@ -64,11 +57,11 @@ def reconstruct_locally(
     table = np.full((n_cameras, len(features)), -1)
     table[observations.camera[usable], features.of_observation[usable]] = np.flatnonzero(usable)
 
-    pairs = strongest_pairs(common_counts(table >= 0), GATED_PARTNERS)
+    pairs = view_graph.strongest_pairs(view_graph.common_counts(table >= 0), GATED_PARTNERS)
     gate = vote(table, flat, pairs, GATE_PX, seed, context)
     keep = gate.keep & usable
     seen = seen_matrix(features, observations, keep)
-    counts = common_counts(seen)
+    counts = view_graph.common_counts(seen)
 
     def solve(cameras: tuple[int, int, int]) -> Triple | None:
         common = gate.common(cameras)
@@ -79,19 +72,17 @@ def reconstruct_locally(
         return reconstruct(cameras, common, rays, intrinsics[list(cameras), 0])
 
     reconstruct = reconstruct_planar_triple if _is_flat(gate, table, xy, intrinsics) else reconstruct_triple
-    edges = strongest_pairs(np.where(pairs > 0, counts, 0), PARTNERS)
-    triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
-    graph = build_graph(triples, counts)
+    edges = view_graph.strongest_pairs(np.where(pairs > 0, counts, 0), PARTNERS)
+    triples = view_graph.solve_triples(view_graph.candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
+    graph = view_graph.build_graph(triples, counts)
     found = find_paths(graph, triples) if triples else {}
     on_a_path = {number for path in found.values() for number in path.triples}
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]
-    if not triples:
-        pair = _strongest_pair(gate, table, xy, intrinsics, seed)
-        if pair is not None:
-            graph = replace(graph, groups=np.isin(np.arange(n_cameras), pair.cameras).astype(int))
-        return LocalNetwork(keep, counts, triples, graph, found, pair)
-    return LocalNetwork(keep, counts, triples, graph, found)
+    pair = None if triples else _strongest_pair(gate, table, xy, intrinsics, seed)
+    if pair is not None:
+        graph = replace(graph, groups=np.isin(np.arange(n_cameras), pair.cameras).astype(int))
+    return LocalNetwork(keep, counts, triples, graph, found, pair)
 
 
 def _strongest_pair(

@@ -5,8 +5,6 @@ the points in front of both cameras (O. Faugeras, F. Lustman, Motion and structu
 environment, 1988). A third view decides: both pairs must see the same plane.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -18,15 +16,6 @@ from spherecal.initialise.triple import MIN_POINTS, Triple
 PLANE_PX = 12.0
 # Share of a triple's points that must lie on the plane.
 ON_PLANE = 0.9
-
-
-@dataclass(frozen=True)
-class _View:
-    """A second camera against the first: pose of unit distance to the plane, and the plane's normal in the first."""
-
-    rotation: FloatArray
-    translation: FloatArray
-    normal: FloatArray
 
 
 def homography(a: FloatArray, b: FloatArray, gate: float) -> tuple[FloatArray, BoolArray] | None:
@@ -67,13 +56,13 @@ def reconstruct_planar_triple(
     features, xy = features[good], xy[:, good]
     rays = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
     best = None
-    for one in _decompositions(h[0], rays[0]):
-        for other in _decompositions(h[1], rays[0]):
-            normal = one.normal + other.normal
+    for rotation_1, translation_1, normal_1 in _decompositions(h[0], rays[0]):
+        for rotation_2, translation_2, normal_2 in _decompositions(h[1], rays[0]):
+            normal = normal_1 + normal_2
             if np.linalg.norm(normal) < 1.0:  # opposite sides
                 continue
-            rotation = np.stack([np.eye(3), one.rotation, other.rotation])
-            translation = np.stack([np.zeros(3), one.translation, other.translation])
+            rotation = np.stack([np.eye(3), rotation_1, rotation_2])
+            translation = np.stack([np.zeros(3), translation_1, translation_2])
             points = rays[0] / (rays[0] @ (normal / np.linalg.norm(normal)))[:, None]
             x = np.einsum("cij,nj->cni", rotation, points) + translation[:, None]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -84,8 +73,11 @@ def reconstruct_planar_triple(
     return best
 
 
-def _decompositions(h: FloatArray, rays: FloatArray) -> list[_View]:
-    """The decompositions of a homography that have the plane's points (rays (n,3) of the first camera) before both."""
+def _decompositions(h: FloatArray, rays: FloatArray) -> list[tuple[FloatArray, ...]]:
+    """The decompositions of a homography that have the plane's points (rays (n,3) of the first camera) before both.
+
+    Pose of a second camera against the first, at unit distance to the plane, and the plane's normal in the first.
+    """
     if np.linalg.det(h) < 0:
         h = -h
     _, rotations, translations, normals = cv2.decomposeHomographyMat(h, np.eye(3))
@@ -97,6 +89,6 @@ def _decompositions(h: FloatArray, rays: FloatArray) -> list[_View]:
         points = rays / depth[:, None]
         behind = points @ rotation[2] + translation.ravel()[2] <= 0
         if (depth > 0).all() and not behind.any():
-            pose = (np.asarray(part, dtype=np.float64) for part in (rotation, translation.ravel(), normal.ravel()))
-            views.append(_View(*pose))
+            parts = rotation, translation.ravel(), normal.ravel()
+            views.append(tuple(np.asarray(part, dtype=np.float64) for part in parts))
     return views

@@ -75,13 +75,8 @@ class _Attempt:
 
 
 def _attempt(xy: FloatArray) -> _Attempt | None:
-    if xy.shape[1] < MIN_POINTS:
-        return None
-    found = factorised(xy)
-    if found is None:
-        return None
-    rotation, translation, _ = found
-    return _Attempt(rotation, translation, *_intersect(rotation, translation, _rays(xy)))
+    found = factorised(xy) if xy.shape[1] >= MIN_POINTS else None
+    return None if found is None else _intersect(found[0], found[1], _rays(xy))
 
 
 def factorised(xy: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
@@ -94,10 +89,8 @@ def _rays(xy: FloatArray) -> FloatArray:
     return np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
 
 
-def _intersect(
-    rotation: FloatArray, translation: FloatArray, rays: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Points nearest to their rays (n,3), errors in normalised units (3,n), which are in front of all cameras (n,)."""
+def _intersect(rotation: FloatArray, translation: FloatArray, rays: FloatArray) -> _Attempt:
+    """The points nearest to their rays."""
     direction = np.einsum("cji,cnj->cni", rotation, rays)
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     centre = -np.einsum("cji,cj->ci", rotation, translation)
@@ -109,7 +102,7 @@ def _intersect(
     front = (x[:, :, 2] > 0).all(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.linalg.norm(x[:, :, :2] / x[:, :, 2:] - rays[:, :, :2], axis=2)
-    return points, error, front
+    return _Attempt(rotation, translation, points, error, front)
 
 
 def _scaled_measurements(rays: FloatArray) -> FloatArray | None:

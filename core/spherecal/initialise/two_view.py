@@ -44,21 +44,16 @@ def vote(
         context.report("two-view gate", number / len(pairs))
         common = np.flatnonzero((feature_table[i] >= 0) & (feature_table[j] >= 0))
         a, b = feature_table[i, common], feature_table[j, common]
-        good = _consistent(flat[a], flat[b], gate_px, seed)
+        some = np.linspace(0, len(a) - 1, min(len(a), MOST_POINTS_A_PAIR)).astype(int)
+        fundamental = robust_fundamental(flat[a[some]], flat[b[some]], gate_px, seed)
+        good = np.zeros(len(a), dtype=bool)
+        if fundamental is not None:
+            good = epipolar_distance(fundamental, flat[a], flat[b]) <= gate_px
         consistent[i, j] = common[good]
-        for some in (a, b):
-            agreed[some] += good
-            asked[some] += 1
+        for rows in (a, b):
+            agreed[rows] += good
+            asked[rows] += 1
     return TwoViewGate(2 * agreed >= asked, consistent)
-
-
-def _consistent(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> BoolArray:
-    """Which matches (k,2), (k,2) agree with their robustly estimated fundamental matrix, (k,) bool."""
-    some = np.linspace(0, len(a) - 1, min(len(a), MOST_POINTS_A_PAIR)).astype(int)
-    fundamental = robust_fundamental(a[some], b[some], gate_px, seed)
-    if fundamental is None:
-        return np.zeros(len(a), dtype=bool)
-    return epipolar_distance(fundamental, a, b) <= gate_px
 
 
 def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> FloatArray | None:

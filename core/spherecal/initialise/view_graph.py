@@ -71,12 +71,11 @@ def candidate_triples(seen: BoolArray, counts: IntArray, min_common: int = MIN_C
     return Candidates(cameras[order], number[order])
 
 
+Solve = Callable[[tuple[int, int, int]], Triple | None]
+
+
 def solve_triples(
-    candidates: Candidates,
-    n_cameras: int,
-    solve: Callable[[tuple[int, int, int]], Triple | None],
-    min_points: int,
-    context: Context,
+    candidates: Candidates, n_cameras: int, solve: Solve, min_points: int, context: Context
 ) -> list[Triple]:
     """The triples worth solving: until every edge has `KEEP_AN_EDGE` of them, the richest first.
 
@@ -86,24 +85,29 @@ def solve_triples(
     fit: list[Triple] = []
     in_edge = np.zeros((n_cameras, n_cameras), dtype=int)
     left_out: list[int] = []
-    for number, cameras in enumerate(candidates.cameras):
+
+    def attempt(i: int, j: int, k: int) -> None:
+        triple = solve((i, j, k))
+        if triple is not None:
+            fit.append(triple)
+            in_edge[np.ix_((i, j, k), (i, j, k))] += 1
+
+    for number, (i, j, k) in enumerate(candidates.cameras.tolist()):
         if candidates.common[number] < min_points:
             break
-        i, j, k = (int(c) for c in cameras)
         if min(in_edge[i, j], in_edge[i, k], in_edge[j, k]) >= KEEP_AN_EDGE:
             left_out.append(number)
             continue
         if number % 8 == 0:
             context.report("triples", number / len(candidates.cameras))
-        _try(solve, (i, j, k), fit, in_edge)
+        attempt(i, j, k)
     part = _parts(fit, n_cameras)
-    for number in left_out:
-        i, j, k = (int(c) for c in candidates.cameras[number])
+    for i, j, k in candidates.cameras[left_out].tolist():
         if part.max() == 0:
             break
-        if len({part[i], part[j], part[k]}) > 1:
+        if len(np.unique(part[[i, j, k]])) > 1:
             context.check()
-            _try(solve, (i, j, k), fit, in_edge)
+            attempt(i, j, k)
             part = _parts(fit, n_cameras)
     return fit
 
@@ -116,21 +120,6 @@ def _parts(triples: list[Triple], n_cameras: int) -> IntArray:
         good = np.array(triple.cameras)[triple.error_px <= threshold]
         linked[np.ix_(good, good)] = True
     return connected_components(csr_array(linked), directed=False)[1]
-
-
-def _try(
-    solve: Callable[[tuple[int, int, int]], Triple | None],
-    cameras: tuple[int, int, int],
-    fit: list[Triple],
-    in_edge: IntArray,
-) -> None:
-    triple = solve(cameras)
-    if triple is None:
-        return
-    fit.append(triple)
-    for a in cameras:
-        for b in cameras:
-            in_edge[a, b] += a != b
 
 
 @dataclass(frozen=True)
@@ -263,10 +252,6 @@ def common_scales(triples: list[Triple]) -> FloatArray:
     return np.exp(log_scale)
 
 
-def _operator(shape: tuple[int, int], times: Callable[[FloatArray], FloatArray]) -> LinearOperator:
-    return LinearOperator(shape, matvec=times, dtype=np.float64)  # pyright: ignore[reportCallIssue]
-
-
 def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right: FloatArray) -> FloatArray:
     """The solution of (diag(own) - share diag(1/total) share') x = right, of mean zero in each connected part.
 
@@ -280,8 +265,8 @@ def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right
 
     n = len(own)
     shape = (n, n)
-    matrix = _operator(shape, times)
-    scaling = _operator(shape, lambda x: x.ravel() / own)
+    matrix = LinearOperator(shape, matvec=times, dtype=np.float64)  # pyright: ignore[reportCallIssue]
+    scaling = LinearOperator(shape, matvec=lambda x: x.ravel() / own, dtype=np.float64)  # pyright: ignore[reportCallIssue]
     x = cg(matrix, right, rtol=1e-8, maxiter=20 * n, M=scaling)[0]
     part = connected_components(csr_array(share @ share.T), directed=False)[1]
     return x - (np.bincount(part, x) / np.bincount(part))[part]

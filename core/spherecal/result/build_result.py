@@ -7,7 +7,6 @@ import numpy as np
 
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.camera_effects import Corrections
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
@@ -17,7 +16,7 @@ from spherecal.ball.fit import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.catalogue import phrase
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Finding, Findings
 from spherecal.data.observations import Features, Observations
 from spherecal.data.recording import Recording
 from spherecal.data.rig import (
@@ -34,32 +33,23 @@ from spherecal.data.rig import (
     RigScale,
 )
 from spherecal.data.rig_camera import posed
-from spherecal.data.session import CameraSpec, Session
+from spherecal.data.session import CameraSpec
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.flattening import flattening_doubt
-from spherecal.diagnose.rejected_edges import rejected_edges
 from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.scale_findings import bar_doubt
 from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.sticker_size import sticker_doubt
-from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
-from spherecal.result.camera_effects import (
-    drifting,
-    effects_findings,
-    image_motions,
-    lens_field,
-    not_of_fields,
-    shared_with_fields,
-    turn_sd,
-)
+from spherecal.result import camera_effects as effects
+from spherecal.result.widening import Uncertain, by_findings, drifting, either_lens, either_pose, either_size
 from spherecal.scale.bar_scale import within_growth
 from spherecal.scale.metric import MetricFit, Solution
 
@@ -86,32 +76,26 @@ OF_PARTS = ("poses-scatter", "parts-disagree")
 def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, method: str, run: Run) -> Calibration:
     """The calibration of a recording from its metric solution."""
     session, observations, features = recording.session, recording.observations, recording.features
-    solved, choice, solution = fit.solved, fit.choice, fit.solution
-    reference = run.reference_in(solved.adjusted)
-    adjusted = solved.adjusted
+    solved, choice, solution, adjusted = fit.solved, fit.choice, fit.solution, fit.solved.adjusted
+    reference = run.reference_in(adjusted)
     measured, observations = observations, replace(observations, uv=solved.network.uv)
-    corrections = solved.network.corrections
+    corrections, used = solved.network.corrections, adjusted.used
     placed = _observed(observations, solved)
     residual = _residuals(observations, features, placed, solution)
     recorded, judged = (session, observations, features), _for_diagnosis(solved)
-    evidence = Evidence(*recorded, local, placed, judged, choice, solution, residual, adjusted.used, run.context)
-    lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
-    cameras, earlier = (
-        tuple(
-            _camera(session, int(c), residual, observations, adjusted, solution, corrections)
-            for c in np.flatnonzero(some)
-        )
-        for some in (placed & lasting, placed & ~lasting)
-    )
-    covariance = _camera_covariance(placed & lasting, adjusted, solution)
+    evidence = Evidence(*recorded, local, placed, judged, choice, solution, residual, used, run.context)
+    lasting = placed & np.array([camera.earlier_pose_of is None for camera in session.cameras])
+    every = {c: _camera(recording, fit, residual, c) for c in np.flatnonzero(placed).tolist()}
+    cameras, earlier = (tuple(every[c] for c in np.flatnonzero(some).tolist()) for some in (lasting, placed & ~lasting))
+    rig = Uncertain(cameras, _camera_covariance(lasting, adjusted, solution))
     ball_size = size_change(evidence)
-    uv = {session.cameras[c].id: measured.uv[adjusted.used & (measured.camera == c)] for c in np.flatnonzero(placed)}
-    motions = image_motions(session, observations.placements, corrections)
+    uv = {session.cameras[c].id: measured.uv[used & (measured.camera == c)] for c in every}
+    motions = effects.image_motions(session, observations.placements, corrections)
     found = run_checks(evidence) + fit.findings + _said_of_size(ball_size, evidence)
-    findings = ruled(_all_said(found, effects_findings(cameras, motions, uv)))
+    findings = ruled(_all_said(found, effects.effects_findings(cameras, motions, uv)))
     release_freed()
     names = [camera.id for camera in cameras]
-    share = not_of_fields(corrections, solution.covariance, len(placed))[placed & lasting]
+    share = effects.not_of_fields(corrections, solution.covariance, len(placed))[lasting]
     parts, others = ([f for f in findings if (f.code in OF_PARTS) == by_parts] for by_parts in (True, False))
     grown = zip(widening(parts, names, choice.form), widening(others, names, choice.form), strict=True)
     factor, of_poses = (np.maximum(np.sqrt(1 + (part**2 - 1) * share), other) for part, other in grown)
@@ -119,64 +103,51 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
     further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
     further += [flattening_doubt(findings), bar_doubt(findings)]
-    scale = _doubted(solution.scale, float(np.linalg.norm(further)))
-    cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
-    cameras = shared_with_fields(cameras, uv)
-    covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
-    cameras, covariance = _either_pose(cameras, covariance, evidence, findings)
-    turns = np.array([turn_sd(corrections, int(c), adjusted.variance) for c in np.flatnonzero(placed & lasting)])
+    doubt = float(np.linalg.norm(further))
+    scale = _doubted(solution.scale, doubt)
+    rig = by_findings(rig, of_poses, factor, solution.scale, scale)
+    rig = replace(rig, cameras=effects.shared_with_fields(rig.cameras, uv))
+    rig = either_pose(rig, evidence, findings)
     known = solution.state.points[np.isfinite(solution.state.points[:, 0])]
     middle = known.sum(axis=0) / max(len(known), 1)
-    cameras, covariance = drifting(cameras, covariance, turns, middle)
-    cameras, covariance = _either_lens(cameras, covariance, evidence, findings)
+    rig = drifting(rig, effects.turn_sds(corrections, np.flatnonzero(lasting), adjusted.variance), middle)
+    rig = either_lens(rig, evidence, findings)
     if ball_size is not None:
         from_middle = np.array([camera.centre_mm for camera in cameras]) - middle
-        cameras, covariance = _of_either_size(
-            cameras, covariance, ball_size.by_camera[:, placed & lasting], ball_size.largest * from_middle
-        )
+        rig = either_size(rig, ball_size.by_camera[:, lasting], ball_size.largest * from_middle)
     lengths = None
     if solution.scale.source != "none":
-        noise = dot_noise_px(observations, adjusted.used, adjusted.variance)
-        lengths = map_of_lengths(cameras, covariance, known, noise)
-        findings, moved = _moves_within_lengths(findings, cameras, lengths, middle)
-        cameras, covariance = drifting(cameras, covariance, moved, middle)
-        lengths = map_of_lengths(cameras, covariance, known, noise) if moved.any() else lengths
-    findings = _ball_within_lengths(findings, lengths, 2 * float(np.linalg.norm(further)))
+        noise = dot_noise_px(observations, used, adjusted.variance)
+        lengths = map_of_lengths(rig.cameras, rig.covariance, known, noise)
+        findings, moved = _moves_within_lengths(findings, rig.cameras, lengths, middle)
+        rig = drifting(rig, moved, middle)
+        lengths = map_of_lengths(rig.cameras, rig.covariance, known, noise) if moved.any() else lengths
+    findings = _ball_within_lengths(findings, lengths, 2 * doubt)
     findings = ruled([*findings, *_said_of(lengths), *_missed(lengths, session.wanted_uncertainty_mm)])
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     weak = _weak_region(lengths, session.wanted_uncertainty_mm)
-    quality = quality_of(residual[adjusted.used], sigma0, findings, names, weak)
-    rig = Rig(
+    quality = quality_of(residual[used], sigma0, findings, names, weak)
+    rig_of_all = Rig(
         session.cameras[reference].id if placed[reference] else None,
-        cameras,
+        rig.cameras,
         scale,
         quality,
         session.input_sha256,
-        covariance,
+        rig.covariance,
         lengths,
         earlier_poses=earlier,
         recorded_at=session.recorded_at,
         form=Form(choice.form, phrase(choice.reason), choice.shape_sd_mm, choice.stated),
     )
-    sigma = _points_sigma(fit, observations, features, placed & lasting, factor)
-    done = Calibration(
-        rig,
-        measured,
-        features,
-        solution.state.points,
-        sigma,
-        np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
-        residual,
-        adjusted.used,
-        tuple(
-            PlacedSphere(session.placements[p].id, sphere.centre, sphere.radius, sphere.radial_sd)
-            for p, sphere in solution.spheres.items()
-        ),
-        method,
-        run.watch.seconds,
-        _ball_shape(observations, features, solved, solution),
-        motions,
+    sigma = _points_sigma(fit, observations, features, lasting, factor)
+    views = np.bincount(features.of_observation[used], minlength=len(features))
+    of_points, of_rows = (solution.state.points, sigma, views), (residual, used)
+    spheres = tuple(
+        PlacedSphere(session.placements[p].id, sphere.centre, sphere.radius, sphere.radial_sd)
+        for p, sphere in solution.spheres.items()
     )
+    of_run, ball = (method, run.watch.seconds), _ball_shape(observations, features, solved, solution)
+    done = Calibration(rig_of_all, measured, features, *of_points, *of_rows, spheres, *of_run, ball, motions)
     return stopped_early(done) if fit.stopped else done
 
 
@@ -194,11 +165,7 @@ def _observed(observations: Observations, solved: BallFit) -> BoolArray:
 
 
 def quality_of(
-    residual: FloatArray,
-    sigma0: float | None,
-    findings: tuple[Finding, ...],
-    names: Sequence[str],
-    region: Affected | None = None,
+    residual: FloatArray, sigma0: float | None, findings: Findings, names: Sequence[str], region: Affected | None = None
 ) -> Quality:
     """How good a fit is, by the residuals (n,2) px of the observations that it used, and what was found."""
     size = np.linalg.norm(residual, axis=1)
@@ -243,130 +210,17 @@ def _doubted(scale: RigScale, doubt: float) -> RigScale:
     return replace(scale, relative_uncertainty=float(np.hypot(scale.relative_uncertainty, doubt)))
 
 
-def _wider(camera: RigCamera, factor: float) -> RigCamera:
-    """The camera with its standard uncertainties times a factor."""
-    if camera.sigma is None or factor == 1.0:
-        return camera
-    s = camera.sigma
-    return replace(camera, sigma=CameraSigma(s.rotation_deg * factor, s.centre_mm * factor, s.intrinsics * factor))
-
-
-def _all_said(found: Sequence[Finding], of_effects: tuple[Finding, ...]) -> list[Finding]:
+def _all_said(found: Sequence[Finding], of_effects: Findings) -> list[Finding]:
     """All findings; where the ball moves between the exposures of most cameras, no camera alone is unsteady."""
     moves = any(f.code == "camera-drifts" and f.kind == "most" for f in of_effects)
     return [*(f for f in found if not (moves and f.code == "camera-unsteady")), *of_effects]
 
 
-def _wider_covariance(
-    covariance: CameraCovariance | None,
-    factor: FloatArray,
-    cameras: tuple[RigCamera, ...],
-    before: RigScale,
-    after: RigScale,
-) -> CameraCovariance | None:
-    """The covariance with each camera's rows and columns times its factor, and the scale's present uncertainty."""
-    if covariance is None or ((factor == 1.0).all() and before == after):
-        return covariance
-    width = len(covariance.matrix) // len(factor)
-    each = np.repeat(factor, width)
-    matrix = covariance.matrix * np.outer(each, each)
-    if before.relative_uncertainty is not None and after.relative_uncertainty is not None:
-        along = np.zeros((len(factor), width))
-        along[:, 3:POSE] = [camera.translation_mm for camera in cameras]
-        more = after.relative_uncertainty**2 - before.relative_uncertainty**2
-        matrix += more * np.outer(along, along)
-    return CameraCovariance(matrix, covariance.intrinsics)
-
-
-def _either_pose(
-    cameras: tuple[RigCamera, ...],
-    covariance: CameraCovariance | None,
-    evidence: Evidence,
-    findings: tuple[Finding, ...],
-) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras with unconfirmed poses, with uncertainties such that each other pose is one standard uncertainty off."""
-    names = [camera.id for camera in cameras]
-    for pose in unconfirmed_poses(evidence, findings):
-        index = names.index(evidence.camera_ids[pose.camera])
-        camera = cameras[index]
-        if camera.sigma is not None:
-            sigma = replace(
-                camera.sigma,
-                rotation_deg=np.linalg.norm([camera.sigma.rotation_deg, *np.rad2deg(pose.changes[:, :3])], axis=0),
-                centre_mm=np.linalg.norm([camera.sigma.centre_mm, *pose.centre_shifts], axis=0),
-            )
-            cameras = (*cameras[:index], replace(camera, sigma=sigma), *cameras[index + 1 :])
-        if covariance is not None:
-            width = len(covariance.matrix) // len(cameras)
-            off = np.zeros((len(pose.changes), len(covariance.matrix)))
-            off[:, index * width : index * width + POSE] = pose.changes
-            covariance = CameraCovariance(covariance.matrix + off.T @ off, covariance.intrinsics)
-    return cameras, covariance
-
-
-def _either_lens(
-    cameras: tuple[RigCamera, ...],
-    covariance: CameraCovariance | None,
-    evidence: Evidence,
-    findings: tuple[Finding, ...],
-) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras with rejected edges, with uncertainties such that a lens closer to these is one sigma off."""
-    named = {name for f in findings if f.code == "lens-misfit" and f.kind == "edge" for name in f.where}
-    columns, group = evidence.adjusted.problem.intrinsic_columns, evidence.solved.network.group
-    row = {camera.id: i for i, camera in enumerate(cameras)}
-    for edge in rejected_edges(evidence) if named else ():
-        if evidence.camera_ids[edge.camera] not in named:
-            continue
-        alike = [
-            row[evidence.camera_ids[c]]
-            for c in np.flatnonzero(group == group[edge.camera])
-            if evidence.camera_ids[c] in row
-        ]
-        wider = list(cameras)
-        for index in alike:
-            sigma = cameras[index].sigma
-            if sigma is not None:
-                intrinsics = sigma.intrinsics.copy()
-                intrinsics[columns] = np.hypot(intrinsics[columns], edge.change)
-                wider[index] = replace(cameras[index], sigma=replace(sigma, intrinsics=intrinsics))
-        cameras = tuple(wider)
-        if covariance is not None:
-            width = len(covariance.matrix) // len(cameras)
-            off = np.zeros((len(cameras), width))
-            off[alike, POSE:] = edge.change
-            covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
-    return cameras, covariance
-
-
-def _said_of_size(size: SizeChange | None, e: Evidence) -> tuple[Finding, ...]:
+def _said_of_size(size: SizeChange | None, e: Evidence) -> Findings:
     if size is None:
         return ()
     radii = [sphere.radius for sphere in e.solution.spheres.values()]
     return (size.finding(e.observations.placements, 2 * float(np.median(radii)) if radii else 0.0),)
-
-
-def _of_either_size(
-    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, changes: FloatArray, growth_mm: FloatArray
-) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras with the uncertainty of changes (k,c,w), and of their places by a rig that grew, (c,3) about its middle.
-
-    The covariance has the latter already, by the scale.
-    """
-    wider = []
-    for camera, own, growth in zip(cameras, changes.transpose(1, 0, 2), growth_mm, strict=True):
-        if camera.sigma is None:
-            return cameras, covariance
-        by_turn, by_shift = np.rad2deg(own[:, :3]), own[:, 3:POSE] @ camera.rotation
-        sigma = replace(
-            camera.sigma,
-            rotation_deg=np.linalg.norm([camera.sigma.rotation_deg, *by_turn], axis=0),
-            centre_mm=np.linalg.norm([camera.sigma.centre_mm, growth, *by_shift], axis=0),
-        )
-        wider.append(replace(camera, sigma=sigma))
-    if covariance is not None:
-        off = changes.reshape(len(changes), -1)
-        covariance = CameraCovariance(covariance.matrix + off.T @ off, covariance.intrinsics)
-    return tuple(wider), covariance
 
 
 def _weak_region(lengths: LengthMap | None, wanted_mm: float | None) -> Affected | None:
@@ -418,23 +272,16 @@ def build_failed_result(
     recording: Recording, local: LocalNetwork, method: str, seconds: dict[str, float]
 ) -> Calibration:
     """The result where not even three cameras could be reconstructed: no camera has a pose."""
-    session, observations = recording.session, recording.observations
     lost = Finding("nothing-reconstructed", "error", kind="ball")
-    apart = unlinked(observations, local.counts, [], np.zeros(len(session.cameras), dtype=bool))
-    return unsolved(session, observations, recording.features, [lost, *apart], method, seconds)
+    apart = unlinked(recording.observations, local.counts, [], np.zeros(len(recording.session.cameras), dtype=bool))
+    return unsolved(recording, [lost, *apart], method, seconds)
 
 
-def unsolved(
-    session: Session,
-    observations: Observations,
-    features: Features,
-    findings: Sequence[Finding],
-    method: str,
-    seconds: dict[str, float],
-) -> Calibration:
+def unsolved(recording: Recording, findings: Sequence[Finding], method: str, seconds: dict[str, float]) -> Calibration:
     """The result where no camera could be placed."""
+    observations, features = recording.observations, recording.features
     quality = Quality(False, None, None, None, tuple(findings))
-    rig = Rig(None, (), RigScale("none", None), quality, session.input_sha256)
+    rig = Rig(None, (), RigScale("none", None), quality, recording.session.input_sha256)
     unknown, views = np.full((len(features), 3), np.nan), np.zeros(len(features), dtype=np.int64)
     of_rows = np.full((len(observations), 2), np.nan), np.zeros(len(observations), dtype=bool)
     return Calibration(rig, observations, features, unknown, unknown, views, *of_rows, (), method, seconds)
@@ -467,22 +314,15 @@ def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustme
     return float(np.sqrt(((weighted**2).sum() + ties) / adjusted.redundancy))
 
 
-def _camera(
-    session: Session,
-    c: int,
-    residual: FloatArray,
-    observations: Observations,
-    adjusted: Adjustment,
-    solution: Solution,
-    corrections: Corrections | None,
-) -> RigCamera:
-    spec, state, sigma = session.cameras[c], solution.state, None
+def _camera(recording: Recording, fit: MetricFit, residual: FloatArray, c: int) -> RigCamera:
+    """Camera c of the session as calibrated; `residual` (n,2) px of all observations."""
+    spec, adjusted, solution, sigma = recording.session.cameras[c], fit.solved.adjusted, fit.solution, None
     if solution.covariance is not None:
         cofactors = solution.covariance.cameras[c] * adjusted.variance
-        sigma = camera_sigma(cofactors, state.rotation[c], adjusted.problem, c, solution.factor)
-    own = residual[adjusted.used & (observations.camera == c)]
-    field = lens_field(corrections, solution.covariance, c, spec.image_size, adjusted, observations.uv)
-    return placed_camera(spec, state, c, own, sigma, field)
+        sigma = camera_sigma(cofactors, solution.state.rotation[c], adjusted.problem, c, solution.factor)
+    own = residual[adjusted.used & (recording.observations.camera == c)]
+    field = effects.lens_field(fit.solved, solution.covariance, c, spec.image_size)
+    return placed_camera(spec, solution.state, c, own, sigma, field)
 
 
 def placed_camera(
@@ -528,7 +368,7 @@ def map_of_lengths(
     return length_map(looking, volume, noise_px)
 
 
-def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
+def _said_of(lengths: LengthMap | None) -> Findings:
     if lengths is None or lengths.typical_mm is None or lengths.worst is None:
         return ()
     worst, place = lengths.worst
@@ -541,7 +381,7 @@ def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
     return (*said, Finding("degenerate-geometry", "error", values, kind="hardly")) if hardly else said
 
 
-def _ball_within_lengths(findings: tuple[Finding, ...], lengths: LengthMap | None, doubt: float) -> tuple[Finding, ...]:
+def _ball_within_lengths(findings: Findings, lengths: LengthMap | None, doubt: float) -> Findings:
     """The findings; a ball off its nominal diameter by less than lengths are uncertain by says nothing about the scale.
 
     Not turned, behind lenses off by 0.06 and 0.12 px: 5.1 and 7.4 mm, where lengths of that size had U of 13 and 14 mm
@@ -563,8 +403,8 @@ def _ball_within_lengths(findings: tuple[Finding, ...], lengths: LengthMap | Non
 
 
 def _moves_within_lengths(
-    findings: tuple[Finding, ...], cameras: tuple[RigCamera, ...], lengths: LengthMap | None, middle_mm: FloatArray
-) -> tuple[tuple[Finding, ...], FloatArray]:
+    findings: Findings, cameras: tuple[RigCamera, ...], lengths: LengthMap | None, middle_mm: FloatArray
+) -> tuple[Findings, FloatArray]:
     """The findings, and turns (c,) rad of cameras that moved by so little of what lengths are uncertain by.
 
     Their moves are information: the turns, as far as the rays of each turned between its images, state them.
@@ -587,7 +427,7 @@ def _moves_within_lengths(
     return tuple(out), turns
 
 
-def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> tuple[Finding, ...]:
+def _missed(lengths: LengthMap | None, wanted_mm: float | None) -> Findings:
     """The finding where some lengths of the map, or all if there is none, are less certain than is wanted."""
     if wanted_mm is None or (lengths is not None and lengths.worst is not None and lengths.worst[0] <= wanted_mm):
         return ()

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjustment
-from spherecal.adjust.camera_effects import FIELD, MOTION, TURN, Corrections, Field
+from spherecal.adjust.camera_effects import FIELD, MOTION, Corrections, Field
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.lens_field import left_unknown, lens_and_turns_in
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.base.arrays import FloatArray
-from spherecal.data.findings import Finding
-from spherecal.data.rig import CameraCovariance, ImageMotion
+from spherecal.ball.fit import BallFit
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.data.findings import Finding, Findings
+from spherecal.data.rig import ImageMotion
 from spherecal.data.rig_camera import RigCamera
 from spherecal.data.session import Session
 from spherecal.geometry.field_table import FieldTable, table_nodes
@@ -22,18 +22,9 @@ from spherecal.geometry.field_table import FieldTable, table_nodes
 MOST_TURN_MDEG = 3.0
 
 
-def lens_field(
-    corrections: Corrections | None,
-    cofactors: Covariance | None,
-    c: int,
-    size: tuple[int, int],
-    adjusted: Adjustment,
-    uv: FloatArray,
-) -> FieldTable | None:
-    """The field of a camera's lens as a table, with its standard uncertainty; None where it has none.
-
-    `uv` (n,2) px: image points, of which `adjusted` says which were used.
-    """
+def lens_field(solved: BallFit, cofactors: Covariance | None, c: int, size: tuple[int, int]) -> FieldTable | None:
+    """The field of a camera's lens as a table, with its standard uncertainty; None where it has none."""
+    corrections = solved.network.corrections
     if corrections is None:
         return None
     fields = corrections.design.fields_of[c]
@@ -47,21 +38,19 @@ def lens_field(
         columns = np.concatenate([used[f.columns] for f in known])
         values = np.concatenate([f.basis.at(nodes) for f in known], axis=2)
         square = np.einsum("nij,nij->n", values @ own[np.ix_(columns, columns)], values) / 2
-        square = np.maximum(square, _beyond_points(corrections, known, adjusted, uv, nodes))
-        sd = np.sqrt(np.maximum(square * adjusted.variance, 0.0)).reshape(shape)
+        square = np.maximum(square, _beyond_points(solved, corrections, known, nodes))
+        sd = np.sqrt(np.maximum(square * solved.adjusted.variance, 0.0)).reshape(shape)
     return FieldTable(pitch, np.zeros(2), at[:, 0].reshape(shape), at[:, 1].reshape(shape), sd)
 
 
-def _beyond_points(
-    corrections: Corrections, fields: list[Field], adjusted: Adjustment, uv: FloatArray, nodes: FloatArray
-) -> FloatArray:
+def _beyond_points(solved: BallFit, corrections: Corrections, fields: list[Field], nodes: FloatArray) -> FloatArray:
     """Cofactors (n,) of fields at pixels (n,2) by how far these are from where points were seen."""
-    problem, square = adjusted.problem, np.zeros(len(nodes))
+    problem, square = solved.adjusted.problem, np.zeros(len(nodes))
     for field in fields:
         own = np.isin(problem.camera, field.cameras)
         amplitude = corrections.variances[corrections.design.part[field.first]]
         noise = 1.0 / float(np.median(problem.weight[own]) * np.sqrt(amplitude))
-        seen = uv[adjusted.rows[own]]
+        seen = solved.network.uv[solved.adjusted.rows[own]]
         square += amplitude * left_unknown(nodes, field.basis.size, seen, noise) ** 2
     return square
 
@@ -78,40 +67,12 @@ def not_of_fields(corrections: Corrections | None, cofactors: Covariance | None,
     return np.clip(known / np.where(whole > 0, whole, 1.0), 0.0, 1.0).max(axis=1)
 
 
-def turn_sd(corrections: Corrections | None, c: int, variance: float) -> float:
-    """The standard deviation in rad, about each axis, by which a camera's images turn; 0 where they do not."""
+def turn_sds(corrections: Corrections | None, cameras: IntArray, variance: float) -> FloatArray:
+    """The standard deviations (k,) in rad, about each axis, by which images of cameras turn; 0 where they do not."""
     if corrections is None:
-        return 0.0
-    if corrections.moved_once[c]:
-        return 0.0
-    part = len(corrections.design.fields) + c
-    return float(np.sqrt(corrections.variances[part] * variance))
-
-
-def drifting(
-    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, turns_rad: FloatArray, middle_mm: FloatArray
-) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
-    """Cameras with the uncertainty of a pose at any one time, whose images turn with standard deviations (c,) rad.
-
-    What looks like a turn about the ball's middle (3,) may be a shift across the view as well: 12 cameras that drifted
-    by 0.2 mm passed for turning by 2 millidegrees, and three were 2.5 to 3.4 times their U off. To lengths both do
-    the same.
-    """
-    if not turns_rad.any():
-        return cameras, covariance
-    wider = []
-    for camera, turn in zip(cameras, turns_rad, strict=True):
-        if (s := camera.sigma) is not None:
-            away = np.cross(np.eye(3), middle_mm - camera.centre_mm)  # how far each axis is across the view
-            centre = np.hypot(s.centre_mm, turn * np.linalg.norm(away, axis=1))
-            s = replace(s, rotation_deg=np.hypot(s.rotation_deg, np.rad2deg(turn)), centre_mm=centre)
-        wider.append(replace(camera, sigma=s))
-    if covariance is None:
-        return tuple(wider), None
-    width, matrix = len(covariance.matrix) // len(cameras), covariance.matrix.copy()
-    at = (np.arange(len(cameras))[:, None] * width + np.arange(TURN)).ravel()
-    matrix[at, at] += np.repeat(turns_rad**2, TURN)
-    return tuple(wider), CameraCovariance(matrix, covariance.intrinsics)
+        return np.zeros(len(cameras))
+    turns = np.sqrt(corrections.variances[len(corrections.design.fields) + cameras] * variance)
+    return np.where(corrections.moved_once[cameras], 0.0, turns)
 
 
 def shared_with_fields(cameras: tuple[RigCamera, ...], uv: dict[str, FloatArray]) -> tuple[RigCamera, ...]:
@@ -152,7 +113,7 @@ def image_motions(
 
 def effects_findings(
     cameras: tuple[RigCamera, ...], motions: tuple[ImageMotion, ...], uv: dict[str, FloatArray]
-) -> tuple[Finding, ...]:
+) -> Findings:
     """What is said of fields and drift of which lenses and cameras; `uv`: used image points (n,2) px by camera."""
     found = []
     fields = {

@@ -8,7 +8,7 @@ import numpy as np
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.rows import LengthRows
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Finding, Findings
 from spherecal.data.recording import Recording
 from spherecal.data.session import Bar, BarLength, Mark
 from spherecal.geometry.transform import fit_similarity
@@ -82,7 +82,7 @@ class OddPoses:
         return Finding("bar-poses-disagree", "warning", values | {"rest": self.rest}, self.poses, kind="left-out")
 
 
-def within_growth(findings: Sequence[Finding], growth: float) -> tuple[Finding, ...]:
+def within_growth(findings: Sequence[Finding], growth: float) -> Findings:
     """The findings; where lengths are so many times as uncertain as the adjustment says, poses within that are right.
 
     With lenses off by 0.13 px that 1400 points cannot show, bars were up to 4.8 standard deviations off, and parts of
@@ -160,13 +160,11 @@ def _length_gradient(sample: _Sample, points: FloatArray, along: FloatArray, fac
     return gradient
 
 
+Poses = Collection[str]  # by their ids
+
+
 def scale_from_bars(
-    recording: Recording,
-    bar_id: str,
-    points: FloatArray,
-    covariance: Covariance,
-    variance: float,
-    without: Collection[str] = (),
+    recording: Recording, bar_id: str, points: FloatArray, covariance: Covariance, variance: float, without: Poses = ()
 ) -> FoundScale | None:
     """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
 
@@ -192,9 +190,7 @@ def scale_from_bars(
     return FoundScale(factor, float(uncertainty), len(samples), gradient)
 
 
-def length_rows(
-    recording: Recording, bar_id: str, points_mm: FloatArray, without: Collection[str] = ()
-) -> LengthRows | None:
+def length_rows(recording: Recording, bar_id: str, points_mm: FloatArray, without: Poses = ()) -> LengthRows | None:
     """The certified lengths of a bar in all its poses as rows of an adjustment; None where none could be measured.
 
     A certificate errs alike in all poses, and so do the thermometer and the coefficient of expansion; between poses
@@ -229,7 +225,7 @@ def _bar(recording: Recording, bar_id: str) -> Bar:
     return next(b for b in recording.session.bars if b.id == bar_id)
 
 
-def _samples(recording: Recording, bar_id: str, known: np.ndarray, without: Collection[str] = ()) -> list[_Sample]:
+def _samples(recording: Recording, bar_id: str, known: np.ndarray, without: Poses = ()) -> list[_Sample]:
     session, bar, samples = recording.session, _bar(recording, bar_id), []
     for pose in (p for p in session.bar_poses if p.bar == bar.id and p.id not in without):
         index = recording.observations.placements.index(pose.id)

@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.calibration_run import Run
 from spherecal.ball.fit import BallFit, with_effects_unknown, with_lengths
 from spherecal.ball.selection import ModelChoice
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.data.findings import Finding
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.data.findings import Findings
 from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
 from spherecal.data.session import Session
@@ -49,15 +50,14 @@ class MetricFit:
     solved: BallFit
     choice: ModelChoice
     solution: Solution
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
     stopped: bool = False
 
 
 def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFit, Solution]:
     """The network in millimetres; a bar that gives the scale becomes part of the adjustment."""
-    session, features = recording.session, recording.features
     fit = with_effects_unknown(fit)
-    solution, scale = metric_solution(recording, fit, literal=run.plain), session.scale
+    solution, scale = metric_solution(recording, fit, literal=run.plain), recording.session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return fit, solution
     without = solution.odd.poses if solution.odd is not None and solution.odd.majority else ()
@@ -68,7 +68,7 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     if again.cofactors is None or again.cofactors.stretch is None:
         return fit, solution
     state = again.by_features.state
-    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
     cameras = again.adjusted.variance * again.cofactors.with_size().all_cameras()
     return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras, odd=solution.odd)
@@ -105,9 +105,7 @@ def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -
     session, adjusted, cofactors = recording.session, fit.by_features, fit.cofactors
     state = adjusted.state
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
-    found = None
-    if cofactors is not None and session.scale is not None:
-        found = _find_scale(recording, state, spheres, cofactors, adjusted.variance, literal)
+    found = None if cofactors is None else _find_scale(recording, adjusted, cofactors, spheres, literal)
     factor = found.factor if found else _nominal_factor(session, spheres)
     cameras, scale = None, RigScale("none", None)
     if found and session.scale:
@@ -146,82 +144,61 @@ def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> d
     spheres = {}
     for t in range(n_placements):
         own = points[(placement == t) & np.isfinite(points[:, 0])]
-        sphere = fit_sphere(own[_near_the_rest(own)])
+        if len(own):  # no farther from their middle than five times the median distance: a ball's stay below 2
+            distance = np.linalg.norm(own - np.median(own, axis=0), axis=1)
+            own = own[distance <= 5 * np.median(distance)]
+        sphere = fit_sphere(own)
         if sphere is not None:
             spheres[t] = sphere
     return spheres
 
 
-def _near_the_rest(points: FloatArray) -> BoolArray:
-    """Points (n,) no farther from their common middle than five times the median distance: a ball's stay below 2."""
-    if not len(points):
-        return np.zeros(0, dtype=bool)
-    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
-    return distance <= 5 * np.median(distance)
-
-
 def _find_scale(
-    recording: Recording,
-    state: State,
-    spheres: dict[int, Sphere],
-    cofactors: Covariance,
-    variance: float,
-    literal: bool,
+    recording: Recording, adjusted: Adjustment, cofactors: Covariance, spheres: dict[int, Sphere], literal: bool
 ) -> FoundScale | None:
-    session, observations, features = recording.session, recording.observations, recording.features
-    scale = session.scale
-    assert scale is not None
-    if scale.kind == "none":
+    session, names, scale = recording.session, recording.observations.points, recording.session.scale
+    located = adjusted.state.points, cofactors, adjusted.variance
+    if scale is None or scale.kind == "none":
         return None
     if scale.kind == "bar":
         assert scale.bar is not None
-        odd = None if literal else odd_poses(recording, scale.bar, state.points, cofactors, variance)
+        odd = None if literal else odd_poses(recording, scale.bar, *located)
         without = odd.poses if odd is not None and odd.majority else ()
-        by_bar = scale_from_bars(recording, scale.bar, state.points, cofactors, variance, without)
+        by_bar = scale_from_bars(recording, scale.bar, *located, without)
         return None if by_bar is None else replace(by_bar, odd=odd)
     assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
-    names = observations.points
     if scale.from_point not in names or scale.to_point not in names:
         return None
     ends = names.index(scale.from_point), names.index(scale.to_point)
     spacing = Spacing(*ends, scale.distance_mm, scale.surface == "sphere", _patterns(session, names))
-    radius = np.full(len(observations.placements), np.nan)
+    radius = np.full(len(recording.observations.placements), np.nan)
     for placement, sphere in spheres.items():
         radius[placement] = sphere.radius
     scale_from = scale_from_mean_distance if literal else scale_from_spacing
-    found = scale_from(spacing, features, state.points, radius, cofactors, variance)
+    found = scale_from(spacing, recording.features, adjusted.state.points, radius, cofactors, adjusted.variance)
     if found is None:
         return None
     known = float(np.hypot(found.relative_uncertainty, scale.print_sd))
-    return with_ball(replace(found, relative_uncertainty=known), session, spheres)
+    return _with_ball(replace(found, relative_uncertainty=known), session, spheres)
 
 
-def ball_scale(session: Session, spheres: dict[int, Sphere]) -> tuple[float, float] | None:
-    """The factor by a ball of measured diameter and its relative standard uncertainty; None where it is not measured.
+def _with_ball(found: FoundScale, session: Session, spheres: dict[int, Sphere]) -> FoundScale:
+    """The print's scale and that of a ball of measured diameter, weighted by their uncertainties.
 
     How far the ball is from round counts in full: what its visible side shows of its diameter is no better.
     """
     if session.sphere_sd_mm is None or session.sphere_diameter_mm is None or not spheres or "ball" in session.struck:
-        return None
+        return found
     radius = float(np.median([s.radius for s in spheres.values()]))
     shape = float(np.median([s.radial_sd for s in spheres.values()])) / radius
     own = float(np.hypot(session.sphere_sd_mm / session.sphere_diameter_mm, shape))
-    return session.sphere_diameter_mm / 2 / radius, own
-
-
-def with_ball(found: FoundScale, session: Session, spheres: dict[int, Sphere]) -> FoundScale:
-    """The print's scale and that of a measured ball, weighted by their uncertainties."""
-    ball = ball_scale(session, spheres)
-    if ball is None:
-        return found
-    factor, own = ball
-    print_weight = found.relative_uncertainty**-2 / (found.relative_uncertainty**-2 + own**-2)
-    mean = print_weight * found.factor + (1 - print_weight) * factor
-    known = float((found.relative_uncertainty**-2 + own**-2) ** -0.5)
-    source = "target_spacing" if print_weight > 0.5 else "ball"
-    return replace(
-        found, factor=mean, relative_uncertainty=known, gradient=print_weight * found.gradient, source=source
+    share = found.relative_uncertainty**-2 / (found.relative_uncertainty**-2 + own**-2)  # of the print
+    mean = share * found.factor + (1 - share) * (session.sphere_diameter_mm / 2 / radius)
+    known, source = (
+        float((found.relative_uncertainty**-2 + own**-2) ** -0.5),
+        "target_spacing" if share > 0.5 else "ball",
     )
+    return replace(found, factor=mean, relative_uncertainty=known, gradient=share * found.gradient, source=source)
 
 
 def _patterns(session: Session, names: tuple[str, ...]) -> dict[int, FloatArray] | None:

@@ -83,12 +83,7 @@ class _Stickers:
 
 
 def scale_from_spacing(
-    spacing: Spacing,
-    features: Features,
-    points: FloatArray,
-    radius: FloatArray,
-    covariance: Covariance,
-    variance: float,
+    spacing: Spacing, features: Features, points: FloatArray, radii: FloatArray, covariance: Covariance, variance: float
 ) -> FoundScale | None:
     """The scale from all targets with enough dots reconstructed; None where there is none.
 
@@ -112,7 +107,7 @@ def scale_from_spacing(
     ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
     weight, scatter = _weights(ratio, noise, stickers.target)
     for _ in range(4 if spacing.on_sphere else 0):  # how a sticker bends depends on the radius in millimetres
-        bend = radius[stickers.placement] / float(weight @ ratio)
+        bend = radii[stickers.placement] / float(weight @ ratio)
         ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
         weight, scatter = _weights(ratio, noise, stickers.target)
     mean = float(weight @ ratio)
@@ -127,12 +122,7 @@ def scale_from_spacing(
 
 
 def scale_from_mean_distance(
-    spacing: Spacing,
-    features: Features,
-    points: FloatArray,
-    radius: FloatArray,
-    covariance: Covariance,
-    variance: float,
+    spacing: Spacing, features: Features, points: FloatArray, radii: FloatArray, covariance: Covariance, variance: float
 ) -> FoundScale | None:
     """The scale exactly as in [Tao21] (18)-(19): mean distance of the two dots of all targets over the known one.
 
@@ -150,7 +140,7 @@ def scale_from_mean_distance(
     scatter = _weights(ratio, noise, stickers.target)[1]
     per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1)) / n
     by_print = scatter**2 * float((per_target**2).sum())
-    known = radius[np.isfinite(radius)] / mean
+    known = radii[np.isfinite(radii)] / mean
     arc = spacing.distance_mm**2 / (24 * float(np.median(known)) ** 2) if spacing.on_sphere and len(known) else 0.0
     uncertainty = np.sqrt(variance * covariance.functional(total) + by_print + arc**2)
     return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter)

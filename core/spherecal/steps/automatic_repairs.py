@@ -99,10 +99,11 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     steps = [step for f in findings if (step := _step(f, session)) is not None]
     steps = [step for step in steps if _with(done, list(step.first)) != done]
     single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}
-    if not steps or len(single) > most_wrong(session):
+    if not steps or len(single) > most_moved(len(session.cameras)):  # the others cannot prove that more are wrong
         return
-    # something is grossly wrong that nothing is known to mend: other repairs would hide it
-    unmended = any(_is_gross(f, session) for f in findings)
+    # one placement, not the last, contradicts the others grossly, for no known reason: other repairs would hide it
+    gross = [f.where[-1:] for f in findings if f.code == "placements-contradict" and not f.repairs]
+    unmended = any(where not in ((), (_last(session),)) for where in gross)
     if not unmended:
         yield _with(done, [option for step in steps for option in step.first])
     for other in () if unmended else steps:  # one at a time: what is wrong is rarely two things
@@ -112,17 +113,6 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     sure = [step for step in steps if step.code in _OF_AN_IMAGE]
     if sure and (unmended or len(sure) < len(steps)):
         yield _with(done, [option for step in sure for option in step.first])
-
-
-def _is_gross(finding: Finding, session: Session) -> bool:
-    """Whether one placement, not the last, contradicts the others grossly, for a reason that is not known."""
-    inside = finding.where[-1:] not in ((), (_last(session),))
-    return finding.code == "placements-contradict" and not finding.repairs and inside
-
-
-def most_wrong(session: Session) -> int:
-    """How many cameras may be wrong at most for the others to prove it."""
-    return most_moved(len(session.cameras))
 
 
 @dataclass(frozen=True)
@@ -151,9 +141,8 @@ def _step(finding: Finding, session: Session) -> _Step | None:
         return None  # which of the two states the rig has kept is not known
     ways = [options, _second_way(finding, session, cameras, options)]
     if finding.code in _OF_THE_CAMERA:  # without its last image nothing would show where the camera is now
-        ways = [
-            way for way in ways if not any(how == "leave-out" and is_last_pose(session, value) for how, value in way)
-        ]
+        last = {value for way in ways for how, value in way if how == "leave-out" and is_last_pose(session, value)}
+        ways = [way for way in ways if not any(how == "leave-out" and value in last for how, value in way)]
     first, second, *_ = (*ways, [], [])
     return _Step(finding.code, tuple(first), tuple(second), cameras) if first else None
 
@@ -243,13 +232,8 @@ def keeps_a_tested_pose(mended: Session, way: Repairs) -> bool:
     """
     of = [value.partition("@")[0] for value in (*way.split, *way.leave_out)]
     several = {name for name in of if of.count(name) > 1}
-    return all(max(_images_of_one_pose(mended, name), default=0) >= 2 for name in several)
-
-
-def _images_of_one_pose(session: Session, camera: str) -> list[int]:
-    """For each pose of a camera how many images of the ball show it."""
-    poses = [one.id for one in session.cameras if camera in (one.id, one.earlier_pose_of)]
-    return [len(_images_showing(session, name)) for name in poses]
+    poses = ([one.id for one in mended.cameras if name in (one.id, one.earlier_pose_of)] for name in several)
+    return all(any(len(_images_showing(mended, pose)) >= 2 for pose in of_one) for of_one in poses)
 
 
 def is_credible(tried: Calibration, way: Repairs) -> bool:

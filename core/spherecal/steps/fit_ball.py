@@ -89,8 +89,8 @@ def select_ball_model(
         weighted = replace(ball.network, noise=free.network.noise).corrected_as(free.network)
         return bool(explained_by_moves(weighted, ball.features, free, ball.n_ball, run.context, most))
 
-    requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes, is_moved)
-    fit, choice = choose_ball_model(free, ball, others, requested, run)
+    requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes, is_moved, others)
+    fit, choice = choose_ball_model(free, ball, requested, run)
     if wanted not in ("auto", choice.form):
         raise InputError(Phrase("error-form-not-possible", {"form": wanted, "why": choice.reason}))
     return fit, choice

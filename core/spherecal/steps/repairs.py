@@ -82,8 +82,9 @@ def recorded(
         findings.append(Finding("swapped-back", "info", {"done": what, "why": why}, where))
     for value in repairs.leave_out:
         done.append(Repair("--leave-out", value, automatic=automatic))
-        what = {"done": _what(session, value), "why": why}
-        findings.append(Finding("left-out", "info", what, tuple(_ids(session, value))))
+        name, place = _names(session, *_read_out(session, value))
+        where = tuple(one for one in (name, place) if one is not None)
+        findings.append(Finding("left-out", "info", {"done": _what(value, name, place), "why": why}, where))
     for value in repairs.split:
         camera, placement = _read_image(session, value, "--split")
         name, place = session.cameras[camera].id, _places(session)[placement].id
@@ -164,58 +165,59 @@ def _read_swap(session: Session, value: str) -> tuple[int, int, int | None]:
     return a, b, placement
 
 
-def _what(session: Session, value: str) -> Phrase:
-    kind, _, name = value.partition(":")
-    ids = _ids(session, value)
-    if kind == "camera" and ids == [name]:
+def _what(value: str, name: str | None, place: str | None) -> Phrase:
+    if name is not None and place is not None:
+        return Phrase("image-out", {"camera": name, "place": place})
+    if name is not None:
         return Phrase("camera-out", {"camera": name})
-    if kind == "placement" and ids == [name]:
-        return Phrase("placement-out", {"place": name})
-    if value in SCALE_SOURCES:
-        return Phrase("scale-source-out", {"source": SCALE_SOURCES[value]})
-    return Phrase("image-out", {"camera": ids[0], "place": ids[1]})
+    if place is not None:
+        return Phrase("placement-out", {"place": place})
+    return Phrase("scale-source-out", {"source": SCALE_SOURCES[value]})
 
 
-def _ids(session: Session, value: str) -> list[str]:
-    """The ids that a --leave-out names; InputError where there are none."""
+def _read_out(session: Session, value: str) -> tuple[int | None, int | None]:
+    """Camera and placement (indices) that a --leave-out names, None for all; both None for a source of scale."""
     if value in SCALE_SOURCES:
-        return []
+        return None, None
     kind, colon, name = value.partition(":")
     if colon and kind == "camera":
-        return [session.cameras[_camera_index(session, name, value)].id]
+        return _camera_index(session, name, value), None
     if colon and kind == "placement":
-        return [_places(session)[_place_index(session, name, value)].id]
+        return None, _place_index(session, name, value)
     if "@" not in value:
         raise InputError(Phrase("error-leave-out", {"value": repr(value)}))
-    camera, placement = _read_image(session, value, "--leave-out")
-    return [session.cameras[camera].id, _places(session)[placement].id]
+    return _read_image(session, value, "--leave-out")
+
+
+def _names(session: Session, camera: int | None, placement: int | None) -> tuple[str | None, str | None]:
+    name = None if camera is None else session.cameras[camera].id
+    return name, None if placement is None else _places(session)[placement].id
 
 
 def _left_out(session: Session, value: str) -> Session:
-    ids = _ids(session, value)
-    o = session.observations
-    if value in SCALE_SOURCES:
+    camera, placement = _read_out(session, value)
+    if camera is None and placement is None:
         return _without_source(session, value.partition(":")[2])
-    if value == f"camera:{ids[0]}":
-        index = _camera_index(session, ids[0], value)
-        keep = [c for c in range(len(session.cameras)) if c != index]
-        number = np.full(len(session.cameras), -1)
-        number[keep] = np.arange(len(keep))
-        if o is not None:
-            o = _renamed(o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number)
-        there = _with_images(session, lambda _, images: {c: p for c, p in images.items() if c != ids[0]})
-        return replace(there, cameras=tuple(session.cameras[c] for c in keep), observations=o)
-    placement = _place_index(session, ids[-1], value)
-    camera = None if len(ids) == 1 else ids[0]
-    there = _with_images(
-        session, lambda t, images: {c: p for c, p in images.items() if t != placement or camera not in (None, c)}
-    )
-    if o is None:
-        return there
-    out = o.placement == placement
-    if camera is not None:
-        out &= o.camera == _camera_index(session, camera, value)
-    return replace(there, observations=o.select(~out))
+    name, _ = _names(session, camera, placement)
+
+    def without(t: int, images: _Images) -> _Images:
+        return {c: p for c, p in images.items() if placement not in (None, t) or name not in (None, c)}
+
+    there, o = _with_images(session, without), session.observations
+    if o is not None:
+        of_camera, of_place = (o.camera == camera, o.placement == placement)
+        out = of_camera if placement is None else of_place if camera is None else of_camera & of_place
+        there = replace(there, observations=o.select(~out))
+    return there if placement is not None else _without_camera(there, camera)
+
+
+def _without_camera(session: Session, camera: int | None) -> Session:
+    """The session without a camera that has no observations any more."""
+    keep, o = [c for c in range(len(session.cameras)) if c != camera], session.observations
+    number = np.full(len(session.cameras), -1)
+    number[keep] = np.arange(len(keep))
+    o = None if o is None else _renamed(o, tuple(o.cameras[c] for c in keep), number)
+    return replace(session, cameras=tuple(session.cameras[c] for c in keep), observations=o)
 
 
 def _without_source(session: Session, source: str) -> Session:

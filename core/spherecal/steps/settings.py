@@ -7,7 +7,7 @@ from typing import Literal
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.assumed import assumed_of_session
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Finding, Findings
 from spherecal.data.rig import BallProfile
 from spherecal.data.session import Session
 from spherecal.geometry.camera import LensModel
@@ -65,21 +65,15 @@ class CalibrationSettings:
 _OF_THE_PAPER = ("search", "spherical_projection", "weights", "base", "th_pt", "damping")
 
 
-def without_effect(settings: CalibrationSettings) -> tuple[Finding, ...]:
-    """A finding for each setting that has no effect in the chosen method."""
+def as_stated(session: Session, settings: CalibrationSettings, seen: Mapping[str, float] | None = None) -> Findings:
+    """Findings on the user's input: assumed figures, settings that have no effect in the chosen method."""
     plain, kinds = CalibrationSettings(), []
     if settings.method != "tao2021" and any(getattr(settings, one) != getattr(plain, one) for one in _OF_THE_PAPER):
         kinds.append("of-the-paper")
     if not settings.joint and settings.method not in ("board", "bar"):
         kinds.append("joint")
-    return tuple(Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds)
-
-
-def as_stated(
-    session: Session, settings: CalibrationSettings, seen: Mapping[str, float] | None = None
-) -> tuple[Finding, ...]:
-    """Findings on the user's input: assumed figures, settings without effect."""
-    return (*assumed_of_session(session, seen), *without_effect(settings))
+    vain = [Finding("setting-without-effect", "info", {"method": settings.method}, kind=kind) for kind in kinds]
+    return (*assumed_of_session(session, seen), *vain)
 
 
 def check_settings(session: Session, settings: CalibrationSettings) -> None:

@@ -18,25 +18,19 @@ from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.messages.values import Phrase
-from spherecal.data.findings import Finding
+from spherecal.data.findings import Finding, Findings
 from spherecal.data.observations import find_features, seen_matrix
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import undistort_views
 from spherecal.geometry.sphere import fit_sphere_geometrically
+from spherecal.initialise import view_graph
 from spherecal.initialise.camera_path import find_paths
 from spherecal.initialise.chain import chain_points, chain_poses
 from spherecal.initialise.incremental import InitialPoses
 from spherecal.initialise.local import LocalNetwork, lasting_reference
 from spherecal.initialise.triple import Triple, factorised
-from spherecal.initialise.view_graph import (
-    CameraGraph,
-    EdgeWeights,
-    candidate_triples,
-    common_counts,
-    edges_of,
-    lightest_edges,
-)
+from spherecal.initialise.view_graph import CameraGraph, EdgeWeights
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, in_millimetres
 from spherecal.steps.settings import CalibrationSettings
@@ -79,8 +73,8 @@ def local_reconstruction(recording: Recording, settings: CalibrationSettings, co
     table = np.full((len(observations.cameras), len(features)), -1)
     table[observations.camera[usable], features.of_observation[usable]] = np.flatnonzero(usable)
     seen = seen_matrix(features, observations, usable)
-    counts = common_counts(seen)
-    candidates = candidate_triples(seen, counts, settings.th_pt)
+    counts = view_graph.common_counts(seen)
+    candidates = view_graph.candidate_triples(seen, counts, settings.th_pt)
     rich = candidates.cameras[candidates.common >= settings.th_pt]
     groups = []
     for number, cameras in enumerate(rich):
@@ -110,13 +104,13 @@ def reconstructed_group(cameras: IntArray, common: IntArray, xy: FloatArray, foc
 
 def adjacency(groups: list[Triple], counts: IntArray, weights: EdgeWeights) -> CameraGraph:
     """The lightest reconstruction of every pair in its own scale, and how many groups share each camera."""
-    edges, shared = lightest_edges(groups, counts, weights)
+    edges, shared = view_graph.lightest_edges(groups, counts, weights)
     return CameraGraph(edges, shared, np.ones(len(groups)))
 
 
 def grouped_points(
     recording: Recording, local: LocalNetwork, settings: CalibrationSettings
-) -> tuple[Recording, LocalNetwork, tuple[Finding, ...]]:
+) -> tuple[Recording, LocalNetwork, Findings]:
     """The recording of the points that some group gives, and what it leaves out: points that two cameras alone see."""
     o, features = recording.observations, recording.features
     grouped = np.zeros(len(features), dtype=bool)
@@ -161,7 +155,7 @@ def point_sources(local: LocalNetwork, settings: CalibrationSettings) -> list[tu
         return local.paths[camera].length, len(local.paths[camera].cameras)
 
     def weight(group: Triple) -> float:
-        return sum(w for _, _, w in edges_of(group, local.counts, settings.weights))
+        return sum(w for _, _, w in view_graph.edges_of(group, local.counts, settings.weights))
 
     groups = [g for g in local.triples if np.isfinite(g.error_px).all() and any(c in local.paths for c in g.cameras)]
     if settings.search == "first-listed":

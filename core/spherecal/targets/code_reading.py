@@ -54,17 +54,18 @@ def tolerance(view, millimetres):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, view):
+def fits_view(blobs, dots, places, with_sag, camera, exactness, view):
     """Whether blobs are where a view of a sticker puts its dots, and look like its dots there.
 
-    `uv`, `moments`, `area` (b, 2) px; `blobs`, `places` (n,) mm; `exactness`: limits (5,) in the order of RMS_MM,
-    CODE_MM, SMALLEST, LARGEST, SHAPE.
+    `dots`, `places`: indices (n,) of blobs, and where they should be (n, 2) mm; `exactness`: limits (5,) in the order
+    of RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE.
     """
-    n = len(blobs)
+    n = len(dots)
+    uv, moments, area = blobs.uv, blobs.moments, blobs.looks.area
     points = np.empty((n, 2))
     mean_area, xx, xy, yy = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        blob = blobs[k]
+        blob = dots[k]
         points[k, 0], points[k, 1] = uv[blob, 0], uv[blob, 1]
         mean_area += area[blob] / n
         xx, xy, yy = xx + moments[blob, 0] / n, xy + moments[blob, 1] / n, yy + moments[blob, 2] / n
@@ -82,22 +83,24 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most, half):
+def may_be_template(blobs, near, pivot, a, along, across, limits):
     """Whether an affine view with dots at given places of the image may be a sticker's; a quick look before the fit.
 
     It may be where the pivot is as large as a dot there, and few other blobs are in the middle of the sticker.
 
-    `uv`, `area`: all blobs of the image: centres (b, 2) px and areas (b,) px^2; `au`, `av`: where A is, px; `along`,
-    `across`: the steps from A to E and from B to C, (2,) px each; `exactness`: limits (5,), see `fits_view`.
+    `a`: where A is, px; `along`, `across`: the steps from A to E and from B to C, (2,) px each; `limits`: of the ratio
+    of areas, most other blobs, and how far from the middle these are counted, mm.
     """
+    smallest, largest, most, half = limits
+    uv, area = blobs.uv, blobs.looks.area
     cross = along[0] * across[1] - along[1] * across[0]
     ratio = area[pivot] * _A_E_BY_B_C_MM2 / (np.pi * _RADIUS_MM**2 * max(cross, 1e-9))
-    if not exactness[SMALLEST] / _ROUGH_AREA < ratio < exactness[LARGEST] * _ROUGH_AREA:
+    if not smallest / _ROUGH_AREA < ratio < largest * _ROUGH_AREA:
         return False
     # parts along A-E and across it of a place: D at 0.625 of A-E, B and C half of B-C aside of 0.75 of it
     inside = 0
     for i in near:
-        u, v = uv[i, 0] - au, uv[i, 1] - av
+        u, v = uv[i, 0] - a[0], uv[i, 1] - a[1]
         s, t = (u * across[1] - v * across[0]) / cross, (along[0] * v - along[1] * u) / cross
         # mm from the middle of A-E along the sticker's sides, which run at 45 degrees to it
         x, y = 20.0 * (s - 0.5) - 10.0 * t, 20.0 * (s - 0.5) + 10.0 * t
@@ -118,15 +121,15 @@ def is_on_sheet(view, u, v):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def read_code(uv, near, five, view, places, reach_mm, code, blobs):
-    """The number of blobs on the sticker other than its template dots, at most 3; -1 if they are no code.
+def read_code(uv, near, five, view, places, reach_mm):
+    """The number of blobs on the sticker other than its template dots (-1: no code), their places, and these blobs.
 
     They are none if one of them is at no place of a code dot, two are at the same place, or there are more than three.
 
     `uv`, `near`: centres of all blobs (b, 2) px, and indices of those around; `five`: indices (5,) of the template dots
-    A to E, `MISSING` for none; `places`, `reach_mm` (k, 2) mm; `code`, `blobs` (3,).
+    A to E, `MISSING` for none; `places`, `reach_mm` (k, 2) mm.
     """
-    hits = 0
+    hits, code, blobs = 0, np.empty(3, np.int64), np.empty(3, np.int64)
     reach = tolerance(view, reach_mm)
     for i in near:
         if i in (five[0], five[1], five[2], five[3], five[4]):
@@ -140,17 +143,17 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
             if distance < nearest:
                 nearest, place = distance, k
         if nearest > reach * reach or hits == 3:
-            return -1
+            return -1, code, blobs
         for k in range(hits):
             if code[k] == place:
-                return -1
+                return -1, code, blobs
         code[hits], blobs[hits] = place, i
         hits += 1
-    return hits
+    return hits, code, blobs
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, exactness, row, view):
+def fits_layout(blobs, five, code_blobs, target, lookup, exactness, row, view):
     """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it.
 
     `five`: indices (5,) of the template dots A to E, `MISSING` for none; `exactness`: limits (5,), see `fits_view`;
@@ -160,8 +163,8 @@ def fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, exact
     row[6], row[7], row[8] = MISSING, MISSING, MISSING
     for k in range(5):
         row[1 + k] = five[k]
-    for h in range(hits):
-        x, y = place_of(view, uv[code_blobs[h], 0], uv[code_blobs[h], 1])
+    for blob in code_blobs:
+        x, y = place_of(view, blobs.uv[blob, 0], blobs.uv[blob, 1])
         nearest, dot = np.inf, 0
         for k in range(5, 8):
             distance = (x - lookup.layouts[target, k, 0]) ** 2 + (y - lookup.layouts[target, k, 1]) ** 2
@@ -169,12 +172,12 @@ def fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, exact
                 nearest, dot = distance, k
         if row[1 + dot] != MISSING:
             return False
-        row[1 + dot] = code_blobs[h]
+        row[1 + dot] = blob
     count = 0
-    blobs, places = np.empty(8, np.int64), np.empty((8, 2))
+    dots, places = np.empty(8, np.int64), np.empty((8, 2))
     for k in range(8):
         if row[1 + k] != MISSING:
-            blobs[count] = row[1 + k]
+            dots[count] = row[1 + k]
             places[count, 0], places[count, 1] = lookup.layouts[target, k, 0], lookup.layouts[target, k, 1]
             count += 1
-    return fits_view(uv, moments, area, blobs[:count], places[:count], True, lookup.camera, exactness, view)
+    return fits_view(blobs, dots[:count], places[:count], True, lookup.camera, exactness, view)

@@ -21,13 +21,8 @@ _NONE, _ALL = np.uint64(0), np.uint64(0x0101010101010101)  # none and all of eig
 _TOP_BYTE = np.uint64(56)
 _PACK = np.uint64(0x0102040810204080)  # times eight bytes of 0 or 1: their bits, the first pixel the lowest, on top
 # at which of a tile's eight pixels bits are set, and how many
-_CHANGES = np.array(
-    [
-        [k for k in range(8) if bits >> k & 1] + [0] * (8 - bin(bits).count("1")) + [bin(bits).count("1")]
-        for bits in range(256)
-    ],
-    dtype=np.uint8,
-)
+_SET = [[k for k in range(8) if bits >> k & 1] for bits in range(256)]
+_CHANGES = np.array([[*places, *[0] * (8 - len(places)), len(places)] for places in _SET], dtype=np.uint8)
 
 
 @njit(nogil=True, cache=True)

@@ -14,17 +14,16 @@ STAGE = "detect"
 _PATIENCE_S = 0.1  # between looks at the user's wish to stop
 
 
+Known = Sequence[DetectionSettings | None] | None  # what is known of each image's camera
+
+
 def detect_images(
-    paths: Sequence[Path],
-    target_set: TargetSet,
-    context: Context | None = None,
-    workers: int = 2,
-    settings: Sequence[DetectionSettings | None] | None = None,
+    paths: Sequence[Path], targets: TargetSet, context: Context | None = None, workers: int = 2, settings: Known = None
 ) -> list[Detections]:
     """The targets in every image file, in the order of `paths`; not dependent on the number of threads."""
     context = context or Context()
     context.report(STAGE, 0.0, Phrase("images", {"images": len(paths)}))
-    detector = Detector(target_set)
+    detector = Detector(targets)
     cameras = settings if settings is not None else [None] * len(paths)
     pool = ThreadPoolExecutor(max_workers=max(workers, 1), thread_name_prefix=STAGE)
     try:

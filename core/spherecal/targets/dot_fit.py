@@ -16,14 +16,7 @@ import math
 import numpy as np
 
 from spherecal.base.kernels import njit
-from spherecal.targets.blurred_ellipse import (
-    MOST_STRIPS,
-    cut_strips,
-    distance_inside,
-    light_at,
-    light_at_edge,
-    needs_strips,
-)
+from spherecal.targets import blurred_ellipse as ellipse
 from spherecal.targets.dot_equations import RIGHT, ROW, WEIGHT, light_variances, set_covariance, solve_step
 from spherecal.targets.sheet_edge import leak, near_sides
 from spherecal.targets.sticker_view import local_affine
@@ -71,7 +64,7 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
             _set_shape(view, layout[k, 0], layout[k, 1], radius, shapes, k)
     start_blur, start_growth = shared[BLUR], shared[GROWTH]
     equations, own_bins, misfits = np.zeros((8, 6, ROW)), np.empty_like(bins), np.empty(8)
-    strips, counts = np.empty((8, MOST_STRIPS, 3)), np.empty(8, np.int64)
+    strips, counts = np.empty((8, ellipse.MOST_STRIPS, 3)), np.empty(8, np.int64)
     weights, planes = np.ones((2, 8)), np.empty((2, 5))
     for step in range(steps):
         _fit_plane(dots, AMPLITUDE, present, weights[0], planes[0])
@@ -167,8 +160,8 @@ def _cut_dots(shapes, present, shared, strips, counts):
     for k in range(8):
         if present[k]:
             long, short = shared[GROWTH] * shapes[k, _LONG], shared[GROWTH] * shapes[k, _SHORT]
-            narrow = needs_strips(long, short, shared[BLUR])
-            counts[k] = cut_strips(long, short, shared[BLUR], strips, k) if narrow else 0
+            narrow = ellipse.needs_strips(long, short, shared[BLUR])
+            counts[k] = ellipse.cut_strips(long, short, shared[BLUR], strips, k) if narrow else 0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -197,14 +190,14 @@ def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, coun
         p = shapes[j, _LONG_U] * du + shapes[j, _LONG_V] * dv
         q = shapes[j, _LONG_U] * dv - shapes[j, _LONG_V] * du
         per_long, per_short = 1 / (growth * shapes[j, _LONG]), 1 / (growth * shapes[j, _SHORT])
-        inside = distance_inside(per_long, per_short, p, q)
+        inside = ellipse.distance_inside(per_long, per_short, p, q)
         if inside > own:
             return False, 0.0
         if inside > -_FAINT * blur:
             if counts[j]:
-                m = light_at(strips, j, counts[j], 1 / blur, growth, p, q)[0]
+                m = ellipse.light_at(strips, j, counts[j], 1 / blur, growth, p, q)[0]
             else:
-                m = light_at_edge(per_long, per_short, blur, 1 / blur, growth, p, q)[0]
+                m = ellipse.light_at_edge(per_long, per_short, blur, 1 / blur, growth, p, q)[0]
             light += dots[j, AMPLITUDE] * m
     return True, light
 
@@ -233,7 +226,7 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
         for u in range(max(math.ceil(cu - half_u), 0), min(int(cu + half_u), image.shape[1] - 1) + 1):
             du, dv = u - cu, v - cv
             p, q = long_u * du + long_v * dv, long_u * dv - long_v * du
-            inside = distance_inside(per_long, per_short, p, q)
+            inside = ellipse.distance_inside(per_long, per_short, p, q)
             if inside < -reach:
                 continue
             others = 0.0
@@ -249,9 +242,9 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
                     continue
                 others += light
             if count:
-                m, m_p, m_q, m_blur, m_growth = light_at(strips, k, count, per_blur, growth, p, q)
+                m, m_p, m_q, m_blur, m_growth = ellipse.light_at(strips, k, count, per_blur, growth, p, q)
             else:
-                m, m_p, m_q, m_blur, m_growth = light_at_edge(per_long, per_short, blur, per_blur, growth, p, q)
+                m, m_p, m_q, m_blur, m_growth = ellipse.light_at_edge(per_long, per_short, blur, per_blur, growth, p, q)
             shade = 1 + slope_u * du + slope_v * dv
             m_u, m_v = m_p * long_u - m_q * long_v, m_p * long_v + m_q * long_u
             own = background + amplitude * m

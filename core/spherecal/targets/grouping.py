@@ -11,28 +11,12 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.kernels import njit
+from spherecal.targets import code_reading as reading
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
-from spherecal.targets.code_reading import (
-    CODE_MM,
-    MOST_NEIGHBOURS,
-    REACH_MM,
-    CodeLookup,
-    fits_layout,
-    fits_view,
-    may_be_template,
-    read_code,
-)
+from spherecal.targets.code_reading import CodeLookup
 from spherecal.targets.code_table import CodeTable
-from spherecal.targets.neighbours import (
-    D_E_MM,
-    HALF_B_C_MM,
-    dot_scales,
-    may_be_apart,
-    metric_of,
-    neighbours,
-    sort_into_cells,
-)
+from spherecal.targets.neighbours import D_E_MM, HALF_B_C_MM, may_be_apart, metric_of, neighbours, sorted_blobs
 from spherecal.targets.partial_groups import find_partial_groups
 from spherecal.targets.sticker_view import VIEW_SIZE
 
@@ -46,9 +30,9 @@ _PREDICTION_NOISE_PX = 0.6
 # one was read as another then.
 _EXACTNESS = (0.18, 0.5, 0.5, 5.0, 0.7)
 
-
-# Sag and perspective, left out of the quick look, shift dots by up to 1.4 mm: what lies there lies on the print.
-_WELL_INSIDE_MM = 11.5
+# For `may_be_template`. Sag and perspective, left out there, shift dots by up to 1.4 mm: what lies within 11.5 mm lies
+# on the print.
+_QUICK_LOOK = (_EXACTNESS[2], _EXACTNESS[3], 7, 11.5)
 
 # As looks.py lists them. The dots of 2,500 rendered targets, blurred, faint and steep ones too, have shapes that differ
 # by up to 0.37 from their mean and rings by up to 0.47 of the contrast.
@@ -76,12 +60,11 @@ def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> DecodedTa
     `camera`: rough focal length and centre u, v in px, (3,).
     """
     lookup = CodeLookup(table.template, table.places, table.by_triple, table.by_pair, table.layouts, camera)
-    start, order = sort_into_cells(blobs.uv)
-    scales = dot_scales(blobs.moments)
-    rows, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, lookup)
+    in_cells = sorted_blobs(blobs.uv, blobs.moments, blobs.looks)
+    rows, views = _search(in_cells, lookup)
     keep = _without_conflicts(rows, views[:, sv.RMS])
     rows, views = rows[keep], views[keep]
-    more = find_partial_groups(blobs, scales, start, order, rows, lookup)
+    more = find_partial_groups(in_cells, rows, lookup)
     rows, views = np.concatenate([rows, more[0]]), np.concatenate([views, more[1]])
     return DecodedTargets(rows[:, 0], rows[:, 1:], views)
 
@@ -106,29 +89,27 @@ def _without_conflicts(rows: IntArray, rms: FloatArray) -> IntArray:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _search(uv, moments, scales, looks, start, order, lookup):
+def _search(blobs, lookup):
     """Rows (target, eight blobs) of all complete groups, with their views."""
-    rows = np.empty((len(uv), 9), np.int64)
-    views = np.empty((len(uv), VIEW_SIZE))
-    near = np.empty(MOST_NEIGHBOURS, np.int64)
+    rows = np.empty((len(blobs.uv), 9), np.int64)
+    views = np.empty((len(blobs.uv), VIEW_SIZE))
+    near = np.empty(reading.MOST_NEIGHBOURS, np.int64)
     found = 0
-    for d in range(len(uv)):
-        count = neighbours(uv, looks, start, order, d, scales[d] * REACH_MM, _LIKENESS, near)
-        if 7 <= count < MOST_NEIGHBOURS and _best_reading(
-            uv, moments, looks.area, near[:count], d, scales[d], lookup, rows[found], views[found]
-        ):
-            found += 1
+    for d in range(len(blobs.uv)):
+        count = neighbours(blobs, d, reading.REACH_MM, _LIKENESS, near)
+        if 7 <= count < reading.MOST_NEIGHBOURS:
+            found += _best_reading(blobs, near[:count], d, lookup, rows[found], views[found])
     return rows[:found], views[:found]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _best_reading(uv, moments, area, near, d, scale, lookup, row, view):
+def _best_reading(blobs, near, d, lookup, row, view):
     """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none."""
-    best = np.inf
+    uv, scale, best = blobs.uv, blobs.scales[d], np.inf
     trial_row, trial_view = np.empty(9, np.int64), np.empty(VIEW_SIZE)
     five, metric = np.empty(5, np.int64), np.empty(3)
     five[3] = d
-    metric_of(moments, d, metric)
+    metric_of(blobs.moments, d, metric)
     du, dv = uv[d, 0], uv[d, 1]
     long, wide = _ALONG_TOLERANCE[1] * scale, _ACROSS_TOLERANCE[1] * scale
     for e in near:
@@ -155,15 +136,10 @@ def _best_reading(uv, moments, area, near, d, scale, lookup, row, view):
                     if (uv[c, 0] - cu) ** 2 + (uv[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
                         continue
                     across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
-                    if not may_be_template(
-                        uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 7, _WELL_INSIDE_MM
-                    ):
+                    if not reading.may_be_template(blobs, near, d, (uv[a, 0], uv[a, 1]), along, across, _QUICK_LOOK):
                         continue
                     five[0], five[1], five[2], five[4] = a, b, c, e
-                    if (
-                        _reads(uv, moments, area, near, five, lookup, trial_row, trial_view)
-                        and trial_view[sv.RMS] < best
-                    ):
+                    if _reads(blobs, near, five, lookup, trial_row, trial_view) and trial_view[sv.RMS] < best:
                         best = trial_view[sv.RMS]
                         row[:] = trial_row
                         view[:] = trial_view
@@ -171,13 +147,13 @@ def _best_reading(uv, moments, area, near, d, scale, lookup, row, view):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _reads(uv, moments, area, near, five, lookup, row, view):
+def _reads(blobs, near, five, lookup, row, view):
     """Whether the five template dots, with exactly three more blobs on their sticker, are a target."""
-    if not fits_view(uv, moments, area, five, lookup.template, True, lookup.camera, _EXACTNESS, view):
+    if not reading.fits_view(blobs, five, lookup.template, True, lookup.camera, _EXACTNESS, view):
         return False
-    code, blobs = np.empty(3, np.int64), np.empty(3, np.int64)
-    if read_code(uv, near, five, view, lookup.places, _EXACTNESS[CODE_MM], code, blobs) != 3:
+    hits, code, dots = reading.read_code(blobs.uv, near, five, view, lookup.places, _EXACTNESS[reading.CODE_MM])
+    if hits != 3:
         return False
     code.sort()
     target = lookup.by_triple[code[0], code[1], code[2]]
-    return target >= 0 and fits_layout(uv, moments, area, five, blobs, 3, target, lookup, _EXACTNESS, row, view)
+    return target >= 0 and reading.fits_layout(blobs, five, dots, target, lookup, _EXACTNESS, row, view)

@@ -5,7 +5,7 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.kernels import njit
 from spherecal.targets.looks import Looks
-from spherecal.targets.neighbours import dot_scales, neighbours, sort_into_cells
+from spherecal.targets.neighbours import neighbours, sorted_blobs
 
 _TILE_PX = 8
 # As looks.py lists them: wide enough for dots of which some are found at another threshold.
@@ -23,18 +23,17 @@ def sticker_regions(rows: FloatArray, looks: Looks, shape: tuple[int, ...], leas
     if not len(rows):
         return region
     uv, moments = np.ascontiguousarray(rows[:, 0:2]), np.ascontiguousarray(rows[:, 2:5])
-    start, order = sort_into_cells(uv)
-    _set_regions(uv, dot_scales(moments), looks, start, order, least, region)
+    _set_regions(sorted_blobs(uv, moments, looks), least, region)
     return region
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _set_regions(uv, scales, looks, start, order, least, region):
-    near = np.empty(least, np.int64)
+def _set_regions(blobs, least, region):
+    near, uv = np.empty(least, np.int64), blobs.uv
     for d in range(len(uv)):
-        if neighbours(uv, looks, start, order, d, scales[d] * _REACH_MM, _LIKENESS, near) < least:
+        if neighbours(blobs, d, _REACH_MM, _LIKENESS, near) < least:
             continue
-        reach = scales[d] * _REGION_MM
+        reach = blobs.scales[d] * _REGION_MM
         top, bottom = max(int((uv[d, 1] - reach) / _TILE_PX), 0), int((uv[d, 1] + reach) / _TILE_PX) + 1
         left, right = max(int((uv[d, 0] - reach) / _TILE_PX), 0), int((uv[d, 0] + reach) / _TILE_PX) + 1
         region[top:bottom, left:right] = True

@@ -1,20 +1,18 @@
 """What an image file holds besides its pixels: its size and, where stated, region, camera, focal length, pitch."""
 
 import io
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from spherecal.base.errors import InputError
 from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
+from spherecal.targets.images import BROKEN, MOST_BYTES, opened
 
-_FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")
-_MOST_BYTES = 1 << 30
 _PNG_EXIF = (b"eXIf", b"Raw profile type exif")  # names of chunks
 # EXIF 2.32, tables 4, 7 and 8
 _MODEL, _EXIF_IFD = 0x0110, 0x8769
@@ -48,15 +46,13 @@ class ImageFacts:
 
 def image_facts(path: Path) -> ImageFacts:
     """The facts of a PNG, TIFF, JPEG, BMP or PNM file; its pixels are not decoded."""
-    data = read_file(path, _MOST_BYTES)
+    data = read_file(path, MOST_BYTES)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a large image, and of broken metadata
-            with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
-                # to find tags behind the pixels Pillow decodes these: 35 ms for 5 MP
-                has_none = image.format == "PNG" and not any(name in data for name in _PNG_EXIF)
-                return _with_exif(image.size, {} if has_none else _exif(image))
-    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError, UnidentifiedImageError):
+        with opened(io.BytesIO(data)) as image:
+            # to find tags behind the pixels Pillow decodes these: 35 ms for 5 MP
+            has_none = image.format == "PNG" and not any(name in data for name in _PNG_EXIF)
+            return _with_exif(image.size, {} if has_none else _exif(image))
+    except BROKEN:
         raise InputError(Phrase("error-no-image", {"file": str(path)}), Phrase("error-image-kinds")) from None
 
 

@@ -2,6 +2,8 @@
 
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -20,12 +22,23 @@ LARGEST_MEGAPIXELS = 160  # the largest industrial sensors have 152
 _SMALLEST_SIDE_PX = 72  # the window of the local contrast, see blobs.py
 _MOST_BYTES_A_PIXEL = 8  # four channels of 16 bits
 _SMALL_BYTES = 16 << 20  # for whatever else an image file holds: previews, colour profiles
-_MOST_BYTES = 1 << 30
+MOST_BYTES = 1 << 30
+# What broken files make Pillow raise when they are opened.
+BROKEN = (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError, UnidentifiedImageError)
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")  # PPM: all of PBM, PGM, PPM, PNM, text and binary
 
 # A colour filter array left in the image shows as phases of unlike contrast: by 10 % and more under white light, while
 # phases of one colour agree to 0.5 % in images of 3 MP.
 _MOSAIC = 0.03
+
+
+@contextmanager
+def opened(file: BinaryIO) -> Iterator[Image.Image]:
+    """An image file in one of our formats, its pixels not read yet; no warnings of large images and broken metadata."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with Image.open(file, formats=_FORMATS) as image:
+            yield image
 
 
 def check_size(path: Path, image: GreyImage, size: tuple[int, int]) -> None:
@@ -41,19 +54,17 @@ def read_image(path: Path) -> GreyImage:
 
     Colour becomes luminance; raw Bayer pixels are brought to one brightness; orientation tags are ignored.
     """
-    data = read_file(Path(path), _MOST_BYTES, fits=_looked_at)
+    data = read_file(Path(path), MOST_BYTES, fits=_looked_at)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a large image, and of broken metadata
-            with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
-                _check_size(path, *image.size)
-                deep_colour = ";16" in str(image.tile) and image.mode in ("RGB", "RGBA", "LA")
-                pixels = read_pnm(data) if image.format == "PPM" else None
-                if pixels is None:
-                    image.load()
-                    pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
-                if pixels is None:
-                    raise InputError(Phrase("error-image-bits", {"file": path}))
+        with opened(io.BytesIO(data)) as image:
+            _check_size(path, *image.size)
+            deep_colour = ";16" in str(image.tile) and image.mode in ("RGB", "RGBA", "LA")
+            pixels = read_pnm(data) if image.format == "PPM" else None
+            if pixels is None:
+                image.load()
+                pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
+            if pixels is None:
+                raise InputError(Phrase("error-image-bits", {"file": path}))
     except Image.DecompressionBombError as error:
         raise InputError(Phrase("error-image-large", {"file": path, "most": LARGEST_MEGAPIXELS})) from error
     except UnidentifiedImageError as error:
@@ -66,11 +77,9 @@ def read_image(path: Path) -> GreyImage:
 def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
     """Raise InputError for an image that is too large, or far longer than its pixels need, before it is read."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(file, formats=_FORMATS) as image:
-                width, height = image.size
-    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError, UnidentifiedImageError):
+        with opened(file) as image:
+            width, height = image.size
+    except BROKEN:
         if size > _SMALL_BYTES:
             raise InputError(Phrase("error-no-image", {"file": str(path)}), Phrase("error-image-kinds")) from None
         return  # read whole it says best what is wrong with it

@@ -49,21 +49,17 @@ class Markers(NamedTuple):
 def find_markers(image: NDArray[np.uint8] | NDArray[np.uint16], targets: TargetSet) -> Markers:
     """The markers of a set in a grey image (h, w), by id; one that is there twice is left out: its id is in doubt."""
     assert targets.dictionary is not None
-    ids, corners = _decoded(_eight_bits(image), targets)
+    eight_bits = image
+    if image.dtype != np.uint8:  # for OpenCV's reader, whatever the significant bits are
+        low, high = np.percentile(image, (0.1, 99.9))
+        eight_bits = np.clip((image - low) * (255.0 / max(high - low, 1.0)), 0, 255)
+    ids, corners = _decoded(np.asarray(eight_bits, np.uint8), targets)
     cells = marker_dictionary(targets.dictionary).markerSize + 2 * BORDER_BITS
     grey = image.astype(np.float64)
     sign = -1.0 if targets.polarity == "light-on-dark" else 1.0
     found = [_refined(sign * grey, square, cells) for square in corners]
     uv, sigma, residual, blur = (np.array([one[k] for one in found]) for k in range(4))
     return Markers(ids, uv.reshape(-1, 4, 2), sigma.reshape(-1, 4, 2), residual, blur)
-
-
-def _eight_bits(image: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """For OpenCV's reader, whatever the significant bits are."""
-    if image.dtype == np.uint8:
-        return np.asarray(image, np.uint8)
-    low, high = np.percentile(image, (0.1, 99.9))
-    return np.clip((image - low) * (255.0 / max(high - low, 1.0)), 0, 255).astype(np.uint8)
 
 
 def _decoded(image: NDArray[np.uint8], targets: TargetSet) -> tuple[IntArray, FloatArray]:

@@ -5,26 +5,26 @@ template dot missing all three are asked for. Either way the seven dots must fit
 and no other blob may be on the sticker. Two different readings of the same dots refute each other.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.kernels import njit
+from spherecal.targets import code_reading as reading
 from spherecal.targets import sticker_view as sv
-from spherecal.targets.blobs import Blobs
-from spherecal.targets.code_reading import (
-    CODE_MM,
-    MISSING,
-    MOST_NEIGHBOURS,
-    REACH_MM,
-    CodeLookup,
-    fits_layout,
-    fits_view,
-    is_on_sheet,
-    may_be_template,
-    read_code,
-)
+from spherecal.targets.code_reading import MISSING, CodeLookup
 from spherecal.targets.looks import are_alike
-from spherecal.targets.neighbours import A_D_MM, D_E_MM, HALF_B_C_MM, may_be_apart, may_be_within, metric_of, neighbours
+from spherecal.targets.neighbours import (
+    A_D_MM,
+    D_E_MM,
+    HALF_B_C_MM,
+    SortedBlobs,
+    may_be_apart,
+    may_be_within,
+    metric_of,
+    neighbours,
+)
 from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 
 # As code_reading.py lists them: seven dots with print errors of 0.05 mm a coordinate leave 0.05 mm. Four template dots
@@ -38,7 +38,8 @@ _LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)
 _LOOSE_LIKENESS = (3.0, 4.0, 0.8, 0.8)
 _LIKENESS = (2.5, 2.0, 0.35, 0.3)
 _CLUTTERED = 14
-_WELL_INSIDE_MM = 9.5  # as in grouping.py, where a place is extrapolated from dots on one side of it
+# For `may_be_template`; 9.5 mm: as in grouping.py, where a place is extrapolated from dots on one side of it.
+_QUICK_LOOK = (_EXACTNESS[2], _EXACTNESS[3], 6, 9.5)
 _DEFORMED_MM = 1.5  # a dot that is there, but looks like none, has its centre no farther off than its radius
 _FEWEST = 6  # other blobs near the pivot
 _MOST_NEAR, _MOST_FAR = 16, 24  # within reach of D, and of A: few enough to try all readings
@@ -58,19 +59,28 @@ _ON_LINE = (
 )
 
 
-def find_partial_groups(
-    blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, lookup: CodeLookup
-) -> tuple[IntArray, FloatArray]:
-    """Targets with one dot missing among the blobs that complete targets leave.
+class _Readings(NamedTuple):
+    """What is read so far: `rows` (k, 9) target and eight blobs, `MISSING` for none, and `views` (k, VIEW_SIZE).
 
-    `scales`: scale of each blob (n,) in px/mm, if it is a dot; `rows`: rows (m, 9) of the complete targets; returns
-    rows, views Target and eight blobs (k, 9), `MISSING` for none, and views of the stickers (k, VIEW_SIZE).
+    `free` (n,): blobs that no complete target has; `seen` (t,): complete targets.
     """
-    free = np.ones(len(blobs), dtype=bool)
-    free[rows[:, 1:].ravel()] = False
+
+    lookup: CodeLookup
+    free: BoolArray
+    seen: BoolArray
+    rows: IntArray
+    views: FloatArray
+
+
+def find_partial_groups(blobs: SortedBlobs, complete: IntArray, lookup: CodeLookup) -> tuple[IntArray, FloatArray]:
+    """Targets with one dot missing among the blobs that complete targets (rows (m, 9)) leave: rows and views."""
+    n = len(blobs.uv)
+    free = np.ones(n, dtype=bool)
+    free[complete[:, 1:].ravel()] = False
     seen = np.zeros(len(lookup.layouts), dtype=bool)
-    seen[rows[:, 0]] = True
-    found, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, free, seen, lookup)
+    seen[complete[:, 0]] = True
+    rows, views = np.empty((4 * n + 8, 9), np.int64), np.empty((4 * n + 8, VIEW_SIZE))
+    found, views = _search(blobs, _Readings(lookup, free, seen, rows, views))
     keep = _unrefuted(found, views[:, sv.RMS])
     return found[keep], views[keep]
 
@@ -93,48 +103,40 @@ def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _search(uv, moments, scales, looks, start, order, free, seen, lookup):
-    most, area = 4 * len(uv) + 8, looks.area
-    rows, views = np.empty((most, 9), np.int64), np.empty((most, VIEW_SIZE))
-    near = np.empty(MOST_NEIGHBOURS, np.int64)
-    found = 0
-    far, metric = np.empty(MOST_NEIGHBOURS, np.int64), np.empty(3)
-    for pivot in range(len(uv)):
-        if not free[pivot]:
+def _search(blobs, readings):
+    near, far = np.empty(reading.MOST_NEIGHBOURS, np.int64), np.empty(reading.MOST_NEIGHBOURS, np.int64)
+    found, metric = 0, np.empty(3)
+    for pivot in range(len(blobs.uv)):
+        if not readings.free[pivot]:
             continue
-        scale = scales[pivot]
-        metric_of(moments, pivot, metric)
-        count = neighbours(uv, looks, start, order, pivot, scale * _FAR_REACH_MM, _LOOSE_LIKENESS, far)
-        if not _FEWEST <= count < MOST_NEIGHBOURS:
+        metric_of(blobs.moments, pivot, metric)
+        count = neighbours(blobs, pivot, _FAR_REACH_MM, _LOOSE_LIKENESS, far)
+        if not _FEWEST <= count < reading.MOST_NEIGHBOURS:
             continue
-        count = _within(uv, free, pivot, metric, _FAR_REACH_MM, far[:count], far)
+        count = _within(blobs.uv, readings.free, pivot, metric, _FAR_REACH_MM, far[:count], far)
         if count > _CLUTTERED:
-            count = _agreeing(looks, pivot, far[:count], far)
-        within = _within(uv, free, pivot, metric, REACH_MM, far[:count], near)
+            count = _agreeing(blobs.looks, pivot, far[:count])
+        within = _within(blobs.uv, readings.free, pivot, metric, reading.REACH_MM, far[:count], near)
         if _FEWEST <= within <= _MOST_NEAR:
-            found = _read_along_line(uv, moments, area, near[:within], pivot, scale, seen, lookup, rows, views, found)
+            found = _read_along_line(blobs, near[:within], pivot, readings, found)
             for missing in (_A, _E):
-                found = _read_across_line(
-                    uv, moments, area, near[:within], pivot, scale, missing, seen, lookup, rows, views, found
-                )
+                found = _read_across_line(blobs, near[:within], pivot, missing, readings, found)
         if _FEWEST <= count <= _MOST_FAR:
-            found = _read_across_line(
-                uv, moments, area, far[:count], pivot, scale, _D, seen, lookup, rows, views, found
-            )
+            found = _read_across_line(blobs, far[:count], pivot, _D, readings, found)
     alone = np.empty(found, np.bool_)
-    for row in range(found):
-        alone[row] = _is_alone(uv, looks, scales, start, order, free, lookup, rows[row], views[row])
-    return rows[:found][alone], views[:found][alone]
+    for k in range(found):
+        alone[k] = _is_alone(blobs, readings, readings.rows[k], readings.views[k])
+    return readings.rows[:found][alone], readings.views[:found][alone]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _within(uv, free, pivot, metric, reach_mm, blobs, near):
-    """Those of the blobs that no complete target has and that may be within reach of the pivot; returns their number.
+def _within(uv, free, pivot, metric, reach_mm, some, near):
+    """Those of some blobs that no complete target has and that may be within reach of the pivot; returns their number.
 
-    `near` may be `blobs` itself.
+    `near` may be `some` itself.
     """
     left = 0
-    for i in blobs:
+    for i in some:
         if free[i] and may_be_within(metric, uv[i, 0] - uv[pivot, 0], uv[i, 1] - uv[pivot, 1], reach_mm):
             near[left] = i
             left += 1
@@ -142,26 +144,27 @@ def _within(uv, free, pivot, metric, reach_mm, blobs, near):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _agreeing(looks, pivot, blobs, near):
-    """Those of the blobs with the ring of a dot and much like the pivot; returns their number."""
+def _agreeing(looks, pivot, some):
+    """Those of some blobs with the ring of a dot and much like the pivot come first; returns their number."""
     left = 0
-    for i in blobs:
+    for i in some:
         if looks.clean[i] and looks.clean[pivot] and are_alike(looks, i, pivot, _LIKENESS):
-            near[left] = i
+            some[left] = i
             left += 1
     return left
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _is_alone(uv, looks, scales, start, order, free, lookup, row, view):
+def _is_alone(blobs, readings, row, view):
     """Whether no other blob that might be a dot of it is on the sticker, but where the missing dot should be."""
-    near, gap = np.empty(MOST_NEIGHBOURS, np.int64), lookup.layouts[row[0], np.argmin(row[1:])]
+    near, gap = np.empty(reading.MOST_NEIGHBOURS, np.int64), readings.lookup.layouts[row[0], np.argmin(row[1:])]
+    uv = blobs.uv
     for dot in row[1:]:
         if dot == MISSING:
             continue
-        count = neighbours(uv, looks, start, order, dot, scales[dot] * REACH_MM, _LOOSE_LIKENESS, near)
+        count = neighbours(blobs, dot, reading.REACH_MM, _LOOSE_LIKENESS, near)
         for i in near[:count]:
-            if not free[i] or (row[1:] == i).any() or not is_on_sheet(view, uv[i, 0], uv[i, 1]):
+            if not readings.free[i] or (row[1:] == i).any() or not reading.is_on_sheet(view, uv[i, 0], uv[i, 1]):
                 continue
             x, y = place_of(view, uv[i, 0], uv[i, 1])
             if np.hypot(x - gap[0], y - gap[1]) > _DEFORMED_MM:
@@ -170,11 +173,11 @@ def _is_alone(uv, looks, scales, start, order, free, lookup, row, view):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _read_along_line(uv, moments, area, near, d, scale, seen, lookup, rows, views, found):
+def _read_along_line(blobs, near, d, readings, found):
     """Readings with blob d as D between A and E: B, C or a code dot missing; returns the number of rows."""
-    five, metric = np.empty(5, np.int64), np.empty(3)
+    uv, scale, five, metric = blobs.uv, blobs.scales[d], np.empty(5, np.int64), np.empty(3)
     five[_D] = d
-    metric_of(moments, d, metric)
+    metric_of(blobs.moments, d, metric)
     for e in near:
         eu, ev = uv[e, 0] - uv[d, 0], uv[e, 1] - uv[d, 1]
         if not (_is_plausible(np.hypot(eu, ev), D_E_MM, scale) and may_be_apart(metric, eu, ev, D_E_MM)):
@@ -195,24 +198,22 @@ def _read_along_line(uv, moments, area, near, d, scale, seen, lookup, rows, view
                 left = _is_left(uv, a, e, b)
                 along = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
                 across = (-2 * bu, -2 * bv) if left else (2 * bu, 2 * bv)
-                if not may_be_template(
-                    uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 6, _WELL_INSIDE_MM
-                ):
+                if not reading.may_be_template(blobs, near, d, (uv[a, 0], uv[a, 1]), along, across, _QUICK_LOOK):
                     continue
                 five[_B], five[_C] = (b, MISSING) if left else (MISSING, b)
-                found = _try(uv, moments, area, near, five, seen, lookup, rows, views, found)
+                found = _try(blobs, near, five, readings, found)
                 for c in near:
                     if left and c not in (a, b, e) and _is_middle(uv, b, c, mu, mv, slack):
                         five[_C] = c
-                        found = _try(uv, moments, area, near, five, seen, lookup, rows, views, found)
+                        found = _try(blobs, near, five, readings, found)
     return found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, lookup, rows, views, found):
+def _read_across_line(blobs, near, pivot, missing, readings, found):
     """Readings with A, D or E missing, by the middle of B and C on the line of the other two; the pivot is D, or A."""
-    five, metric = np.empty(5, np.int64), np.empty(3)
-    metric_of(moments, pivot, metric)
+    uv, scale, five, metric = blobs.uv, blobs.scales[pivot], np.empty(5, np.int64), np.empty(3)
+    metric_of(blobs.moments, pivot, metric)
     # what the pivot and the other are: where A is from the pivot, A-E, and the middle of B and C, all in steps from
     # the pivot to the other
     expected, a_at, a_e, part = _ON_LINE[missing]
@@ -227,7 +228,7 @@ def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, look
             five[_A], five[_D], five[_E] = other, pivot, MISSING
         else:
             five[_A], five[_D], five[_E] = pivot, MISSING, other
-        au, av, along = uv[pivot, 0] + a_at * du, uv[pivot, 1] + a_at * dv, (a_e * du, a_e * dv)
+        at_a, along = (uv[pivot, 0] + a_at * du, uv[pivot, 1] + a_at * dv), (a_e * du, a_e * dv)
         mu, mv = uv[pivot, 0] + part * du, uv[pivot, 1] + part * dv
         slack = _slack(length * (A_D_MM + D_E_MM) / expected)
         for b in near:
@@ -239,12 +240,9 @@ def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, look
             for c in near:
                 if c not in (b, other) and _is_middle(uv, b, c, mu, mv, slack):
                     across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
-                    if not may_be_template(
-                        uv, area, near, pivot, au, av, along, across, _EXACTNESS, 6, _WELL_INSIDE_MM
-                    ):
-                        continue
-                    five[_B], five[_C] = b, c
-                    found = _try(uv, moments, area, near, five, seen, lookup, rows, views, found)
+                    if reading.may_be_template(blobs, near, pivot, at_a, along, across, _QUICK_LOOK):
+                        five[_B], five[_C] = b, c
+                        found = _try(blobs, near, five, readings, found)
     return found
 
 
@@ -274,28 +272,27 @@ def _is_left(uv, a, e, b):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _try(uv, moments, area, near, five, seen, lookup, rows, views, found):
+def _try(blobs, near, five, readings, found):
     """Add the reading with these five template dots, one of which may be missing, if it holds; returns the rows."""
-    if found == len(rows):
+    if found == len(readings.rows):
         return found
-    known, blobs, at = 0, np.empty(5, np.int64), np.empty((5, 2))
+    lookup, view = readings.lookup, readings.views[found]
+    known, dots, at = 0, np.empty(5, np.int64), np.empty((5, 2))
     for k in range(5):
         if five[k] != MISSING:
-            blobs[known] = five[k]
+            dots[known] = five[k]
             at[known, 0], at[known, 1] = lookup.template[k, 0], lookup.template[k, 1]
             known += 1
-    view, code, code_blobs = views[found], np.empty(3, np.int64), np.empty(3, np.int64)
     whole = known == 5
     exactness = _EXACTNESS if whole else _LOOSE_EXACTNESS
-    if not fits_view(uv, moments, area, blobs[:known], at[:known], whole, lookup.camera, exactness, view):
+    if not reading.fits_view(blobs, dots[:known], at[:known], whole, lookup.camera, exactness, view):
         return found
-    hits = read_code(uv, near, five, view, lookup.places, exactness[CODE_MM], code, code_blobs)
+    hits, code, code_blobs = reading.read_code(blobs.uv, near, five, view, lookup.places, exactness[reading.CODE_MM])
     if hits != 7 - known:
         return found
     code[:hits].sort()
     target = lookup.by_pair[code[0], code[1]] if whole else lookup.by_triple[code[0], code[1], code[2]]
-    if target < 0 or seen[target]:
+    if target < 0 or readings.seen[target]:
         return found
-    if fits_layout(uv, moments, area, five, code_blobs, hits, target, lookup, _EXACTNESS, rows[found], view):
-        return found + 1
-    return found
+    row = readings.rows[found]
+    return found + reading.fits_layout(blobs, five, code_blobs[:hits], target, lookup, _EXACTNESS, row, view)

@@ -50,14 +50,9 @@ def detect_predicted(image: GreyImage, expected: ExpectedTargets, table: CodeTab
     layouts = table.layouts[np.searchsorted(table.ids, ids)]
     views = np.zeros((len(ids), sv.VIEW_SIZE))
     seen = np.isfinite(uv[..., 0])
-    usable = np.array(
-        [
-            seen[i].sum() >= LEAST_DOTS
-            and sv.fit_view(layouts[i][seen[i]], uv[i][seen[i]], np.array(camera), True, views[i])
-            for i in range(len(ids))
-        ],
-        dtype=bool,
-    )
+    usable = seen.sum(axis=1) >= LEAST_DOTS
+    for i in np.flatnonzero(usable):
+        usable[i] = sv.fit_view(layouts[i][seen[i]], uv[i][seen[i]], np.array(camera), True, views[i])
     new = np.arange(len(ids)) >= len(expected.known)
     if not (usable & new).any():
         return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 8, 2)), np.zeros((0, 8, 2)))

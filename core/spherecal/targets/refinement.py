@@ -39,7 +39,7 @@ class RefinedDots:
 
     `uv` (n, 8, 2) px: images of the centres of the dots' rims, NaN where there is none; `sigma` (n, 8, 2) px: their
     standard uncertainties. `misfit` (n,): rms of the residuals over their expected noise. `blur_px` and `growth`
-    (n,). `noise`: constant and gain of the variance in grey^2.
+    (n,).
     """
 
     uv: FloatArray
@@ -47,7 +47,6 @@ class RefinedDots:
     misfit: FloatArray
     blur_px: FloatArray
     growth: FloatArray
-    noise: tuple[float, float]
 
 
 def refine(
@@ -87,14 +86,8 @@ def refine(
     shift = _eccentricities(layouts, radius, views)
     good = present & ok[:, None]
     sigma = np.sqrt(covariance[:, :, [0, 2]] + _FLOOR_PX**2 + (focal_error * shift) ** 2)
-    return RefinedDots(
-        np.where(good[..., None], dots[:, :, :2] + shift, np.nan),
-        np.where(good[..., None], sigma, np.nan),
-        shared[:, df.MISFIT],
-        shared[:, df.BLUR],
-        shared[:, df.GROWTH],
-        (float(noise[0]), float(noise[1])),
-    )
+    found, sigma = (np.where(good[..., None], one, np.nan) for one in (dots[:, :, :2] + shift, sigma))
+    return RefinedDots(found, sigma, shared[:, df.MISFIT], shared[:, df.BLUR], shared[:, df.GROWTH])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -4,11 +4,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
@@ -68,7 +67,8 @@ def _without_light(image: GreyImage) -> Cause | None:
     low, high = (float(x) for x in np.percentile(image, [0.5, 99.8]))
     noise = _noise(image)
     contrast = (high - low) / noise
-    if contrast < _LEAST_CONTRAST or (contrast < _FAINT and high < _FAINT_GREY * _largest(image) / 255):
+    digits = 8 if image.dtype == np.uint8 else max(int(image.max()).bit_length(), 10)  # as far as its pixels show
+    if contrast < _LEAST_CONTRAST or (contrast < _FAINT and high < _FAINT_GREY * float(2**digits - 1) / 255):
         seen = Phrase("nothing-dark", {"contrast": high - low, "noise": noise})
         return Cause("dark", seen, Phrase("nothing-dark-remedy"))
     return None
@@ -82,21 +82,14 @@ def _noise(image: GreyImage) -> float:
     return max(float(np.median(np.abs(second))) / (0.6745 * 2.0), 0.29 * (bits & -bits or 1))
 
 
-def _largest(image: GreyImage) -> float:
-    """The largest grey value that the image's digits can have, as far as its pixels show."""
-    return 255.0 if image.dtype == np.uint8 else float(2 ** max(int(image.max()).bit_length(), 10) - 1)
-
-
 def _with_a_change(image: GreyImage, targets: TargetSet) -> Cause | None:
     """A change to the image or to what is looked for with which targets are found."""
     other = "dark-on-light" if targets.polarity == "light-on-dark" else "light-on-dark"
     found = _found(image, replace(targets, polarity=other))
     if found >= _LEAST_TARGETS:
-        if other == "dark-on-light":
-            seen, remedy = Phrase("nothing-polarity-dark", {"targets": found}), Phrase("nothing-polarity-dark-remedy")
-        else:
-            seen, remedy = Phrase("nothing-polarity-light", {"targets": found}), Phrase("nothing-polarity-light-remedy")
-        return Cause("polarity", seen, remedy)
+        key = "nothing-polarity-dark" if other == "dark-on-light" else "nothing-polarity-light"
+        remedy = "nothing-polarity-dark-remedy" if other == "dark-on-light" else "nothing-polarity-light-remedy"
+        return Cause("polarity", Phrase(key, {"targets": found}), Phrase(remedy))
     if reads_mirrored(image, targets):
         found = _found(image[:, ::-1], targets)
         return Cause("mirrored", Phrase("nothing-mirrored", {"targets": found}), Phrase("nothing-mirrored-remedy"))
@@ -120,24 +113,15 @@ def _found(image: GreyImage, targets: TargetSet) -> int:
     return len(Detector(targets).detect(cast(GreyImage, np.ascontiguousarray(image))).target_ids)
 
 
-def _without_sharpness(image: GreyImage) -> Cause | None:
-    sharpness = _sharpness(image)
-    if sharpness >= _SHARP:
-        return None
-    return Cause("blurred", Phrase("nothing-blurred"), Phrase("nothing-blurred-remedy"))
-
-
-def _sharpness(image: GreyImage) -> float:
-    """Detail of about 1 px over all that is coarser, to 16 px, the noise taken off."""
-    light = image.astype(np.float32)
-    first, second = (cv2.GaussianBlur(light, (0, 0), sigma) for sigma in (1.5, 16.0))
-    fine, coarse = _strongest(light - first), _strongest(first - second)
-    return float(np.sqrt(max(fine**2 - (_NOISE_QUANTILE * _noise(image)) ** 2, 0.0)) / max(coarse, 1e-6))
-
-
 _NOISE_QUANTILE = 2.7  # the quantile below of pure noise, in its standard deviations
 
 
-def _strongest(detail: NDArray[Any]) -> float:
-    """The strong detail of a band: its edges rather than its empty parts."""
-    return float(np.percentile(np.abs(detail), 99.3))
+def _without_sharpness(image: GreyImage) -> Cause | None:
+    """Little detail of about 1 px, the noise taken off, over all that is coarser, to 16 px; edges, not empty parts."""
+    light = image.astype(np.float32)
+    first, second = (cv2.GaussianBlur(light, (0, 0), sigma) for sigma in (1.5, 16.0))
+    fine, coarse = (float(np.percentile(np.abs(band), 99.3)) for band in (light - first, first - second))
+    sharpness = np.sqrt(max(fine**2 - (_NOISE_QUANTILE * _noise(image)) ** 2, 0.0)) / max(coarse, 1e-6)
+    if sharpness >= _SHARP:
+        return None
+    return Cause("blurred", Phrase("nothing-blurred"), Phrase("nothing-blurred-remedy"))

@@ -8,7 +8,6 @@ from rich.markup import escape
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.base.working_folder import users_environment
 from spherecal.data.findings import counted
 from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.targets.detection import Detector
@@ -22,6 +21,7 @@ from spherecal_cameras.in_process import Staged
 from spherecal_cameras.new_recording import session_cameras
 from spherecal_cameras.plan import CapturePlan, begun_plan, plan_of, read_plan, simple_plan
 from spherecal_cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
+from spherecal_files.programs import users_environment
 
 
 def capture(options: argparse.Namespace) -> int:

@@ -4,10 +4,11 @@ import argparse
 import webbrowser
 from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.base.resources import manual_page
+from spherecal.base.resources import resource_path
 from spherecal.data.findings import counted
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.console import answer, out, output_file, say, to_output
@@ -87,3 +88,12 @@ def manual(options: argparse.Namespace) -> int:
     if options.open and not webbrowser.open(page.as_uri()):
         raise InputError(Phrase("error-no-browser", {"page": page}))
     return DONE
+
+
+def manual_page(language: str = "en") -> Path | None:
+    """The manual's first page in a language (en, de, zh), offline; None in a checkout before `dev.py docs`."""
+    page = "index.html" if language == "en" else f"guide/{language}/index.html"
+    for folder in (resource_path("manual"), resource_path().parent / "build" / "site"):
+        if (folder / page).is_file():
+            return folder / page
+    return None

@@ -11,14 +11,15 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spherecal import __version__
-from spherecal.base import interrupts
 from spherecal.base.errors import Cancelled, MissingPackage, OutputError, SpherecalError, needing, reason
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
-from spherecal.base.working_folder import distrust, own_program
+from spherecal.base.working_folder import distrust
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
 from spherecal_app.cli.options import TABLE, command_of, make_parser, words_of
 from spherecal_app.cli.parsing import is_standard_output, parsers_below
+from spherecal_files import interrupts
+from spherecal_files.programs import own_program
 
 # without --log nothing is logged anywhere: Python's last resort would print each error a second time
 logging.getLogger("spherecal").addHandler(logging.NullHandler())

@@ -19,8 +19,8 @@ from typing import Literal
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
-from spherecal.base.resources import cache_folder
 from spherecal_files.atomic import write_file_whole
+from spherecal_files.cache_folder import cache_folder
 from spherecal_files.codec import FileFormat, field, items, only, record, text, unread
 from spherecal_files.filesystem import PARTIAL, new_file, remove_own_folder
 from spherecal_files.registry import settings_path

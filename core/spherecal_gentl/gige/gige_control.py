@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.base.working_folder import own_program
+from spherecal_files.programs import own_program
 from spherecal_gentl.gige.namespaces import NetworkNamespace, isolated, why_not
 from spherecal_gentl.producer.build_producer import build_fake_camera
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from spherecal.base.working_folder import find_program
+from spherecal_files.programs import find_program
 
 _NEW_NETWORK = 0x40000000  # CLONE_NEWNET
 _OWN = "/proc/thread-self/ns/net"

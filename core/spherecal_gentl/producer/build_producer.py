@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.base.resources import cache_folder
-from spherecal.base.working_folder import find_program
+from spherecal_files.cache_folder import cache_folder
 from spherecal_files.filesystem import create, remove_own_folder, scratch_beside, write_whole
+from spherecal_files.programs import find_program
 
 CTI_FILE = "spherecal_simulated.cti"
 ARAVIS_CTI_FILE = "spherecal_aravis.cti"

@@ -29,11 +29,8 @@ _VARIABLE = "SPHERECAL_LANGUAGE"
 
 _ONE_OR_MORE: Callable[[float], int] = lambda n: 0 if n == 1 else 1  # noqa: E731
 # The number of a language's plural forms, and which of them goes with a number (as gettext's Plural-Forms).
-PLURALS: dict[str, tuple[int, Callable[[float], int]]] = {
-    "en": (2, _ONE_OR_MORE),
-    "de": (2, _ONE_OR_MORE),
-    "zh_CN": (1, lambda _: 0),
-}
+Plural = tuple[int, Callable[[float], int]]
+PLURALS: dict[str, Plural] = {"en": (2, _ONE_OR_MORE), "de": (2, _ONE_OR_MORE), "zh_CN": (1, lambda _: 0)}
 
 _FIELD = re.compile(r"\{(\w+)(?:([#:])([^{}]*))?\}")
 _OPTIONS = re.compile(r" ?\[[^\]]*\]")

@@ -1,6 +1,5 @@
 """The numbers and names that a message is made of."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
@@ -33,28 +32,3 @@ def _plain(value: Any) -> Value:
     if isinstance(value, (list, tuple)):
         return tuple(_plain(item) for item in value)
     return value
-
-
-def as_json(value: Value) -> Any:
-    """A value as a JSON document has it; numbers that are not finite go by name."""
-    if isinstance(value, Phrase):
-        return {"phrase": value.key, "values": {name: as_json(item) for name, item in value.values.items()}}
-    if isinstance(value, tuple):
-        return [as_json(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return {"number": str(value)}
-    return value
-
-
-def from_json(document: Any) -> Value:
-    """The value that `as_json` wrote."""
-    if isinstance(document, list):
-        return tuple(from_json(item) for item in document)
-    if not isinstance(document, dict):
-        return document
-    if set(document) == {"number"}:
-        return float(str(document["number"]))
-    phrase, values = document.get("phrase"), document.get("values")
-    if set(document) != {"phrase", "values"} or not isinstance(phrase, str) or not isinstance(values, dict):
-        raise ValueError("neither a number nor a phrase")
-    return Phrase(phrase, {str(name): from_json(item) for name, item in values.items()})

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
 from spherecal.adjust.ball_model import Free, Rigid, Stored
-from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.linear import Linear, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import FloatArray, IntArray
@@ -48,7 +48,8 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
             first, columns = _met(problem, some)
         rows, pull, done = np.zeros((3 * len(some), len(columns))), np.zeros(len(columns)), 0
         for part in point_blocks(problem, linear, some):
-            _couple(part, problem.n_cameras, layout.block_offset, first, damping, reduced, rows[3 * done :], pull)
+            at = layout.block_offset, first
+            _couple(part, problem.n_cameras, *at, damping, reduced, rows[3 * done :], pull, np.empty((3, 3)))
             done += len(part.points)
         reduced.gradient[columns] -= pull
         # in Fortran's eyes our upper triangle is the lower one
@@ -88,7 +89,7 @@ def _met(problem: Problem, points: IntArray) -> tuple[IntArray, IntArray]:
     return np.where(seen, width * (np.cumsum(seen) - 1), -1), columns
 
 
-@njit(**KERNEL)
+@njit(**BARE)
 def _subtract(matrix, product, columns, width):
     """Subtract a product's upper triangle (k,k), 0 below, from a matrix's columns (k,): blocks of a width, in order."""
     for i in range(len(columns)):
@@ -99,15 +100,14 @@ def _subtract(matrix, product, columns, width):
                 row[first + a] -= own[j + a]
 
 
-@njit(**KERNEL)
-def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
+@njit(**BARE)
+def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull, v):
     """Own normal equations of cameras and placements, the points' whitened couplings (3m,k) and their pull (k,).
 
-    `offset`, `place` (b,): first column of each block in the reduced system and in the couplings.
+    `offset`, `place` (b,): first column of each block in the reduced system and in the couplings; `v`: working space.
     """
     matrix, gradient, diagonal = reduced.matrix, reduced.gradient, reduced.diagonal
     residual, by_camera, by_point, by_placement = part.linear
-    v = np.empty((3, 3))
     for i in range(len(part.points)):
         p = part.points[i]
         w = rows[3 * i : 3 * i + 3]

@@ -256,8 +256,9 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
     poses, damping = start, FIRST_DAMPING
     offset = system.offset(poses)
     cost = float(offset @ images.normal @ offset)
-    equations, may_be_minimum = system.normal_equations(poses), False
+    equations, may_be_minimum = None, False
     for _ in range(steps):
+        equations = equations or system.normal_equations(poses)
         # rigs sway so easily that a damped step is small far from the minimum too
         if may_be_minimum and system.promise(equations, offset) < LAST_PROMISE * (images.variance + cost):
             break
@@ -276,7 +277,7 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
         if done:
             break
-        equations = system.normal_equations(poses)
+        equations = None
     return Fitted(cost, *poses, layout, images)
 
 

@@ -56,6 +56,11 @@ class PointFactors(Covariance):
         )
 
     @cached_property
+    def every_shift(self) -> sparse.csr_array:
+        """`shift_matrix`, which the diagnosis, the ball's shape and the places ask for."""
+        return shift_matrix(self)
+
+    @cached_property
     def own_noise(self) -> FloatArray:
         """The features' own image noise (f,3,3), without the cameras' share."""
         if self.places is None:
@@ -189,7 +194,7 @@ def _carried_places(parts: PointFactors) -> tuple[FloatArray, FloatArray]:
     """In the rigid form: L C L' + R V^-1 R' (f,3,3) and L C A' + R V^-1 B' (f,3,g) of the features' places."""
     problem, places = parts.problem, parts.places
     assert places is not None
-    shifts = shift_matrix(parts)
+    shifts = parts.every_shift
     pose = parts.n_camera_columns + POSE * places.placement[:, None] + np.arange(POSE)  # (f,6)
     by_pose = np.concatenate([-cross_matrix(parts.lever_arm), np.broadcast_to(np.eye(3), (len(pose), 3, 3))], axis=2)
     out = by_pose @ parts.inverse[pose[:, :, None], pose[:, None, :]] @ by_pose.transpose(0, 2, 1)
@@ -215,10 +220,6 @@ def shift_matrix(parts: PointFactors) -> sparse.csr_array:
     """K: shifts of all points by all columns (3p, e)."""
     if parts.shifts is not None:
         return parts.shifts
-    return _plain_shifts(parts)
-
-
-def _plain_shifts(parts: PointFactors) -> sparse.csr_array:
     problem = parts.problem
     pieces = [_shifts(parts, first, last) for first, last in blocks_of_groups(problem.point_start)]
     count = np.concatenate([[0], *(np.diff(piece.indptr) for piece in pieces)])

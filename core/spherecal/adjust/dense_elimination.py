@@ -112,7 +112,9 @@ def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull, v):
         p = part.points[i]
         w = rows[3 * i : 3 * i + 3]
         inverse = reduced.point_inverse[p]
-        v[:] = inverse
+        for j in range(3):
+            for b in range(3):
+                v[j, b] = inverse[j, b]
         g = reduced.point_gradient[p]
         for k in range(part.begin[i], part.end[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]

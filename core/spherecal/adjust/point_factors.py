@@ -118,10 +118,11 @@ class PointFactors(Covariance):
         for rows in blocks(len(problem.uv)):
             by_camera, by_placement = self.shifts_of(rows)
             for k, own in enumerate(gradients[:, problem.point[rows]]):
-                cameras[k] += sum_by(problem.camera[rows], np.einsum("ni,niw->nw", own, by_camera), problem.n_cameras)
+                shares = np.einsum("ni,niw->nw", own, by_camera)
+                cameras[k] = sum_by(problem.camera[rows], shares, problem.n_cameras, cameras[k])
                 if problem.n_placements:
-                    by_pose = np.einsum("ni,niw->nw", own, by_placement)
-                    poses[k] += sum_by(problem.placement[rows], by_pose, problem.n_placements)
+                    shares = np.einsum("ni,niw->nw", own, by_placement)
+                    poses[k] = sum_by(problem.placement[rows], shares, problem.n_placements, poses[k])
         pieces = (cameras, poses, gradients[:, problem.kept_points])
         return np.concatenate([piece.reshape(m, piece.shape[1] * piece.shape[2]) for piece in pieces], axis=1)
 
@@ -184,7 +185,8 @@ def _carried_points(parts: PointFactors) -> FloatArray:
     out = np.zeros((problem.n_points, 3, parts.gauge_cross.shape[1]))
     by_camera = parts.gauge_cross[: parts.n_camera_columns].reshape(problem.n_cameras, parts.linear.width, out.shape[2])
     for own in blocks(len(problem.uv)):
-        out += sum_by(problem.point[own], parts.shifts_of(own)[0] @ by_camera[problem.camera[own]], len(out))
+        share = parts.shifts_of(own)[0] @ by_camera[problem.camera[own]]
+        out = sum_by(problem.point[own], share, len(out), out)
     kept = problem.kept_points
     out[kept] = parts.gauge_cross[problem.layout.expanded - 3 * len(kept) :].reshape(len(kept), *out.shape[1:])
     return out

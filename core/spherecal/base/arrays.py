@@ -45,8 +45,13 @@ def blocks_of_groups(start: IntArray) -> Iterator[tuple[int, int]]:
     yield from pairwise([*first, len(start) - 1])
 
 
-def sum_by(index: IntArray, values: FloatArray, count: int) -> FloatArray:
-    """Sums of values (n, ...) over the rows of each index (n,), (count, ...): in a fifth of the time of `np.add.at`."""
+def sum_by(index: IntArray, values: FloatArray, count: int, before: FloatArray | None = None) -> FloatArray:
+    """Sums of values (n, ...) over the rows of each index (n,), (count, ...): in a fifth of the time of `np.add.at`.
+
+    They continue those `before`, so that they are the same bits whatever the size of blocks.
+    """
+    if before is not None:
+        index, values = np.concatenate([np.arange(count), index]), np.concatenate([before, values])
     columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
     sums = [np.bincount(index, columns[:, k], count) for k in range(columns.shape[1])]
     return np.stack(sums, axis=1, dtype=np.float64).reshape(count, *values.shape[1:])

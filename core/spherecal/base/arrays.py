@@ -53,8 +53,10 @@ def sum_by(index: IntArray, values: FloatArray, count: int, before: FloatArray |
     if before is not None:
         index, values = np.concatenate([np.arange(count), index]), np.concatenate([before, values])
     columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
-    sums = [np.bincount(index, columns[:, k], count) for k in range(columns.shape[1])]
-    return np.stack(sums, axis=1, dtype=np.float64).reshape(count, *values.shape[1:])
+    sums = np.empty((count, columns.shape[1]))
+    for k in range(columns.shape[1]):
+        sums[:, k] = np.bincount(index, columns[:, k], count)
+    return sums.reshape(count, *values.shape[1:])
 
 
 class ByValue:

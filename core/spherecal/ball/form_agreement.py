@@ -61,7 +61,7 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     n_points = int(point.max(initial=-1)) + 1
     square = np.einsum("nki,nkj->nij", by_point, by_point)
     force = np.einsum("nki,nk->ni", by_point, residual)
-    here, everywhere = sum_by(square, at, len(group)), sum_by(square, point, n_points)
+    here, everywhere = sum_by(at, square, len(group)), sum_by(point, square, n_points)
     dot = np.zeros(len(group), dtype=np.int64)
     dot[at] = point
     size = np.linalg.eigvalsh(here)
@@ -70,7 +70,7 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     inverse[good] = np.linalg.inv(here[good])
     of_dot[dot[good]] = np.linalg.inv(everywhere[dot[good]])
 
-    gained = _quadratic(sum_by(force, at, len(group)), inverse)
+    gained = _quadratic(sum_by(at, force, len(group)), inverse)
     alone = np.bincount(at, _quadratic(force, inverse[at]), len(group))
     # a place takes up 3 of the noise, less what the dot itself does; of that a part lies between cameras
     taken = np.einsum("uij,uji->u", of_dot[dot], here)

@@ -48,8 +48,7 @@ def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray
             first, columns = _met(problem, some)
         rows, pull, done = np.zeros((3 * len(some), len(columns))), np.zeros(len(columns)), 0
         for part in point_blocks(problem, linear, some):
-            at = layout.block_offset, first
-            _couple(part, problem.n_cameras, *at, damping, reduced, rows[3 * done :], pull, np.empty((3, 3)))
+            _couple(part, problem.n_cameras, layout.block_offset, first, damping, reduced, rows[3 * done :], pull)
             done += len(part.points)
         reduced.gradient[columns] -= pull
         # in Fortran's eyes our upper triangle is the lower one
@@ -101,20 +100,17 @@ def _subtract(matrix, product, columns, width):
 
 
 @njit(**BARE)
-def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull, v):
+def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
     """Own normal equations of cameras and placements, the points' whitened couplings (3m,k) and their pull (k,).
 
-    `offset`, `place` (b,): first column of each block in the reduced system and in the couplings; `v`: working space.
+    `offset`, `place` (b,): first column of each block in the reduced system and in the couplings.
     """
     matrix, gradient, diagonal = reduced.matrix, reduced.gradient, reduced.diagonal
     residual, by_camera, by_point, by_placement = part.linear
     for i in range(len(part.points)):
         p = part.points[i]
         w = rows[3 * i : 3 * i + 3]
-        inverse = reduced.point_inverse[p]
-        for j in range(3):
-            for b in range(3):
-                v[j, b] = inverse[j, b]
+        v = reduced.point_inverse[p]  # known beforehand, 0 for most; its inverse in the end
         g = reduced.point_gradient[p]
         for k in range(part.begin[i], part.end[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]
@@ -132,7 +128,7 @@ def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull, v):
                 g[j] += jp[0, j] * r0 + jp[1, j] * r1
                 for b in range(3):
                     v[j, b] += jp[0, j] * jp[0, b] + jp[1, j] * jp[1, b]
-        _whiten(v, damping, w, g, inverse, pull)
+        _whiten(v, damping, w, g, pull)
 
 
 @njit(**INNER)
@@ -154,8 +150,8 @@ def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
 
 
 @njit(**INNER)
-def _whiten(v, damping, w, g, inverse, pull):
-    """w = L^-1 w with V (damped) = L L', its inverse, and pull += W V^-1 g."""
+def _whiten(v, damping, w, g, pull):
+    """w = L^-1 w with V (damped) = L L', pull += W V^-1 g, and V becomes its inverse."""
     f = 1.0 + damping
     l00 = np.sqrt(v[0, 0] * f)
     l10, l20 = v[1, 0] / l00, v[2, 0] / l00
@@ -173,9 +169,9 @@ def _whiten(v, damping, w, g, inverse, pull):
         z0, z1, z2 = i00 * w0, i10 * w0 + i11 * w1, i20 * w0 + i21 * w1 + i22 * w2
         w[0, s], w[1, s], w[2, s] = z0, z1, z2
         pull[s] += z0 * g0 + z1 * g1 + z2 * g2
-    inverse[0, 0] = i00 * i00 + i10 * i10 + i20 * i20
-    inverse[1, 1] = i11 * i11 + i21 * i21
-    inverse[2, 2] = i22 * i22
-    inverse[0, 1] = inverse[1, 0] = i10 * i11 + i20 * i21
-    inverse[0, 2] = inverse[2, 0] = i20 * i22
-    inverse[1, 2] = inverse[2, 1] = i21 * i22
+    v[0, 0] = i00 * i00 + i10 * i10 + i20 * i20
+    v[1, 1] = i11 * i11 + i21 * i21
+    v[2, 2] = i22 * i22
+    v[0, 1] = v[1, 0] = i10 * i11 + i20 * i21
+    v[0, 2] = v[2, 0] = i20 * i22
+    v[1, 2] = v[2, 1] = i21 * i22

@@ -136,6 +136,8 @@ def _eliminated(
         linear, values = system.linear.at(rows), _fields_at(network, adjusted, design, rows)
         columns = _columns_of(network, adjusted, design, rows, system.linear.width)
         begin, first = np.concatenate([[0], end]), 0
+        most = values.shape[2] + TURN, linear.by_camera.shape[2] + POSE
+        spaces = [*((np.empty(w, dtype=np.int64), np.empty((2, w))) for w in most), (np.zeros((3, 3)), np.zeros(3))]
         for group in groups:
             own = slice(first, first + len(group))
             ends, first = begin[first : first + len(group) + 1], first + len(group)
@@ -147,8 +149,7 @@ def _eliminated(
             white = np.zeros((3 * len(group), s + len(others) + 1))
             _couple(
                 linear, values, columns, ends, polynomials[points[own]], own_columns[group], root[group],
-                (at_effect, s + at_other), sums, white, _space(values.shape[2] + TURN),
-                _space(linear.by_camera.shape[2] + POSE), (np.zeros((3, 3)), np.zeros(3)),
+                (at_effect, s + at_other), sums, white, *spaces,
             )  # fmt: skip
             theirs = white[:, :s]
             _subtract(sums, effects, others, theirs.T @ theirs, white[:, s:].T @ theirs, white[:, s:].T @ white[:, -1])
@@ -219,18 +220,13 @@ def _mark(columns, begin, width, bending, effects, others):
             others[columns.placement[k] : columns.placement[k] + POSE] = True
 
 
-def _space(width: int) -> tuple[IntArray, FloatArray]:
-    """Working space: the columns (w,) that a row meets, and its derivatives (2,w) by them."""
-    return np.empty(width, dtype=np.int64), np.empty((2, width))
-
-
 @njit(**BARE)
 def _couple(linear, values, columns, begin, polynomials, own_columns, root, at, sums, white, effects, unknowns, point):
     """Add rows to the sums, and whiten the couplings of their points in `white` (3p,s+t+1), the last with residuals.
 
     `begin` (p+1,): first row of each point; `own_columns` (p,): of a point that is kept, -1 for none; `at`: where the
-    effects (m,) and the other columns (e,) are among the couplings; `effects`, `unknowns`: `_space`; `point`: a point's
-    normal matrix (3,3) and gradient (3,), 0.
+    effects (m,) and the other columns (e,) are among the couplings; `effects`, `unknowns`: working space, columns (w,)
+    that a row meets and its derivatives (2,w) by them; `point`: a point's normal matrix (3,3) and gradient (3,), 0.
     """
     width, (normal, force) = linear.by_camera.shape[2], point
     for i in range(len(begin) - 1):

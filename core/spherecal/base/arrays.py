@@ -53,10 +53,8 @@ def sum_by(index: IntArray, values: FloatArray, count: int, before: FloatArray |
     if before is not None:
         index, values = np.concatenate([np.arange(count), index]), np.concatenate([before, values])
     columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
-    sums = np.empty((count, columns.shape[1]))
-    for k in range(columns.shape[1]):
-        sums[:, k] = np.bincount(index, columns[:, k], count)
-    return sums.reshape(count, *values.shape[1:])
+    sums = np.array([np.bincount(index, column, count) for column in columns.T], dtype=np.float64)
+    return sums.reshape(columns.shape[1], count).T.reshape(count, *values.shape[1:])
 
 
 class ByValue:

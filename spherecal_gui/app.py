@@ -21,7 +21,7 @@ from PySide6.QtWidgets import QApplication, QMessageBox
 
 import spherecal
 from spherecal.base.resources import resource_path
-from spherecal.base.working_folder import own_program
+from spherecal_files.programs import own_program
 from spherecal_app.kernel_state import state
 from spherecal_gui import click_map, languages
 from spherecal_gui.tasks.task import Collector, leave_behind, something_left

@@ -15,7 +15,7 @@ from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray, sum_by
 
 # Below, the seven motions that no observation sees would wander; 1e-7 of a diagonal slows nothing else down.
 LEAST_DAMPING = 1e-7
@@ -95,8 +95,7 @@ def left_over(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     linear = engine.linearise(problem, state, None)
     shape = shape_noise_of(problem, linear)
     off = np.einsum("gij,gj->gi", shape.q, shape.pulled(linear.residual))
-    normal = np.zeros((problem.n_points, 3, 3))
-    np.add.at(normal, shape.dot, shape.p @ shape.normal)
+    normal = sum_by(shape.dot, shape.p @ shape.normal, problem.n_points)
     noise = shape.q + shape.p @ np.linalg.pinv(normal, hermitian=True)[shape.dot] @ shape.p.transpose(0, 2, 1)
     taken = np.einsum("nki,nij,nkj->n", linear.by_point, noise[shape.of], linear.by_point)
     return linear.residual - np.einsum("nki,ni->nk", linear.by_point, off[shape.of]), taken

@@ -12,7 +12,7 @@ seconds to compile and few balls need them.
 
 import numpy as np
 
-from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.kernel import INNER, INNER_WITH_ARRAYS, KERNEL
 from spherecal.adjust.schur_kernel import (
     add_observations,
     inverse_damped,
@@ -135,7 +135,7 @@ def _add_squares_after(begin, end, by_point, step, change, squares):
     return squares
 
 
-@njit(**INNER)
+@njit(**INNER_WITH_ARRAYS)
 def _noise_of_place(begin, end, by_point, variance, q, p):
     """Q and P of the place with the rows begin to end."""
     v = np.zeros((3, 3))
@@ -146,7 +146,7 @@ def _noise_of_place(begin, end, by_point, variance, q, p):
     _weigh_deformation(v, variance, q, p)
 
 
-@njit(**INNER)
+@njit(**INNER_WITH_ARRAYS)
 def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
     """out (3,) += what the shape noise of a point's places leaves of J' times the change of their residuals."""
     first = begin
@@ -163,7 +163,7 @@ def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, res
         first = last
 
 
-@njit(**INNER)
+@njit(**INNER_WITH_ARRAYS)
 def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step, q, p):
     """The reduction of the squares (in `change`) by the shape noise of a point's places, after the point's step."""
     taken, first = 0.0, begin

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
 from spherecal.adjust.ball_model import Free, Rigid, Stored
-from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.linear import Linear, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import FloatArray, IntArray
@@ -88,7 +88,7 @@ def _met(problem: Problem, points: IntArray) -> tuple[IntArray, IntArray]:
     return np.where(seen, width * (np.cumsum(seen) - 1), -1), columns
 
 
-@njit(**KERNEL)
+@njit(**BARE)
 def _subtract(matrix, product, columns, width):
     """Subtract a product's upper triangle (k,k), 0 below, from a matrix's columns (k,): blocks of a width, in order."""
     for i in range(len(columns)):
@@ -99,7 +99,7 @@ def _subtract(matrix, product, columns, width):
                 row[first + a] -= own[j + a]
 
 
-@njit(**KERNEL)
+@njit(**BARE)
 def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
     """Own normal equations of cameras and placements, the points' whitened couplings (3m,k) and their pull (k,).
 
@@ -107,12 +107,10 @@ def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
     """
     matrix, gradient, diagonal = reduced.matrix, reduced.gradient, reduced.diagonal
     residual, by_camera, by_point, by_placement = part.linear
-    v = np.empty((3, 3))
     for i in range(len(part.points)):
         p = part.points[i]
         w = rows[3 * i : 3 * i + 3]
-        inverse = reduced.point_inverse[p]
-        v[:] = inverse
+        v = reduced.point_inverse[p]  # known beforehand, 0 for most; its inverse in the end
         g = reduced.point_gradient[p]
         for k in range(part.begin[i], part.end[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]
@@ -130,7 +128,7 @@ def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
                 g[j] += jp[0, j] * r0 + jp[1, j] * r1
                 for b in range(3):
                     v[j, b] += jp[0, j] * jp[0, b] + jp[1, j] * jp[1, b]
-        _whiten(v, damping, w, g, inverse, pull)
+        _whiten(v, damping, w, g, pull)
 
 
 @njit(**INNER)
@@ -152,8 +150,8 @@ def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
 
 
 @njit(**INNER)
-def _whiten(v, damping, w, g, inverse, pull):
-    """w = L^-1 w with V (damped) = L L', its inverse, and pull += W V^-1 g."""
+def _whiten(v, damping, w, g, pull):
+    """w = L^-1 w with V (damped) = L L', pull += W V^-1 g, and V becomes its inverse."""
     f = 1.0 + damping
     l00 = np.sqrt(v[0, 0] * f)
     l10, l20 = v[1, 0] / l00, v[2, 0] / l00
@@ -171,9 +169,9 @@ def _whiten(v, damping, w, g, inverse, pull):
         z0, z1, z2 = i00 * w0, i10 * w0 + i11 * w1, i20 * w0 + i21 * w1 + i22 * w2
         w[0, s], w[1, s], w[2, s] = z0, z1, z2
         pull[s] += z0 * g0 + z1 * g1 + z2 * g2
-    inverse[0, 0] = i00 * i00 + i10 * i10 + i20 * i20
-    inverse[1, 1] = i11 * i11 + i21 * i21
-    inverse[2, 2] = i22 * i22
-    inverse[0, 1] = inverse[1, 0] = i10 * i11 + i20 * i21
-    inverse[0, 2] = inverse[2, 0] = i20 * i22
-    inverse[1, 2] = inverse[2, 1] = i21 * i22
+    v[0, 0] = i00 * i00 + i10 * i10 + i20 * i20
+    v[1, 1] = i11 * i11 + i21 * i21
+    v[2, 2] = i22 * i22
+    v[0, 1] = v[1, 0] = i10 * i11 + i20 * i21
+    v[0, 2] = v[2, 0] = i20 * i22
+    v[1, 2] = v[2, 1] = i21 * i22

@@ -17,7 +17,7 @@ from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.camera_effects import TURN, Design
 from spherecal.adjust.covariance_factors import Inverted
 from spherecal.adjust.dense_elimination import alike, views_apart
-from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.variance_components import Effects
@@ -136,6 +136,8 @@ def _eliminated(
         linear, values = system.linear.at(rows), _fields_at(network, adjusted, design, rows)
         columns = _columns_of(network, adjusted, design, rows, system.linear.width)
         begin, first = np.concatenate([[0], end]), 0
+        most = values.shape[2] + TURN, linear.by_camera.shape[2] + POSE
+        spaces = [*((np.empty(w, dtype=np.int64), np.empty((2, w))) for w in most), (np.zeros((3, 3)), np.zeros(3))]
         for group in groups:
             own = slice(first, first + len(group))
             ends, first = begin[first : first + len(group) + 1], first + len(group)
@@ -147,7 +149,7 @@ def _eliminated(
             white = np.zeros((3 * len(group), s + len(others) + 1))
             _couple(
                 linear, values, columns, ends, polynomials[points[own]], own_columns[group], root[group],
-                (at_effect, s + at_other), sums, white,
+                (at_effect, s + at_other), sums, white, *spaces,
             )  # fmt: skip
             theirs = white[:, :s]
             _subtract(sums, effects, others, theirs.T @ theirs, white[:, s:].T @ theirs, white[:, s:].T @ white[:, -1])
@@ -204,7 +206,7 @@ def _columns_of(network: Network, adjusted: Adjustment, design: Design, rows: In
     return _Columns(field[camera], count[camera], turn, bending, camera * width, posed)
 
 
-@njit(**KERNEL)
+@njit(**BARE)
 def _mark(columns, begin, width, bending, effects, others):
     """Mark the effects (m,) and other columns (e,) that rows meet."""
     for k in range(begin[0], begin[-1]):
@@ -218,17 +220,15 @@ def _mark(columns, begin, width, bending, effects, others):
             others[columns.placement[k] : columns.placement[k] + POSE] = True
 
 
-@njit(**KERNEL)
-def _couple(linear, values, columns, begin, polynomials, own_columns, root, at, sums, white):
+@njit(**BARE)
+def _couple(linear, values, columns, begin, polynomials, own_columns, root, at, sums, white, effects, unknowns, point):
     """Add rows to the sums, and whiten the couplings of their points in `white` (3p,s+t+1), the last with residuals.
 
     `begin` (p+1,): first row of each point; `own_columns` (p,): of a point that is kept, -1 for none; `at`: where the
-    effects (m,) and the other columns (e,) are among the couplings.
+    effects (m,) and the other columns (e,) are among the couplings; `effects`, `unknowns`: working space, columns (w,)
+    that a row meets and its derivatives (2,w) by them; `point`: a point's normal matrix (3,3) and gradient (3,), 0.
     """
-    width = linear.by_camera.shape[2]
-    effects = np.empty(values.shape[2] + TURN, dtype=np.int64), np.empty((2, values.shape[2] + TURN))
-    unknowns = np.empty(width + POSE, dtype=np.int64), np.empty((2, width + POSE))
-    normal, force = np.zeros((3, 3)), np.zeros(3)
+    width, (normal, force) = linear.by_camera.shape[2], point
     for i in range(len(begin) - 1):
         w = white[3 * i : 3 * i + 3]
         for k in range(begin[i], begin[i + 1]):
@@ -237,9 +237,9 @@ def _couple(linear, values, columns, begin, polynomials, own_columns, root, at, 
             t = _append(columns.camera[k], width, linear.by_camera, k, 0, unknowns)
             t = _append(columns.placement[k], POSE, linear.by_placement, k, t, unknowns)
             jp, r, bending = linear.by_point[k], linear.residual[k], columns.bending[k]
-            point = jp, r, polynomials[i], bending, w
-            _add_row(True, effects, s, effects, s, point, sums.own, sums.gradient, at[0])
-            _add_row(False, unknowns, t, effects, s, point, sums.by_columns, sums.of_columns, at[1])
+            of_point = jp, r, polynomials[i], bending, w
+            _add_row(True, effects, s, effects, s, of_point, sums.own, sums.gradient, at[0])
+            _add_row(False, unknowns, t, effects, s, of_point, sums.by_columns, sums.of_columns, at[1])
             for a in range(3):
                 force[a] += jp[0, a] * r[0] + jp[1, a] * r[1]
                 for b in range(3):
@@ -247,7 +247,8 @@ def _couple(linear, values, columns, begin, polynomials, own_columns, root, at, 
             if k + 1 == begin[i + 1] or columns.bending[k + 1] != bending:
                 if bending >= 0:
                     _bend(polynomials[i], normal, force, bending, sums, w, at[0][bending])
-                w[:, -1] += force
+                for a in range(3):
+                    w[a, -1] += force[a]
                 normal[:], force[:] = 0.0, 0.0
         if own_columns[i] >= 0:
             _keep(sums.by_columns[own_columns[i] : own_columns[i] + 3], w, at[0])
@@ -319,7 +320,7 @@ def _whiten(root, w):
         w[2, b] *= root[2, 2]
 
 
-@njit(**KERNEL)
+@njit(**BARE)
 def _subtract(sums, effects, others, own, by_columns, pull):
     """Subtract products by effects (s,) and other columns (t,): (s,s), upper triangle, (t+1,s) and (t+1,)."""
     for a in range(len(effects)):

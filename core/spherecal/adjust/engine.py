@@ -11,7 +11,7 @@ import numpy as np
 from spherecal.adjust import dense_elimination, linear
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
-from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.linear import Blocks, Linear, Linearisation, PointEquations, Reduced, point_blocks
 from spherecal.adjust.parameter_layout import POSE, Layout
 from spherecal.adjust.problem import Problem
@@ -44,7 +44,8 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
         np.empty((n, 2, 3)),
         np.empty((n if problem.n_placements else 0, 2, POSE)),
     )
-    _linearise(_observed(problem, weight), _unknowns(state), problem.intrinsic_columns, out)
+    by_axes, by_lens = np.empty((2, 3)), np.zeros((2, 16))
+    _linearise(_observed(problem, weight), _unknowns(state), problem.intrinsic_columns, by_axes, by_lens, out)
     return out
 
 
@@ -181,7 +182,7 @@ def _to_camera(k, observed, unknowns):
     return x, y, z, tx, ty, tz
 
 
-@njit(**KERNEL)
+@njit(**BARE)
 def _residuals(observed, unknowns, out):
     uv, weight = observed.uv, observed.weight
     for k in range(len(uv)):
@@ -229,11 +230,10 @@ def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
     return x * radial, y * radial
 
 
-@njit(**KERNEL)
-def _linearise(observed, unknowns, columns, out):
+@njit(**BARE)
+def _linearise(observed, unknowns, columns, a, d, out):
+    """Fills `out`; `a` (2,3), `d` (2,16): working space, weighted derivatives by the camera's axes and intrinsics."""
     residual, by_camera, by_point, by_placement = out
-    a = np.empty((2, 3))  # by the point in the camera's frame, weighted
-    d = np.zeros((2, 16))  # by the intrinsics, weighted
     for k in range(len(observed.camera)):
         c = observed.camera[k]
         xc, yc, zc, tx, ty, tz = _to_camera(k, observed, unknowns)

@@ -13,7 +13,7 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base import arrays
-from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
+from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups, sum_by
 from spherecal.geometry.rotation import cross, cross_matrix
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
@@ -55,7 +55,12 @@ class PointFactors(Covariance):
             (0, 3, POSE)
         )
 
-    @property
+    @cached_property
+    def every_shift(self) -> sparse.csr_array:
+        """`shift_matrix`, which the diagnosis, the ball's shape and the places ask for."""
+        return shift_matrix(self)
+
+    @cached_property
     def own_noise(self) -> FloatArray:
         """The features' own image noise (f,3,3), without the cameras' share."""
         if self.places is None:
@@ -94,10 +99,10 @@ class PointFactors(Covariance):
         columns = np.zeros(len(self.inverse))
         if self.places is None:
             return gradient, columns
-        points = np.zeros((self.problem.n_points, 3))
-        np.add.at(points, self.places.point, np.einsum("fji,fj->fi", self.rotation, gradient))
-        poses = np.zeros((self.problem.n_placements, POSE))
-        np.add.at(poses, self.places.placement, np.concatenate([cross(self.lever_arm, gradient), gradient], axis=1))
+        turned = np.einsum("fji,fj->fi", self.rotation, gradient)
+        points = sum_by(self.places.point, turned, self.problem.n_points)
+        moved = np.concatenate([cross(self.lever_arm, gradient), gradient], axis=1)
+        poses = sum_by(self.places.placement, moved, self.problem.n_placements)
         start = self.n_camera_columns
         columns[start : start + poses.size] = poses.ravel()
         return points, columns
@@ -112,11 +117,12 @@ class PointFactors(Covariance):
         poses = np.zeros((m, problem.n_placements, POSE))
         for rows in blocks(len(problem.uv)):
             by_camera, by_placement = self.shifts_of(rows)
-            at = gradients[:, problem.point[rows]]
-            for total, own, pose in zip(cameras, at, poses, strict=True):
-                np.add.at(total, problem.camera[rows], np.einsum("ni,niw->nw", own, by_camera))
+            for k, own in enumerate(gradients[:, problem.point[rows]]):
+                shares = np.einsum("ni,niw->nw", own, by_camera)
+                cameras[k] = sum_by(problem.camera[rows], shares, problem.n_cameras, cameras[k])
                 if problem.n_placements:
-                    np.add.at(pose, problem.placement[rows], np.einsum("ni,niw->nw", own, by_placement))
+                    shares = np.einsum("ni,niw->nw", own, by_placement)
+                    poses[k] = sum_by(problem.placement[rows], shares, problem.n_placements, poses[k])
         pieces = (cameras, poses, gradients[:, problem.kept_points])
         return np.concatenate([piece.reshape(m, piece.shape[1] * piece.shape[2]) for piece in pieces], axis=1)
 
@@ -179,7 +185,8 @@ def _carried_points(parts: PointFactors) -> FloatArray:
     out = np.zeros((problem.n_points, 3, parts.gauge_cross.shape[1]))
     by_camera = parts.gauge_cross[: parts.n_camera_columns].reshape(problem.n_cameras, parts.linear.width, out.shape[2])
     for own in blocks(len(problem.uv)):
-        np.add.at(out, problem.point[own], parts.shifts_of(own)[0] @ by_camera[problem.camera[own]])
+        share = parts.shifts_of(own)[0] @ by_camera[problem.camera[own]]
+        out = sum_by(problem.point[own], share, len(out), out)
     kept = problem.kept_points
     out[kept] = parts.gauge_cross[problem.layout.expanded - 3 * len(kept) :].reshape(len(kept), *out.shape[1:])
     return out
@@ -189,7 +196,7 @@ def _carried_places(parts: PointFactors) -> tuple[FloatArray, FloatArray]:
     """In the rigid form: L C L' + R V^-1 R' (f,3,3) and L C A' + R V^-1 B' (f,3,g) of the features' places."""
     problem, places = parts.problem, parts.places
     assert places is not None
-    shifts = shift_matrix(parts)
+    shifts = parts.every_shift
     pose = parts.n_camera_columns + POSE * places.placement[:, None] + np.arange(POSE)  # (f,6)
     by_pose = np.concatenate([-cross_matrix(parts.lever_arm), np.broadcast_to(np.eye(3), (len(pose), 3, 3))], axis=2)
     out = by_pose @ parts.inverse[pose[:, :, None], pose[:, None, :]] @ by_pose.transpose(0, 2, 1)
@@ -215,10 +222,6 @@ def shift_matrix(parts: PointFactors) -> sparse.csr_array:
     """K: shifts of all points by all columns (3p, e)."""
     if parts.shifts is not None:
         return parts.shifts
-    return _plain_shifts(parts)
-
-
-def _plain_shifts(parts: PointFactors) -> sparse.csr_array:
     problem = parts.problem
     pieces = [_shifts(parts, first, last) for first, last in blocks_of_groups(problem.point_start)]
     count = np.concatenate([[0], *(np.diff(piece.indptr) for piece in pieces)])

@@ -6,7 +6,7 @@ that several cameras share. The dots of a deformable ball are eliminated in `def
 
 import numpy as np
 
-from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.kernel import BARE, INNER, INNER_WITH_ARRAYS, KERNEL
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.kernels import njit
 
@@ -50,7 +50,7 @@ def weigh(weighted, coupling, at, inverse, size):
             weighted[own + i] = v0 * coupling[at + i] + v1 * coupling[one + i] + v2 * coupling[two + i]
 
 
-@njit(**INNER)
+@njit(**INNER_WITH_ARRAYS)
 def _flush(matrix, weighted, coupling, n_rows, size, run, n_run, blocks):
     """Subtract W V^-1 W' of all points of a run, over the blocks that any of them meets, from the reduced matrix."""
     if n_rows == 0:
@@ -262,7 +262,7 @@ def subtract_gradient(gradient, weighted, at, size, g, met, n_met, blocks):
         first += blocks.width[b]
 
 
-@njit(**KERNEL)
+@njit(**BARE)
 def add_squares(reduced, square, blocks):
     """Add the blocks' own normal equations to the matrix; their diagonal is what damping multiplies.
 

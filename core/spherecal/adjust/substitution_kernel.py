@@ -1,4 +1,4 @@
-"""The step back from the reduced system to the eliminated points, compiled."""
+"""The step back from the reduced system to the points that were eliminated, compiled."""
 
 import numpy as np
 

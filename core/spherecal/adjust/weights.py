@@ -20,7 +20,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups
+from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups, sum_by
 from spherecal.base.context import Context
 
 # A camera 10 to 25 times noisier than the rest is found in two rounds, its neighbours are clean again after eight (1.03
@@ -75,8 +75,7 @@ def left_over_by_points(problem: Problem, state: State) -> tuple[FloatArray, Flo
     for first, last in blocks_of_groups(problem.point_start):
         own = slice(int(problem.point_start[first]), int(problem.point_start[last]))
         linear, point = engine.linearise(problem.select(own), state, None), problem.point[own] - first
-        normal = np.zeros((last - first, 3, 3))
-        np.add.at(normal, point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
+        normal = sum_by(point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point), last - first)
         if isinstance(problem.ball, Stored):
             normal += problem.ball.shape.information[first:last]
         inverse = np.linalg.pinv(normal, hermitian=True)

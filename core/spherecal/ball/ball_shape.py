@@ -11,7 +11,7 @@ import numpy as np
 from spherecal.adjust.ball_model import ShapePrior, Stored
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places, moved_points
-from spherecal.adjust.point_factors import PointFactors, shift_matrix
+from spherecal.adjust.point_factors import PointFactors
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -32,7 +32,7 @@ def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) 
     motions = moved_points(at, centroid, spread)
     flat = motions.reshape(-1, 7)
     # of all dots: nearly full, so that taking these dots' rows of it would copy 100 MB
-    shifts = shift_matrix(covariance)
+    shifts = covariance.every_shift
     spread_out = np.zeros((len(covariance.point_inverse), 3, 7))
     spread_out[dots] = motions
     gauge_rows = np.asarray(shifts.T @ spread_out.reshape(-1, 7)).T

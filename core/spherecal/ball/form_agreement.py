@@ -14,7 +14,7 @@ import numpy as np
 
 from spherecal.adjust import engine
 from spherecal.adjust.bundle import Adjustment
-from spherecal.base.arrays import FloatArray, IntArray, blocks_of_groups
+from spherecal.base.arrays import FloatArray, IntArray, blocks_of_groups, sum_by
 
 # The part on which cameras agree, over the noise's share of the squares. Of balls bent by 0.05 to 0.2 mm on rigs A, B
 # and random ones 0.52 to 49 (by 0.01 to 0.03 mm 0.05 to 0.4: lengths are then as good in either form). Of 112 realistic
@@ -61,7 +61,7 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     n_points = int(point.max(initial=-1)) + 1
     square = np.einsum("nki,nkj->nij", by_point, by_point)
     force = np.einsum("nki,nk->ni", by_point, residual)
-    here, everywhere = _summed(square, at, len(group)), _summed(square, point, n_points)
+    here, everywhere = sum_by(at, square, len(group)), sum_by(point, square, n_points)
     dot = np.zeros(len(group), dtype=np.int64)
     dot[at] = point
     size = np.linalg.eigvalsh(here)
@@ -70,7 +70,7 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     inverse[good] = np.linalg.inv(here[good])
     of_dot[dot[good]] = np.linalg.inv(everywhere[dot[good]])
 
-    gained = _quadratic(_summed(force, at, len(group)), inverse)
+    gained = _quadratic(sum_by(at, force, len(group)), inverse)
     alone = np.bincount(at, _quadratic(force, inverse[at]), len(group))
     # a place takes up 3 of the noise, less what the dot itself does; of that a part lies between cameras
     taken = np.einsum("uij,uji->u", of_dot[dot], here)
@@ -80,13 +80,6 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
     scatter = 3 - np.bincount(at, np.einsum("nij,nji->n", turned, turned), len(group))
     terms = gained - alone, between, 3 - taken, np.maximum(scatter, 0.0)
     return np.array([term[good].sum() for term in terms])
-
-
-def _summed(values: FloatArray, index: IntArray, count: int) -> FloatArray:
-    """Sums (count, ...) of values (n, ...) by index (n,)."""
-    out = np.zeros((count, *values.shape[1:]))
-    np.add.at(out, index, values)
-    return out
 
 
 def _quadratic(vector: FloatArray, matrix: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from spherecal.adjust.parameter_layout import POSE, symmetric
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, BallNetwork
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray, sum_by
 from spherecal.base.context import Context
 from spherecal.base.threads import one_blas_thread
 from spherecal.data.observations import Features
@@ -97,8 +97,7 @@ def solve_images(
         return None
     points = np.bincount(fit.problem.camera, minlength=len(enough))[own]
     by_pose = linear.by_camera[:, :, :POSE] / fit.problem.weight[:, :, None]
-    squares = np.zeros((fit.problem.n_cameras, POSE, POSE))
-    np.add.at(squares, fit.problem.camera, by_pose.transpose(0, 2, 1) @ by_pose)
+    squares = sum_by(fit.problem.camera, by_pose.transpose(0, 2, 1) @ by_pose, fit.problem.n_cameras)
     poses = fit.state.rotation[own], fit.state.translation[own]
     return ImagePoses(own // n_ball, own % n_ball, points, *poses, normal, squares[own], fit.variance)
 

@@ -45,6 +45,18 @@ def blocks_of_groups(start: IntArray) -> Iterator[tuple[int, int]]:
     yield from pairwise([*first, len(start) - 1])
 
 
+def sum_by(index: IntArray, values: FloatArray, count: int, before: FloatArray | None = None) -> FloatArray:
+    """Sums of values (n, ...) over the rows of each index (n,), (count, ...): in a fifth of the time of `np.add.at`.
+
+    They continue those `before`, so that they are the same bits whatever the size of blocks.
+    """
+    if before is not None:
+        index, values = np.concatenate([np.arange(count), index]), np.concatenate([before, values])
+    columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
+    sums = np.array([np.bincount(index, column, count) for column in columns.T], dtype=np.float64)
+    return sums.reshape(columns.shape[1], count).T.reshape(count, *values.shape[1:])
+
+
 class ByValue:
     """Base of frozen dataclasses with array fields (`eq=False, repr=False`): equal by value, with a short `repr`.
 

@@ -15,7 +15,6 @@ from scipy.special import chdtri
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.rigid import RigidNetwork
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -112,8 +111,11 @@ def sizes_to_fit(
     if not _can_be_tested(adjusted, count):
         return None
     cofactors = covariance(adjusted.problem, adjusted.state, rigid.places)
+    if cofactors is None:
+        return None
+    probe = make_score_test(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
     points = rigid.as_features(adjusted.state).points[rigid.feature[adjusted.rows]]
-    test = _tested(adjusted, cofactors, placement[adjusted.rows], points, count)
+    test = _tested(adjusted, probe, placement[adjusted.rows], points, count)
     if test is None or free_variance is None:
         return None if test is None else test.sizes
     change = test.change
@@ -142,7 +144,7 @@ def possible_sizes(e: Evidence, growth: float) -> SizeChange | None:
 
 def _tested_result(e: Evidence, count: int) -> _Test | None:
     points = e.solution.state.points[e.features.of_observation[e.adjusted.rows]] / e.solution.factor
-    return _tested(e.adjusted, e.solved.cofactors, e.observations.placement[e.adjusted.rows], points, count)
+    return _tested(e.adjusted, e.probe, e.observations.placement[e.adjusted.rows], points, count)
 
 
 def _by_camera(e: Evidence, test: _Test, sizes: FloatArray) -> FloatArray:
@@ -164,13 +166,10 @@ def _can_be_tested(adjusted: Adjustment, count: int) -> bool:
 
 
 def _tested(
-    adjusted: Adjustment, cofactors: Covariance | None, placement: IntArray, points: FloatArray, count: int
+    adjusted: Adjustment, probe: ScoreTest | None, placement: IntArray, points: FloatArray, count: int
 ) -> _Test | None:
     """The test on a rigid form; placement (n,) of its rows, their points (n,3) in the world; None if there is none."""
-    if cofactors is None or not _can_be_tested(adjusted, count):
-        return None
-    probe = make_score_test(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
-    if probe.shift is None:
+    if probe is None or probe.shift is None or not _can_be_tested(adjusted, count):
         return None
     columns = _by_size(probe, adjusted, placement, np.where(np.isfinite(points), points, 0.0), count)
     left = columns.T @ probe.past_unknowns(columns)

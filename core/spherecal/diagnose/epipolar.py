@@ -6,6 +6,8 @@ each other's.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import permutations
 
 import numpy as np
 
@@ -31,8 +33,10 @@ class _Matches:
     flat: FloatArray
     placement: IntArray
 
-    def seen(self, camera: int) -> BoolArray:
-        return np.isfinite(self.flat[camera, :, 0])
+    @cached_property
+    def seen(self) -> BoolArray:
+        """Which features each camera sees, (cameras, features)."""
+        return np.isfinite(self.flat[:, :, 0])
 
 
 def swapped_images(e: Evidence) -> list[WrongImage]:
@@ -46,13 +50,12 @@ def swapped_images(e: Evidence) -> list[WrongImage]:
         lines = {
             (a, j): f for a in range(n) for j in range(n) if a < j and (f := _elsewhere(matches, a, j, t)) is not None
         }
-        table = np.array([[_share(matches, lines, shown, as_if, t) for as_if in range(n)] for shown in range(n)])
-        suspects = [c for c in range(n) if not table[c, c] >= WRONG]  # or nothing known of it as it is
-        for a in suspects:
-            for b in suspects:
-                if not e.is_same_camera(a, b) and table[a, b] >= RIGHT and table[b, a] >= RIGHT:
-                    count = int((matches.seen(a) & (matches.placement == t)).sum())
-                    found.append(WrongImage(a, int(t), count, count, "other-camera", b))
+        # or nothing known of it as it is
+        suspects = [c for c in range(n) if not _share(matches, lines, c, c, t) >= WRONG]
+        for a, b in permutations(suspects, 2):
+            if not e.is_same_camera(a, b) and all(_share(matches, lines, *way, t) >= RIGHT for way in ((a, b), (b, a))):
+                count = int((matches.seen[a] & (matches.placement == t)).sum())
+                found.append(WrongImage(a, int(t), count, count, "other-camera", b))
     return found
 
 
@@ -68,7 +71,7 @@ def _matches(e: Evidence) -> _Matches:
 
 def _elsewhere(matches: _Matches, a: int, j: int, t: int) -> FloatArray | None:
     """The fundamental matrix of two cameras from all placements but one, None where they have too little."""
-    common = matches.seen(a) & matches.seen(j) & (matches.placement != t)
+    common = matches.seen[a] & matches.seen[j] & (matches.placement != t)
     if common.sum() < 2 * LEAST_MATCHES:
         return None
     return robust_fundamental(matches.flat[a, common], matches.flat[j, common], GATE_PX, 0)
@@ -76,11 +79,11 @@ def _elsewhere(matches: _Matches, a: int, j: int, t: int) -> FloatArray | None:
 
 def _share(matches: _Matches, lines: dict[tuple[int, int], FloatArray], shown: int, as_if: int, t: int) -> float:
     """The share of an image's points on their lines, if `as_if` had taken it: the median over partners; NaN without."""
-    here = matches.seen(shown) & (matches.placement == t)
+    here = matches.seen[shown] & (matches.placement == t)
     shares = []
     for j in range(len(matches.flat)):
         pair = (min(as_if, j), max(as_if, j))
-        common = here & matches.seen(j)
+        common = here & matches.seen[j]
         if j in (shown, as_if) or pair not in lines or common.sum() < LEAST_MATCHES:
             continue
         f = lines[pair] if as_if < j else lines[pair].T

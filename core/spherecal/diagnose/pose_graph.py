@@ -8,6 +8,7 @@ the right one the rest fits.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -82,18 +83,30 @@ class PoseComposition:
 class Fitted:
     """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv.
 
-    `rotation` (k,3,3), `translation` (k,3) of all poses, in the order cameras, balls, motions. `forces` (6m,): how the
-    images' own poses pull at the rig. `stiffness` (6m,6m): what of their normal matrix the rig's poses do not take up.
-    `by_ball` (m,6,6): how a motion of the ball in the world changes the images' poses.
+    `rotation` (k,3,3), `translation` (k,3) of all poses, in the order cameras, balls, motions.
     """
 
     cost: float
     rotation: FloatArray
     translation: FloatArray
     layout: PoseComposition
-    forces: FloatArray
-    stiffness: FloatArray
-    by_ball: FloatArray
+    images: ImagePoses
+
+    @cached_property
+    def forces(self) -> FloatArray:
+        """How the images' own poses pull at the rig, (6m,)."""
+        return self.stiffness @ _System(self.images, self.layout).offset((self.rotation, self.translation))
+
+    @cached_property
+    def stiffness(self) -> FloatArray:
+        """What of the images' normal matrix the rig's poses do not take up, (6m,6m): asked of one fit in a hundred."""
+        system = _System(self.images, self.layout)
+        return system.stiffness(system.normal_equations((self.rotation, self.translation)))
+
+    @property
+    def by_ball(self) -> FloatArray:
+        """How a motion of the ball in the world changes the images' poses, (m,6,6)."""
+        return _by_ball(self.rotation[self.layout.camera], self.translation[self.layout.camera])
 
 
 @dataclass(frozen=True)
@@ -243,8 +256,9 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
     poses, damping = start, FIRST_DAMPING
     offset = system.offset(poses)
     cost = float(offset @ images.normal @ offset)
-    equations, may_be_minimum = system.normal_equations(poses), False
+    equations, may_be_minimum = None, False
     for _ in range(steps):
+        equations = equations or system.normal_equations(poses)
         # rigs sway so easily that a damped step is small far from the minimum too
         if may_be_minimum and system.promise(equations, offset) < LAST_PROMISE * (images.variance + cost):
             break
@@ -261,12 +275,10 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
         may_be_minimum = cost - new < LAST_DECREASE * (images.variance + new)
         done = may_be_minimum and damping <= SETTLED_DAMPING
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
-        equations = system.normal_equations(poses)
         if done:
             break
-    stiffness = system.stiffness(equations)
-    forces, by_ball = stiffness @ offset, _by_ball(poses[0][layout.camera], poses[1][layout.camera])
-    return Fitted(cost, *poses, layout, forces, stiffness, by_ball)
+        equations = None
+    return Fitted(cost, *poses, layout, images)
 
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of cameras, balls, motions

@@ -133,8 +133,10 @@ def _mirrored(e: Evidence) -> bool:
     a_view[e.features.of_observation[e.used]] = e.observations.camera[e.used]
     known = np.flatnonzero(np.isfinite(points[:, 0]))
     new_target = (np.diff(e.features.placement[known]) != 0) | (np.diff(e.features.target[known]) != 0)
-    votes = 0
-    for rows in np.split(known, np.flatnonzero(new_target) + 1):  # features are sorted by placement and target
+    votes, groups = 0, np.split(known, np.flatnonzero(new_target) + 1)  # features are sorted by placement and target
+    for k, rows in enumerate(groups):
+        if abs(votes) > len(groups) - k:  # whatever the others say
+            break
         layout = targets.layouts.get(int(e.features.target[rows[0]]), {}) if len(rows) else {}
         dots = [(row, layout[name]) for row in rows if (name := e.observations.points[e.features.point[row]]) in layout]
         if len(dots) < 4:

@@ -18,7 +18,7 @@ from spherecal.adjust import engine
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.linear import Linear, Linearisation
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.adjust.point_factors import PointFactors, shift_matrix
+from spherecal.adjust.point_factors import PointFactors
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray, blocks
@@ -189,7 +189,7 @@ def make_score_test(problem: Problem, state: State, cofactors: Covariance, cost:
     """A network at its minimum, prepared for tests."""
     linear = engine.linear_model(problem, state, None)
     assert isinstance(cofactors, PointFactors)
-    shift = shift_matrix(cofactors) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
+    shift = cofactors.every_shift if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
     residual, by_points = linear.residual.ravel(), cofactors.point_inverse
     return ScoreTest(problem, linear, residual, cofactors.inverse, shift, by_points, 2 * cost, redundancy)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups, sum_by
 from spherecal.geometry.camera import project, project_with_point_derivatives, undistort
 from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import cross
@@ -102,8 +102,8 @@ def _triangulated(rows: _Rows, n_features: int) -> Triangulation:
     centre = -np.einsum("cji,cj->ci", cameras.rotation, cameras.translation)
     along = ray[take]
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
-    normal = _sum_by(feature[take], across, n_features)
-    right = _sum_by(feature[take], np.einsum("nij,nj->ni", across, centre[camera[take]]), n_features)
+    normal = sum_by(feature[take], across, n_features)
+    right = sum_by(feature[take], np.einsum("nij,nj->ni", across, centre[camera[take]]), n_features)
     start = np.einsum("mij,mj->mi", _inverse(normal), right)  # with the least squared distances to the rays
     points, normal = _minimise(rows.select(take), np.where(possible[:, None], start, np.nan))
 
@@ -191,17 +191,10 @@ def _normal_equations(rows: _Rows, points: FloatArray) -> tuple[FloatArray, Floa
         jacobian = by_camera_point @ rotation
         residual = uv - rows.uv
         weighted = jacobian * rows.weight[:, :, None]
-        normal = _sum_by(rows.feature, np.swapaxes(weighted, 1, 2) @ jacobian, m)
-        gradient = _sum_by(rows.feature, np.einsum("nki,nk->ni", weighted, residual), m)
-        cost = _sum_by(rows.feature, (rows.weight * residual**2).sum(axis=1), m)
+        normal = sum_by(rows.feature, np.swapaxes(weighted, 1, 2) @ jacobian, m)
+        gradient = sum_by(rows.feature, np.einsum("nki,nk->ni", weighted, residual), m)
+        cost = sum_by(rows.feature, (rows.weight * residual**2).sum(axis=1), m)
     return normal, gradient, np.where(np.isfinite(cost), cost, np.inf)
-
-
-def _sum_by(feature: IntArray, values: FloatArray, n_features: int) -> FloatArray:
-    """Sums of values (n, ...) over the rows of each feature, (m, ...)."""
-    columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
-    sums = [np.bincount(feature, columns[:, k], n_features) for k in range(columns.shape[1])]
-    return np.stack(sums, axis=1, dtype=np.float64).reshape(n_features, *values.shape[1:])
 
 
 def _inverse(a: FloatArray) -> FloatArray:

@@ -21,8 +21,8 @@ from PySide6.QtWidgets import QApplication, QMessageBox
 
 import spherecal
 from spherecal.base.resources import resource_path
-from spherecal_files.programs import own_program
 from spherecal_app.kernel_state import state
+from spherecal_files.programs import own_program
 from spherecal_gui import click_map, languages
 from spherecal_gui.tasks.task import Collector, leave_behind, something_left
 from spherecal_gui.widgets.basic import plain

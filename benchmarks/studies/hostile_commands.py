@@ -180,9 +180,9 @@ def open_in_window(folder: Path) -> int:
     from spherecal.base.errors import SpherecalError
     from spherecal_cameras.capture import SessionCamera
     from spherecal_cameras.plan import CapturePlan, PlannedSet
+    from spherecal_gui.coverage import DotStore
     from spherecal_gui.project_folder import load_project, save_project
     from spherecal_gui.recorded_sets import RecordedSession
-    from spherecal_gui.coverage import DotStore
 
     entry = {"id": "C01", "image_size": [8, 8], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0}
     source: Any = SimpleNamespace(kind="replay", label="")

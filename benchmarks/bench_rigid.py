@@ -23,7 +23,7 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import align, share_shape
 from spherecal.data.observations import find_features
-from spherecal.data.recording import calibration_observations
+from spherecal.data.recording import Recording
 from spherecal_sim.simulate_session import simulate_session
 
 RIGS = ("rigA", "rigB", "hall24", "hall50")
@@ -46,7 +46,7 @@ class Run:
 def make_rigid(rig: str) -> tuple[Problem, State]:
     """The rigid problem of a simulated rig and its start."""
     start, (session, _) = make_start(rig), simulate_session(rig, SEED)
-    features = find_features(calibration_observations(session))
+    features = find_features(Recording.of(session).observations)
     problem = start.problem()
     free = minimise(problem, start.state, Settings(tolerance=1e-4)).state
     seen = np.diff(problem.point_start) > 0

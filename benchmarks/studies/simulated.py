@@ -21,7 +21,7 @@ from spherecal.ball.rigid import RigidNetwork, align, share_shape
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
-from spherecal.data.recording import Recording, calibration_observations
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Bar, BarLength, Session
@@ -64,7 +64,7 @@ class Simulated:
     @property
     def observations(self) -> Observations:
         """What a calibration uses of what was recorded."""
-        return calibration_observations(self.session)
+        return Recording.of(self.session).observations
 
     @property
     def placed(self) -> BoolArray:
@@ -146,7 +146,7 @@ def known_network(session: Session, truth: Truth) -> Simulated:
         points=places,
     )
     silent = replace(session, observations=replace(session.observations, uv=truth.uv_true_px))
-    exact = replace(network, uv=calibration_observations(silent).uv)
+    exact = replace(network, uv=Recording.of(silent).observations.uv)
     seen_twice = (network.views(np.ones(len(network.uv), dtype=bool)) >= 2)[network.feature]
     _, good = usable_features(exact, true, seen_twice)
     true = replace(true, points=np.where(good[:, None], places, np.nan))

@@ -176,7 +176,7 @@ def test_who_is_missing_is_named():
 
 
 def test_how_long_it_has_lain_still_grows_to_the_whole():
-    trigger, still = AutoTrigger(1.5), Scene({"C1": 999}, True)
+    trigger, still = AutoTrigger(), Scene({"C1": 999}, True)
     assert trigger.held(0.0) == 0.0
     trigger.feed(still, 10.0)
     assert trigger.held(10.75) == 0.5 and trigger.held(20.0) == 1.0

@@ -163,24 +163,25 @@ def test_what_a_camera_lacks_here_the_other_placements_may_make_up_for():
     assert told.level == "good"
     assert "B sees little here, but enough elsewhere" in told.text
     assert advice(replace(made_up, still=False)).text == "Let the ball come to rest"
-    assert AutoTrigger(hold_s=0.0).feed(made_up, 0.0)
+    trigger = AutoTrigger()
+    assert not trigger.feed(made_up, 0.0) and trigger.feed(made_up, 1.5)
 
 
 def test_it_takes_by_itself_once_and_again_only_after_a_movement():
-    trigger = AutoTrigger(hold_s=1.0)
+    trigger = AutoTrigger()
     still, moving = Scene({"A": 200}, True), Scene({"A": 200}, False)
     times = [trigger.feed(still, t / 10) for t in range(40)]
     assert times.count(True) == 1
-    assert times.index(True) == 10
+    assert times.index(True) == 15
     assert not trigger.feed(moving, 5.0)
     assert not trigger.feed(still, 5.1)
-    assert trigger.feed(still, 6.2)
+    assert trigger.feed(still, 6.7)
 
 
 def test_it_does_not_take_what_is_not_enough():
-    trigger = AutoTrigger(hold_s=0.0)
-    assert not trigger.feed(Scene({"A": 50}, True), 0.0)
-    assert not trigger.feed(Scene({"A": 200}, None), 1.0)
+    trigger = AutoTrigger()
+    for scene in (Scene({"A": 50}, True), Scene({"A": 200}, None)):
+        assert not trigger.feed(scene, 0.0) and not trigger.feed(scene, 10.0)
 
 
 # --- look and connect ------------------------------------------------------------------------------------------------

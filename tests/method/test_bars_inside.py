@@ -9,7 +9,7 @@ import pytest
 from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording, calibration_observations
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, Session
 from spherecal.scale.bar_scale import length_rows
@@ -39,7 +39,7 @@ def only_the_longest(session: Session, error_mm: float = 0.0, expanded_mm: float
 
 def true_points(truth: Truth, session: Session, bar_poses: bool = True) -> FloatArray:
     """Where the features of a calibration are in truth, marks of bars as points `centre`."""
-    o = calibration_observations(session)
+    o = Recording.of(session).observations
     features = find_features(o)
     out = np.full((len(features), 3), np.nan)
     where = {
@@ -62,7 +62,7 @@ def true_points(truth: Truth, session: Session, bar_poses: bool = True) -> Float
 
 def test_rows_hold_at_the_truth() -> None:
     session, truth = simulated("demo", 1, **WITH_BAR)
-    o = calibration_observations(session)
+    o = Recording.of(session).observations
     rows = length_rows(Recording(session, o, find_features(o)), "B", true_points(truth, session))
     assert rows is not None
     assert len(rows.length) == 3 * 6
@@ -74,7 +74,7 @@ def test_rows_hold_at_the_truth() -> None:
 
 def test_marks_of_eight_dots_are_their_centres() -> None:
     session, truth = simulated("rigA", 1, targets=40, bar_poses=4, scale="bar", mark_points="dots")
-    o = calibration_observations(session)
+    o = Recording.of(session).observations
     features = find_features(o)
     points = np.full((len(features), 3), np.nan)
     assert session.target_set is not None
@@ -95,7 +95,7 @@ def test_marks_of_eight_dots_are_their_centres() -> None:
 
 def test_a_certificate_errs_alike_in_all_poses() -> None:
     session, truth = simulated("demo", 1, **WITH_BAR)
-    o = calibration_observations(session)
+    o = Recording.of(session).observations
     rows = length_rows(Recording(session, o, find_features(o)), "B", true_points(truth, session))
     assert rows is not None
     sd = np.sqrt(rows.covariance.diagonal())
@@ -192,7 +192,7 @@ def test_check_bars_never_enter() -> None:
     poses = [len(session.placements) + i for i, pose in enumerate(session.bar_poses) if pose.bar == "A"]
     of_check_bar = np.isin(o.placement, poses)
     assert of_check_bar.any()
-    assert not np.isin(calibration_observations(session).placement, poses).any()
+    assert not np.isin(Recording.of(session).observations.placement, poses).any()
     uv = np.where(of_check_bar[:, None], o.uv + 5.0, o.uv)
     lengths = {bar.id: bar.lengths for bar in session.bars}
     lengths["A"] = tuple(replace(length, length_mm=1.01 * length.length_mm) for length in lengths["A"])

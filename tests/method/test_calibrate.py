@@ -13,7 +13,7 @@ from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
-from spherecal.data.recording import calibration_observations
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import log_rotation
@@ -425,11 +425,11 @@ def test_check_bars_never_enter() -> None:
     session, _ = simulated("rigB", 3, scale="bar", bar_poses=6)
     bars = {pose.id: pose.bar for pose in session.bar_poses}
     assert set(bars.values()) == {"A", "B"}
-    used = calibration_observations(session)
+    used = Recording.of(session).observations
     names = {used.placements[p] for p in np.unique(used.placement)}
     assert {bars[name] for name in names if name in bars} == {"B"}
     by_spacing, _ = simulated("rigB", 3, bar_poses=6)
-    o = calibration_observations(by_spacing)
+    o = Recording.of(by_spacing).observations
     assert (o.placement < len(by_spacing.placements)).all()
 
 

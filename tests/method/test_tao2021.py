@@ -12,7 +12,7 @@ from spherecal.data.recording import Recording
 from spherecal.geometry.sphere import fit_sphere, fit_sphere_geometrically
 from spherecal.initialise.view_graph import TH_ER_PX, EdgeWeights
 from spherecal.steps import tao2021
-from spherecal.steps.settings import TH_PT, CalibrationSettings, without_effect
+from spherecal.steps.settings import TH_PT, CalibrationSettings, as_stated
 
 PAPER = CalibrationSettings(method="tao2021")
 NAMES = ("rigA", "rigB")
@@ -198,5 +198,10 @@ def test_a_cap_with_noise_has_its_sphere_and_a_plane_none() -> None:
     ],
 )
 def test_the_papers_options_say_that_another_method_has_no_use_for_them(asked) -> None:
-    assert [finding.kind for finding in without_effect(CalibrationSettings(**asked))] == ["of-the-paper"]
+    session, _ = simulated("rigA", 1, targets=TARGETS["rigA"])
+
+    def without_effect(settings: CalibrationSettings) -> list[str]:
+        return [f.kind for f in as_stated(session, settings) if f.code == "setting-without-effect"]
+
+    assert without_effect(CalibrationSettings(**asked)) == ["of-the-paper"]
     assert not without_effect(replace(PAPER, **asked))

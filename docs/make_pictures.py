@@ -45,6 +45,7 @@ def scene_picture(result: Path, session: Path, path: Path) -> Path:
     from spherecal_gui.rig_scenes import outcome_scene
     from spherecal_gui.tasks.outcome import read_outcome
     from spherecal_gui.widgets.rendered_scene import RenderedScene
+    from spherecal_gui.widgets.scene_view import png_of
 
     application = QApplication.instance() or QApplication(["pictures"])
     assert isinstance(application, QApplication)
@@ -57,7 +58,7 @@ def scene_picture(result: Path, session: Path, path: Path) -> Path:
     while not view.settled and time.monotonic() < until:
         application.processEvents()
         time.sleep(0.02)
-    path.write_bytes(view.picture_png())
+    path.write_bytes(png_of(view.grab()))
     view.close_view()
     return path
 

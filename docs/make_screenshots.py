@@ -219,7 +219,7 @@ def _bench(p: Photographer) -> None:
     p.live(0.3)
     p.number += 1
     p._save(dialog, p._path("bench-bars", "light", SIZE).stem)
-    while dialog.desk.can_undo:
+    while dialog.desk.past:
         dialog.desk.undo()
     dialog.close()
     p.take_dialog(window.page.drivers.show_makers(), "makers")

@@ -141,7 +141,7 @@ class Covariance(Inverted, ABC):
         by_column = self.inverse[:, : self.n_camera_columns] @ functional.T - self.gauge_cross @ taken.T
         return by_column, self.own_gauge_rows, -taken.T
 
-    @property
+    @cached_property
     @abstractmethod
     def own_noise(self) -> FloatArray:
         """The features' own image noise (f,3,3), without the cameras' share."""

@@ -34,7 +34,7 @@ class DeformableFactors(Covariance):
     by_columns: sparse.csr_array
     by_dots: sparse.csr_array
 
-    @property
+    @cached_property
     def own_noise(self) -> FloatArray:
         """The features' own image noise (f,3,3), without the cameras' share."""
         assert self.places is not None

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, cast
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageFile, UnidentifiedImageError
 
 from spherecal.base.errors import InputError
 from spherecal.base.file_reading import read_file
@@ -33,7 +33,7 @@ _MOSAIC = 0.03
 
 
 @contextmanager
-def opened(file: BinaryIO) -> Iterator[Image.Image]:
+def opened(file: BinaryIO) -> Iterator[ImageFile.ImageFile]:
     """An image file in one of our formats, its pixels not read yet; no warnings of large images and broken metadata."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -125,11 +125,11 @@ def add(layout: B, *parts: Part | tuple[Part, int | Qt.AlignmentFlag]) -> B:
         elif isinstance(part, int):
             layout.addSpacing(part)
         elif isinstance(part, QLayout):
-            layout.addLayout(part, how if isinstance(how, int) else 0)
-        elif isinstance(how, int):
-            layout.addWidget(part, how)
-        else:
+            layout.addLayout(part, how)
+        elif isinstance(how, Qt.AlignmentFlag):  # an int too
             layout.addWidget(part, 0, how)
+        else:
+            layout.addWidget(part, how)
     return layout
 
 

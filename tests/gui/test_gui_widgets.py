@@ -15,7 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSizeF, Qt
 from PySide6.QtGui import QColor, QImage, QMouseEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QPushButton
+from PySide6.QtWidgets import QApplication, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from spherecal_documents.scene.model import SceneData
 from spherecal_gui import coverage as cov
@@ -25,7 +25,7 @@ from spherecal_gui.presenters.bars_presenter import Errors
 from spherecal_gui.presenters.placement_presenter import NeedLine
 from spherecal_gui.presenters.results_presenter import Action, CameraResiduals, FindingAdvice
 from spherecal_gui.project import Project
-from spherecal_gui.widgets.basic import button, once
+from spherecal_gui.widgets.basic import add, button, once
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart, ErrorChart, PairMatrix
 from spherecal_gui.widgets.fields import NeedLabel
 from spherecal_gui.widgets.painted_scene import PaintedScene
@@ -45,6 +45,16 @@ def colours_of(widget) -> set[str]:
 
 
 # --- widgets ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_part_of_a_row_keeps_its_size_where_it_has_an_alignment_and_grows_by_its_stretch(qtbot):
+    box, aligned, stretched = QWidget(), QPushButton("Search again"), QLabel("3 cameras")
+    qtbot.addWidget(box)
+    row = add(QHBoxLayout(box), (stretched, 1), (aligned, Qt.AlignmentFlag.AlignTop))
+    box.resize(900, 300)
+    box.show()
+    assert row.stretch(0) == 1 and row.stretch(1) == 0
+    assert aligned.width() < 200 < stretched.width() and aligned.height() < 100
 
 
 def test_the_rail_shows_every_step_with_its_state(qtbot):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.file_reading import id_problem
+from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
 from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.capture import SessionCamera, SessionFolder
@@ -23,7 +24,6 @@ from spherecal_files.filesystem import (
     remove_folder_below,
     write_below,
 )
-from spherecal_files.interrupts import uninterrupted
 from spherecal_files.target_set_file import TARGETS
 from spherecal_gui.project_folder import Document
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from spherecal.adjust import corrections
 from spherecal.adjust.ball_model import Free, Rigid
 from spherecal.adjust.problem import Problem, sorted_problem
 from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
@@ -465,3 +466,9 @@ def session_of_points(preset: str, places: FloatArray, noise_px: float = 0.04, s
         ),
         truth,
     )
+
+
+@pytest.fixture
+def unstrained(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Uncertainties but for what a ball may be strained by in space, which every one holds: simulated balls are not."""
+    monkeypatch.setattr(corrections, "strain_variance", lambda *_: np.zeros((5, 5)))

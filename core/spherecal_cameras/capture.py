@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
 from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.plan import CapturePlan, PlannedSet
@@ -17,7 +18,6 @@ from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal_files import filesystem
 from spherecal_files.capture_file import CAMERAS as CAPTURED_CAMERAS
 from spherecal_files.capture_file import CAPTURE_FILE, FORMAT, VERSION
-from spherecal_files.interrupts import uninterrupted
 from spherecal_files.json_file import JsonValue, plain_fields, read_json
 from spherecal_files.png_file import png_bytes
 from spherecal_files.read_session import FORMAT as SESSION_FORMAT

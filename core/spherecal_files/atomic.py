@@ -13,9 +13,9 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
 from spherecal_files import filesystem as files
-from spherecal_files.interrupts import uninterrupted
 from spherecal_files.lock import locked, short_name
 
 WRITTEN_FILE = "written.json"  # lists the files of a folder whose names do not follow from its kind

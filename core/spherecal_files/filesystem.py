@@ -31,8 +31,8 @@ from spherecal.base.file_reading import (
     plain_reading,
     read_opened,
 )
+from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal_files.interrupts import uninterrupted
 
 _DEEPEST = 16  # our own folders are 4 deep
 _LONGEST_PATH = 500

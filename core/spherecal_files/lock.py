@@ -14,8 +14,8 @@ from datetime import datetime
 from pathlib import Path
 
 from spherecal.base.errors import OutputError, reason
+from spherecal.base.interrupts import uninterrupted
 from spherecal.base.messages.values import Phrase
-from spherecal_files.interrupts import uninterrupted
 
 LOCK = ".spherecal-lock"
 # Writing the largest result takes seconds; who waits longer than this has most likely met a program that hangs.

@@ -9,56 +9,17 @@ from typing import Any
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
-from spherecal.data.session import Bar, BarPose, BoardPoint, Placement, Scale, Session
+from spherecal.data.session import BarPose, BoardPoint, Placement, Scale, Session
 from spherecal.targets.target_set import TargetSet
-from spherecal_files.bar_registry import FIGURES, REGISTERED_BAR, SERIAL, find_bar, read_lengths, with_assumed
 from spherecal_files.board_grid import board_grid
 from spherecal_files.bundle_file import original_sha256
 from spherecal_files.capture_file import last_taken, read_captured_sets
-from spherecal_files.codec import choice, field, identifier, optional, record
 from spherecal_files.filesystem import file_sha256
-from spherecal_files.json_file import JsonValue, json_bytes, read_json, unique
+from spherecal_files.json_file import JsonValue, read_json, unique
 from spherecal_files.observations_file import read_observations
+from spherecal_files.read_bars import read_bars
 from spherecal_files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
 from spherecal_files.target_set_file import read_target_set
-
-_FIGURES = [one.key for one in FIGURES]
-_OWN = _FIGURES[:2]
-_WHOLE = record(
-    "",
-    with_assumed(Bar),
-    field("id", identifier("Its id.")),
-    field("role", choice("Whether it gives the scale or checks it.", ("scale", "check"))),
-    optional("serial", SERIAL),
-    *FIGURES,
-    check=lambda bar, f: read_lengths(f["lengths"], bar.marks),
-)
-
-
-def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
-    """The reference bars in order, and the registry's entries that were taken over, by serial."""
-    values = bars.items()
-    registered: dict[str, bytes] = {}
-    found = tuple(_read_bar(value, registered) for value in values)
-    unique(values, [bar.id for bar in found], "id")
-    return found, registered
-
-
-def _read_bar(bar: JsonValue, registered: dict[str, bytes]) -> Bar:
-    if isinstance(bar.value, dict) and bar.value.get("serial") is not None:
-        f = bar.fields(("id", "role"), ("serial", *_FIGURES))
-        if not all(key in f for key in _OWN):
-            # a bar gives all of its figures itself or none, so that none can contradict another
-            serial = SERIAL.read(f["serial"])
-            for key in _FIGURES:
-                if key in f:
-                    raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": _FIGURES[:-1]}))
-            own = find_bar(serial)
-            registered[serial] = json_bytes(REGISTERED_BAR.entry(own))
-            figures = {key: getattr(own, key) for key in (*_FIGURES, "assumed")}
-            return Bar(f["id"].id(), f["role"].choice("scale", "check"), serial=serial, **figures)
-    return _WHOLE.read(bar)
-
 
 FORMAT = "spherecal/session"
 VERSION = 1

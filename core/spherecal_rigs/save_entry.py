@@ -12,6 +12,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.session import CameraSpec, CapturedSet, Session
+from spherecal.data.verdict_words import named
 from spherecal_cameras.camera_settings import SETTINGS, read_profile
 from spherecal_files.capture_file import last_taken, read_captured_sets
 from spherecal_files.filesystem import read_below
@@ -24,7 +25,6 @@ from spherecal_files.write_result import POINT_COLUMNS
 from spherecal_rigs.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal_rigs.result_folder import read_csv
 from spherecal_rigs.store import Profile, add_entry
-from spherecal_verify.verdict_words import named
 
 _MOST_BYTES = 64 << 20
 

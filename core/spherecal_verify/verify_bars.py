@@ -17,6 +17,7 @@ from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Bar, BarLength, BarPose, Session
+from spherecal.data.verdict_words import care_phrases
 from spherecal.scale.bar_temperature import reference_length
 from spherecal_verify.agreement import decide, mean_uncertainty
 from spherecal_verify.budget import length_budgets
@@ -53,7 +54,6 @@ from spherecal_verify.uncertainty import (
     overall_statistics,
     point_errors,
 )
-from spherecal_verify.verdict_words import care_phrases
 from spherecal_verify.verification import MeasuredLength, Verification
 
 STAGE = "verification"

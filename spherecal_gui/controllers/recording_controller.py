@@ -189,7 +189,7 @@ class RecordingController(ControllerPart):
 
     def look_for_spots(self, set_id: str, small: "Mapping[str, NDArray[np.uint8]]") -> None:
         """A set was taken, with these images by camera: propose masks over what stays where the ball was moved."""
-        from spherecal_gui.tasks.staying_spots import staying_spots  # needs scipy
+        from spherecal.targets.staying_spots import staying_spots  # needs OpenCV
 
         if self.project is None or set_id not in self.project.placements or self.project.by_board:
             return

@@ -234,7 +234,7 @@ def reminder(bars: "Iterable[Bar | RegisteredBar]", today: date) -> tuple[str, L
 def bench_reminder(bench: Path, today: date) -> tuple[str, Level]:
     """Of the bars on the rig's bench; where none was described, of all bars of the library."""
     from spherecal_files.bar_registry import BAR_REGISTRY
-    from spherecal_files.read_session import read_bars
+    from spherecal_files.read_bars import read_bars
     from spherecal_rigs.ball_registry import FORMAT, VERSION
 
     bars: Iterable[Bar | RegisteredBar] = ()

@@ -13,10 +13,10 @@ from spherecal.base.errors import InputError
 from spherecal.detect.session_images import observed
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.masks import masked
+from spherecal.targets.staying_spots import staying_spots
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_files.read_session import read_session
 from spherecal_files.session_json import session_json
-from spherecal_gui.tasks.staying_spots import staying_spots
 
 
 def test_a_rectangle_holds_its_border_and_nothing_beyond():

@@ -37,7 +37,8 @@ _ENGLISH = (
     "core/spherecal_gentl/gige/", "core/spherecal_gentl/producer/", "core/spherecal_app/cli/parsing.py",
     "core/spherecal_app/cli/producer_command.py",
     "core/spherecal_documents/export/",
-    "core/spherecal/data/from_arrays.py", "core/spherecal_sim/", "core/spherecal_study/",
+    "core/spherecal/data/from_arrays.py", "core/spherecal_measuring/points.py",
+    "core/spherecal_sim/", "core/spherecal_study/",
 )  # fmt: skip
 
 

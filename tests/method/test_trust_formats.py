@@ -210,7 +210,7 @@ def test_a_batch_writes_into_no_folder_of_the_users(recording: Path, tmp_path: P
 @pytest.mark.skipif(os.name == "nt", reason="signals as POSIX has them")
 def test_ctrl_c_within_a_destructor_is_noted_without_a_traceback() -> None:
     code = (
-        "import signal\nfrom spherecal_files import interrupts\ninterrupts.begin()\n"
+        "import signal\nfrom spherecal.base import interrupts\ninterrupts.begin()\n"
         "class One:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
         "One()\nprint(interrupts.came())"
     )

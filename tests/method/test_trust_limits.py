@@ -378,7 +378,7 @@ def test_ctrl_c_while_the_program_loads_is_130() -> None:
 
 
 def test_ctrl_c_is_held_back_in_short_work() -> None:
-    from spherecal_files.interrupts import uninterrupted
+    from spherecal.base.interrupts import uninterrupted
 
     done = []
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012

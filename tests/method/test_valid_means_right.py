@@ -24,6 +24,7 @@ from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, ruled, widening
+from spherecal.data.verdict_words import named
 from spherecal.diagnose.plausibility import implausible
 from spherecal.diagnose.yardstick import most_moved
 from spherecal.geometry.transform import fit_similarity
@@ -44,7 +45,6 @@ from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from spherecal_verify.limit import parse_limit
-from spherecal_verify.verdict_words import named
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import calibrated, one_thread, with_observations

@@ -26,9 +26,9 @@ from spherecal_rigs.recalibrate import Selection, recalibrate
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import observe_again
 from spherecal_sim.truth import CameraMove
-from tests.networks import calibrated, observed, one_thread, simulated
+from tests.networks import calibrated, observed, one_thread, simulated, unstrained
 
-__all__ = ["one_thread"]
+__all__ = ["one_thread", "unstrained"]
 
 
 def first_placements(session: Session, count: int) -> Session:
@@ -99,7 +99,7 @@ def test_one_placement_is_enough_to_plan() -> None:
     assert guidance.now_mm > 3 * guidance.best.expanded_mm
 
 
-def test_the_map_is_that_of_repeated_calibrations() -> None:
+def test_the_map_is_that_of_repeated_calibrations(unstrained: None) -> None:
     """Lengths measured by six calibrations of one rig scatter about the truth as each of them predicts."""
     session, truth = simulated("demo", 1)
     centre = np.mean([truth.points_mm(t).mean(axis=0) for t in range(4)], axis=0)

@@ -16,6 +16,9 @@ from spherecal.data.observations import find_features
 from spherecal_sim.rigs import random_rotations
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
+from tests.networks import unstrained
+
+__all__ = ["unstrained"]
 
 SMALL = SimulationOptions(targets=60)
 SMALLER = SimulationOptions(targets=40)
@@ -26,7 +29,7 @@ SMALLER = SimulationOptions(targets=40)
     ("rig", "case", "whole"),
     [("rigA", "turned", 1), ("rigB", "moved", 0), ("rigA", f"turned, {accuracy.BAR_POSES} poses of a bar inside", 1)],
 )
-def test_accuracy_reaches_the_bound_and_predicts_its_errors(rig, case, whole):
+def test_accuracy_reaches_the_bound_and_predicts_its_errors(rig, case, whole, unstrained):
     runs = 6
     collected, bounds = accuracy.study(rig, case, 0, runs, whole, SMALL), accuracy.bounds(rig, case, SMALL)
     for form, found in collected.items():

@@ -62,7 +62,7 @@ class DeformableFactors(Covariance):
 
     def place_cofactors(self) -> FloatArray:
         """Cofactors (f,3,3) of the features' places in the datum; NaN where one is not used."""
-        out = self.own_noise
+        out = self.own_noise.copy()
         p, count, g = self.problem.n_points, len(out), self.moments.shape[0]
         gauge_cross = np.asarray(self.by_columns @ self.gauge_cross).reshape(count, 3, g)
         dots = (self.point_inverse[:p] @ self.datum_points[:p]).reshape(3 * p, g)

@@ -25,10 +25,14 @@ STRAINS *= np.sqrt(1.5) / np.linalg.norm(STRAINS, axis=(1, 2))[:, None, None]
 
 
 def strain_columns(design: Design, placement_rotation: FloatArray) -> FloatArray:
-    """The coefficients (m,5) of all effects that make up each of `STRAINS`: linear changes of the ball's shape."""
+    """The coefficients (m,5) of all effects that make up each of `STRAINS`: linear changes of the ball's shape.
+
+    What they have in common is the ball's own shape, all of it where the ball was not turned.
+    """
     assert design.bending is not None
     linear, unit = design.bending.linear
     of_ball = np.einsum("tji,kjl,tlm->timk", placement_rotation, STRAINS, placement_rotation)
+    of_ball -= of_ball.mean(axis=0)
     columns = np.zeros((design.bending.n_placements, 3, design.bending.values.shape[1], len(STRAINS)))
     columns[:, :, linear] = of_ball * unit[:, None]
     out = np.zeros((design.count, len(STRAINS)))

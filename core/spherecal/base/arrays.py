@@ -54,7 +54,8 @@ def sum_by(index: IntArray, values: FloatArray, count: int, before: FloatArray |
         index, values = np.concatenate([np.arange(count), index]), np.concatenate([before, values])
     columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
     sums = np.array([np.bincount(index, column, count) for column in columns.T], dtype=np.float64)
-    return sums.reshape(columns.shape[1], count).T.reshape(count, *values.shape[1:])
+    # in the order of memory that products have the same bits in for any number of rows
+    return np.ascontiguousarray(sums.reshape(columns.shape[1], count).T).reshape(count, *values.shape[1:])
 
 
 class ByValue:

@@ -101,7 +101,7 @@ def _or_changed(sigma: CameraSigma, turns: FloatArray, shifts_mm: Sequence[Float
 
 def _products(changes: FloatArray) -> FloatArray:
     """The covariance (c*w, c*w) of changes (k,c,w) of all cameras that are a standard uncertainty each."""
-    off = changes.reshape(len(changes), -1)
+    off = changes.reshape(len(changes), changes.shape[1] * changes.shape[2])
     return off.T @ off
 
 

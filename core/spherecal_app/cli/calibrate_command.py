@@ -13,6 +13,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate as run
 from spherecal.data.findings import counted
 from spherecal.data.rig import Calibration
+from spherecal.data.verdict_words import WORDS, named
 from spherecal.initialise.view_graph import EdgeWeights
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
@@ -28,7 +29,6 @@ from spherecal_files.json_file import plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import affected_entries
 from spherecal_files.write_result import write_result
-from spherecal_verify.verdict_words import WORDS, named
 
 
 def calibrate(options: argparse.Namespace) -> int:

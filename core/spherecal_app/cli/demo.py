@@ -11,6 +11,7 @@ from rich.markup import escape
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
+from spherecal.data.verdict_words import WORDS
 from spherecal_app.cli.compile_kernels import demo_kernels
 from spherecal_app.cli.console import answer, check_output_folder, out, say
 from spherecal_app.cli.exit_codes import DONE
@@ -23,7 +24,6 @@ from spherecal_rigs.result_folder import read_bar_report
 from spherecal_sim.render_session import demo_session, render_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
-from spherecal_verify.verdict_words import WORDS
 
 
 def demo(options: argparse.Namespace) -> int:

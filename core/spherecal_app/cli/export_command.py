@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
+from spherecal.data.verdict_words import WORDS, named
 from spherecal_app.cli.console import answer, check_output_folder, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_documents.export.import_rig import import_rig as run
@@ -20,7 +21,6 @@ from spherecal_files.rig_file import read_rig, rig_bytes
 from spherecal_rigs.framed_rig import FRAME, define_frame, frame_entry, write_frame
 from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
 from spherecal_rigs.user_frame import FrameDefinition
-from spherecal_verify.verdict_words import WORDS, named
 
 
 def export(options: argparse.Namespace) -> int:

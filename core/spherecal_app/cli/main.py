@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spherecal import __version__
+from spherecal.base import interrupts
 from spherecal.base.errors import Cancelled, MissingPackage, OutputError, SpherecalError, needing, reason
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
@@ -18,8 +19,6 @@ from spherecal.base.working_folder import distrust
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE
 from spherecal_app.cli.options import TABLE, command_of, make_parser, words_of
 from spherecal_app.cli.parsing import is_standard_output, parsers_below
-from spherecal_files import interrupts
-from spherecal_files.programs import own_program
 
 # without --log nothing is logged anywhere: Python's last resort would print each error a second time
 logging.getLogger("spherecal").addHandler(logging.NullHandler())
@@ -119,6 +118,8 @@ def _run(arguments: Sequence[str] | None, log: ExitStack) -> int:
     if options.command is None:
         if not getattr(sys, "frozen", False) and find_spec("PySide6") is None:
             raise MissingPackage(Phrase("error-no-window"))
+        from spherecal_files.programs import own_program
+
         return subprocess.call(own_program("spherecal_gui"))
     if options.command == "help":
         # `spherecal help [COMMAND ...]`: what `--help` prints; an unknown command ends as if it were given

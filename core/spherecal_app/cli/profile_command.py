@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
+from spherecal.data.verdict_words import WORDS
 from spherecal_app.cli.console import answer, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_files.json_file import finite, plain_fields
@@ -24,7 +25,6 @@ from spherecal_rigs.store import Profile, add_entry, copy_is_right, create_profi
 from spherecal_rigs.store import apply as put_to_use
 from spherecal_rigs.store import restore as put_back
 from spherecal_rigs.trend import Trend, TrendSeries, make_check_trend, make_trend, trend_table
-from spherecal_verify.verdict_words import WORDS
 
 
 def save(options: argparse.Namespace) -> int:

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
+from spherecal.base import interrupts
 from spherecal.base.context import Context, Progress
-from spherecal_files import interrupts
 
 log = logging.getLogger("spherecal")
 quiet = False  # set by `-q` while a command runs

@@ -14,6 +14,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.plugins import EXPORTERS, names
 from spherecal.data.rig import Rig, RigCamera, Verdict
+from spherecal.data.verdict_words import WORDS, named
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal_documents.export.anipose import ANIPOSE, CALISCOPE
 from spherecal_documents.export.colmap import COLMAP
@@ -34,7 +35,6 @@ from spherecal_files.json_file import json_bytes, software_entry
 from spherecal_files.verification_file import Override
 from spherecal_rigs.framed_rig import frame_entry, in_frame
 from spherecal_rigs.user_frame import UserFrame
-from spherecal_verify.verdict_words import WORDS, named
 
 _FORMATS = (
     OPENCV, ROS, KALIBR, COLMAP, METASHAPE, ANIPOSE, CALISCOPE, MC_CALIB, MULTICAL, MRCAL, MRCAL_SPLINED, CSV, MAPS,

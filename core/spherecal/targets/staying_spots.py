@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from spherecal.base.arrays import FloatArray
 from spherecal.targets.masks import Rectangle, masked
@@ -39,15 +39,12 @@ def staying_spots(images: Sequence[NDArray[np.uint8]], dots: Sequence[FloatArray
         stays &= (from_ball <= _RIM * reach) | (image >= _BRIGHT * np.quantile(image[from_ball <= reach], 0.99))
         beside += from_ball > _RIM * reach
         far |= from_ball > _FAR * reach  # once at least: what was never seen but near the ball may be its own
-    labels = np.empty(shape, np.int32)
-    ndimage.label(stays & (beside > 0), np.ones((3, 3)), labels)
+    _, labels, found, _ = cv2.connectedComponentsWithStats((stays & (beside > 0)).astype(np.uint8))
     known = np.unique(labels[stays & far & (beside > 1)]).tolist()
-    area, spots = np.bincount(labels.ravel()), []
-    for k in sorted(known, key=lambda k: -area[k]):
-        rows, columns = ndimage.find_objects(labels == k)[0]
-        left, top = columns.start - _MARGIN_PX, rows.start - _MARGIN_PX
-        spot = (left, top, columns.stop + _MARGIN_PX - 1 - left, rows.stop + _MARGIN_PX - 1 - top)
+    spots, places = [], found.tolist()
+    for left, top, width, height, area in sorted((places[k] for k in known), key=lambda one: -one[4]):
+        spot = (left - _MARGIN_PX, top - _MARGIN_PX, width - 1 + 2 * _MARGIN_PX, height - 1 + 2 * _MARGIN_PX)
         is_target = sum(masked(uv, [spot]).any() for _, uv in seen) > 1  # of a bar that lies there; one is of the ball
-        if area[k] <= _LARGEST * stays.size and not is_target:
+        if area <= _LARGEST * stays.size and not is_target:
             spots.append(spot)
     return tuple(spots[:_MOST])

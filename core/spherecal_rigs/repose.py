@@ -25,8 +25,8 @@ WORSE = 1.5
 # taken for turns, for regions of interest move by 8 px and more.
 AS_WELL, REFOCUSED, REGION_PX = 1.05, 1e-3, 8.0
 # A smaller change of focus that is so many of its standard deviations may have been it, or a move: 0.26 mm towards the
-# ball at 1 m and 0.03 % (2.1 of them) are alike in one placement. Repaired as a move, lengths were 1.8 U off.
-SIGNIFICANT = 2.0
+# ball at 1 m and 0.03 % (2.0 of them) are alike in one placement. Repaired as a move, lengths were 1.8 U off.
+SIGNIFICANT = 1.9
 # Another camera's pose: nearer to it than a quarter of the way.
 NEARER = 0.25
 # An image of another size shows its points through a lens that many times as long.

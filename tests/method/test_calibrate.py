@@ -4,10 +4,12 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from spherecal.adjust import corrections
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError
@@ -22,7 +24,8 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_files.read_session import read_session
 from spherecal_files.write_result import write_result
 from spherecal_sim.session_folder import write_session
-from spherecal_sim.truth import CameraMove
+from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions
 from tests.networks import (
     calibrated,
     codes,
@@ -66,6 +69,20 @@ def test_truth_is_found_within_the_noise(preset: str) -> None:
     for sphere in calibration.spheres:
         assert sphere.radius_mm == pytest.approx(250.0, abs=1.0)  # the ball has bumps of +-1 mm
         assert 0.1 < sphere.radial_sd_mm < 0.6
+
+
+@pytest.mark.parametrize(("scale", "most"), [({"scale": "bar", "bar_poses": 6}, 1.1), ({}, 1.5)])
+def test_what_a_ball_may_be_strained_by_adds_little(
+    monkeypatch: pytest.MonkeyPatch, scale: dict[str, Any], most: float
+) -> None:
+    """To uncertainties of centres, with a bar (1.006) and with stickers alone (1.35)."""
+    session, _ = simulate_session("rigA", 3, SimulationOptions(**scale))
+    whole = calibrate(session)
+    monkeypatch.setattr(corrections, "strain_variance", lambda *_: np.zeros((5, 5)))
+    with_it, without = (
+        np.array([c.sigma.centre_mm for c in one.rig.cameras if c.sigma]) for one in (whole, calibrate(session))
+    )
+    assert 1.0 < np.median(with_it / without) < most
 
 
 def test_stated_uncertainties_are_no_exaggeration(unstrained: None) -> None:

@@ -15,6 +15,7 @@ from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise, normal_equations
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.parameter_layout import POSE
+from spherecal.adjust.space_strain import STRAINS
 from spherecal.ball.ball_shape import shape_cofactors
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
@@ -52,7 +53,8 @@ def test_shape_cofactors_are_those_of_the_dots_among_themselves() -> None:
     flat = at_home.reshape(90, -1)
     x = state.points - state.points.mean(axis=0)
     turns = [np.cross(axis, x).ravel() for axis in np.eye(3)]
-    g = np.column_stack([np.tile(np.eye(3), (30, 1)), *turns, x.ravel()])
+    strains = [(x @ strain).ravel() for strain in STRAINS]
+    g = np.column_stack([np.tile(np.eye(3), (30, 1)), *turns, x.ravel(), *strains])
     free = np.eye(90) - g @ np.linalg.inv(g.T @ g) @ g.T
     expected: FloatArray = np.asarray(free @ flat @ whole.cofactors @ flat.T @ free.T, dtype=np.float64)
     for i in dots:
@@ -201,6 +203,18 @@ def test_two_placements_on_a_known_ball_are_as_good_as_four(story: Story) -> Non
     ]
     assert 0.3 < np.sqrt(np.mean(np.square(score))) < 2.0
     assert known.ball is None  # a shape that stands on another is none to be stored
+
+
+def test_a_stored_shape_may_be_strained_where_it_is_used(story: Story) -> None:
+    strained = replace(story.profile.shape, places_mm=story.profile.shape.places_mm @ (np.eye(3) + 1e-4 * STRAINS[1]))
+    plain = calibrate(story.later, CalibrationSettings(ball=story.profile))
+    found = calibrate(story.later, CalibrationSettings(ball=BallProfile(strained)))
+    off = [
+        (a.intrinsics[0] - b.intrinsics[0]) / a.sigma.intrinsics[0]
+        for a, b in zip(found.rig.cameras, plain.rig.cameras, strict=True)
+        if a.sigma is not None
+    ]
+    assert 0.1 < np.sqrt(np.mean(np.square(off))) < 1.5
 
 
 def test_a_ball_that_has_changed_is_told_and_its_profile_not_used(story: Story) -> None:

@@ -67,10 +67,10 @@ class Bending:
 def bending_of(problem: Problem, points: FloatArray) -> Bending | None:
     """Changes of the ball's shape by polynomials, each with an rms over its points (p,3) of 1 over its degree.
 
-    Its points are those that several placements show, not a bar's marks; None without any.
+    Its points are those that several placements show or a stored shape knows, not a bar's marks; None without any.
     """
     seen = np.unique(problem.point * problem.n_placements + problem.placement) // problem.n_placements
-    is_shared = np.bincount(seen, minlength=problem.n_points) > 1
+    is_shared = (np.bincount(seen, minlength=problem.n_points) > 1) | problem.known_points
     if not is_shared.any():
         return None
     off = np.where(is_shared[:, None], points - points[is_shared].mean(axis=0), 0.0)

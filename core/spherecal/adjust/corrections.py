@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.adjust.ball_model import Deformable, Free, Rigid
+from spherecal.adjust.ball_model import Deformable, Free, Rigid, Stored
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.camera_effects import (
     BENDING,
@@ -221,7 +221,7 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         return given
     with one_blas_thread(), suppress(np.linalg.LinAlgError):
         design = design_of(network, adjusted).of_fields if found is None else found.design
-        if isinstance(network.ball, Rigid) and adjusted.problem.n_placements <= MOST_BENDING:
+        if isinstance(network.ball, Rigid | Stored) and adjusted.problem.n_placements <= MOST_BENDING:
             design = replace(design, bending=bending_of(adjusted.problem, adjusted.state.points))
         if not design.count:
             return given
@@ -233,7 +233,8 @@ def with_corrections(given: Covariance, network: Network, adjusted: Adjustment) 
         considered = _considered(design, system.quadratic, taken, adjusted)
         own = _with_considered(system.quadratic, taken, considered)
         if design.bending is not None:
-            columns = strain_columns(design, adjusted.state.placement_rotation)
+            is_stored = isinstance(network.ball, Stored)
+            columns = strain_columns(design, adjusted.state.placement_rotation, is_stored)
             variance = max(adjusted.variance, LEAST_VARIANCE)
             strain = strain_variance(system.quadratic, taken + considered, columns, variance)
             by = own @ (system.quadratic.matrix @ columns) - columns

@@ -24,15 +24,17 @@ for _k, (_i, _j) in enumerate(((0, 1), (0, 2), (1, 2)), start=2):
 STRAINS *= np.sqrt(1.5) / np.linalg.norm(STRAINS, axis=(1, 2))[:, None, None]
 
 
-def strain_columns(design: Design, placement_rotation: FloatArray) -> FloatArray:
+def strain_columns(design: Design, placement_rotation: FloatArray, is_stored: bool) -> FloatArray:
     """The coefficients (m,5) of all effects that make up each of `STRAINS`: linear changes of the ball's shape.
 
-    What they have in common is the ball's own shape, all of it where the ball was not turned.
+    What they have in common is the ball's own shape, all of it where the ball was not turned, unless that is stored:
+    of the strain in which it was found, by other placements or in another rig, a stored shape says nothing.
     """
     assert design.bending is not None
     linear, unit = design.bending.linear
     of_ball = np.einsum("tji,kjl,tlm->timk", placement_rotation, STRAINS, placement_rotation)
-    of_ball -= of_ball.mean(axis=0)
+    if not is_stored:
+        of_ball -= of_ball.mean(axis=0)
     columns = np.zeros((design.bending.n_placements, 3, design.bending.values.shape[1], len(STRAINS)))
     columns[:, :, linear] = of_ball * unit[:, None]
     out = np.zeros((design.count, len(STRAINS)))

@@ -1,7 +1,8 @@
 """The ball's shape from one adjustment, and its use in another: a ball profile.
 
-The covariance of each dot is that of its place among all dots: no shift, turn or stretch of them as a whole. What the
-dots' errors have in common is left out: the cameras' share, a third of a dot's own noise on rig A.
+The covariance of each dot is that of its place among all dots: no shift, turn, stretch or strain of them as a whole.
+What else the dots' errors have in common is left out: the cameras' share, a third of a dot's own noise on rig A. What
+the ball may be strained by where it is used is considered there (`space_strain`).
 """
 
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ import numpy as np
 from spherecal.adjust.ball_model import ShapePrior, Stored
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places, moved_points
+from spherecal.adjust.space_strain import STRAINS
 from spherecal.adjust.point_factors import PointFactors
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
@@ -29,15 +31,16 @@ def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) 
     own, at = covariance.point_inverse[dots], points[dots]
     centroid = at.mean(axis=0)
     spread = float(np.sqrt(((at - centroid) ** 2).sum(axis=1).mean()))
-    motions = moved_points(at, centroid, spread)
-    flat = motions.reshape(-1, 7)
+    strains = np.einsum("kij,pj->pik", STRAINS, (at - centroid) / spread)
+    motions = np.concatenate([moved_points(at, centroid, spread), strains], axis=2)
+    flat = motions.reshape(len(dots) * 3, -1)
     # of all dots: nearly full, so that taking these dots' rows of it would copy 100 MB
     shifts = covariance.every_shift
-    spread_out = np.zeros((len(covariance.point_inverse), 3, 7))
+    spread_out = np.zeros((len(covariance.point_inverse), *motions.shape[1:]))
     spread_out[dots] = motions
-    gauge_rows = np.asarray(shifts.T @ spread_out.reshape(-1, 7)).T
+    gauge_rows = np.asarray(shifts.T @ spread_out.reshape(-1, motions.shape[2])).T
     noise = own @ motions
-    gauge_cross = np.asarray(shifts @ (covariance.inverse @ gauge_rows.T)).reshape(-1, 3, 7)[dots] + noise
+    gauge_cross = np.asarray(shifts @ (covariance.inverse @ gauge_rows.T)).reshape(spread_out.shape)[dots] + noise
     gauge_inner = gauge_rows @ covariance.inverse @ gauge_rows.T + np.einsum("pig,pih->gh", motions, noise)
     gauge_weights = motions @ np.linalg.inv(flat.T @ flat)
     cross = gauge_cross @ gauge_weights.transpose(0, 2, 1)

@@ -12,8 +12,8 @@ import numpy as np
 from spherecal.adjust.ball_model import ShapePrior, Stored
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places, moved_points
-from spherecal.adjust.space_strain import STRAINS
 from spherecal.adjust.point_factors import PointFactors
+from spherecal.adjust.space_strain import STRAINS
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray

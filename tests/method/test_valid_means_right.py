@@ -650,6 +650,18 @@ def test_a_ball_that_its_weight_flattens_is_strained_in_space(rig: str, flattene
     assert not done.wrong and done.covered >= 0.95
 
 
+def test_a_strain_that_cameras_hardly_see_costs_the_verdict() -> None:
+    """VALID and 8 times U off, before: five cameras know a strain along their common direction to 0.36 % alone."""
+    from benchmarks.studies.judged import calibrated_and_judged
+    from benchmarks.studies.mischief_optics import flattened
+    from benchmarks.studies.mischief_world import make_world
+
+    case = flattened(make_world("random", 2008), 1.0, np.random.default_rng(2008))
+    done = calibrated_and_judged(case.session, case.reference)
+    assert [f.kind for f in done.findings if f.code == "ball-shape-changed"] == ["in-space-unknown"]
+    assert done.verdict == "use-with-care" and not done.wrong
+
+
 @pytest.mark.parametrize(("rig", "seed"), [("rigB", 2020), ("hall12", 2027)])
 def test_a_strain_that_the_data_hardly_tell_is_in_the_uncertainty(rig: str, seed: int) -> None:
     """Flattened by 0.1 mm: VALID with cameras 14 and 4 times U off, before."""

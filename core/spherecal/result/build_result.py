@@ -37,7 +37,6 @@ from spherecal.data.session import CameraSpec
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.flattening import flattening_doubt
 from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.scale_findings import bar_doubt
 from spherecal.diagnose.soundness import further_scale_uncertainty
@@ -101,8 +100,8 @@ def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, meth
     factor, of_poses = (np.maximum(np.sqrt(1 + (part**2 - 1) * share), other) for part, other in grown)
     findings = ruled(within_growth(findings, float(factor.max(initial=1.0))))
     ball_size = ball_size or possible_sizes(evidence, float(factor.max(initial=1.0)))
-    further = [further_scale_uncertainty(evidence), ball_size.largest if ball_size else 0.0, sticker_doubt(findings)]
-    further += [flattening_doubt(findings), bar_doubt(findings)]
+    of_size = ball_size.largest if ball_size else 0.0
+    further = [further_scale_uncertainty(evidence), of_size, sticker_doubt(findings), bar_doubt(findings)]
     doubt = float(np.linalg.norm(further))
     scale = _doubted(solution.scale, doubt)
     rig = by_findings(rig, of_poses, factor, solution.scale, scale)

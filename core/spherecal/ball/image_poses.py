@@ -5,6 +5,7 @@ mixed up spoils anything; a ball that changed its shape does. What the images sa
 normal equations, from which `diagnose.pose_graph` reads which cameras did not move.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,7 +43,7 @@ class ImagePoses:
     - `normal` (6m,6m): what turns (rad, applied to the whole pose) and shifts in the cameras' frames add to v'Pv,
       lenses and dots following.
     - `by_pose_px2` (m,6,6): the squares by which they shift the image's own points.
-    - `variance`: of unit weight.
+    - `variance`: of unit weight; `n_cameras`: of the rig, with images or without.
     """
 
     camera: IntArray
@@ -53,6 +54,11 @@ class ImagePoses:
     normal: FloatArray
     by_pose_px2: FloatArray
     variance: float
+    n_cameras: int
+
+    def of(self, camera: int, placements: Collection[int]) -> BoolArray:
+        """Which images (m,) are a camera's at some placements."""
+        return (self.camera == camera) & np.isin(self.placement, list(placements))
 
     def change_px(self, rows: IntArray, change: FloatArray) -> float:
         """By how much (rms per axis, px) changes of pose (k,6) shift the points of some images (k,)."""
@@ -99,7 +105,7 @@ def solve_images(
     by_pose = linear.by_camera[:, :, :POSE] / fit.problem.weight[:, :, None]
     squares = sum_by(fit.problem.camera, by_pose.transpose(0, 2, 1) @ by_pose, fit.problem.n_cameras)
     poses = fit.state.rotation[own], fit.state.translation[own]
-    return ImagePoses(own // n_ball, own % n_ball, points, *poses, normal, squares[own], fit.variance)
+    return ImagePoses(own // n_ball, own % n_ball, points, *poses, normal, squares[own], fit.variance, len(placed))
 
 
 def _settled(images: Network, start: State, enough: BoolArray, context: Context) -> tuple[State, BoolArray]:
@@ -132,7 +138,7 @@ def _of_poses(problem: Problem, state: State, linear: Linearisation, images: Int
         cross = whole[np.ix_(lenses, poses)] * size[:, None]
         try:
             factor = cho_factor(whole[np.ix_(lenses, lenses)] * size[:, None] * size)
-        except (LinAlgError, np.linalg.LinAlgError, ValueError):
+        except (LinAlgError, ValueError):
             return None
         normal = whole[np.ix_(poses, poses)] - cross.T @ cho_solve(factor, cross)
     return (normal + normal.T) / 2

@@ -18,7 +18,6 @@ from spherecal.ball.rigid import BallNetwork
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.memory import release_freed
-from spherecal.data.observations import Features
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
 from spherecal.diagnose.lens import Misfit, misfits
@@ -66,17 +65,6 @@ class Anomalies:
 
 
 @dataclass(frozen=True)
-class DetectedMotions:
-    """What moved during a recording: single cameras, or a group of them together or the ball between exposures."""
-
-    moves: tuple[Move, ...] = ()
-    group: GroupMotion | None = None
-
-    def __bool__(self) -> bool:
-        return bool(self.moves) or self.group is not None
-
-
-@dataclass(frozen=True)
 class _Probed:
     """A form of the network and the placement of each of its rows (n,)."""
 
@@ -106,9 +94,11 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     fields = _fields(e, main, moves, sizes)
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
         context = e.context.part_of(STAGE, 0.3)
-        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), context)
-        if found.group is not None and _is_seen(e, found.group):
-            return Anomalies(group_motion=found.group, explained=True, least_shift=shifts)
+        every, counts = np.ones(len(e.used), dtype=bool), (len(e.observations.placements), len(e.session.placements))
+        ball = BallNetwork(_free_network(e), e.features, *counts, every)
+        found = explained_by_moves(ball, e.solved, context)
+        if found.group_motion is not None and _is_seen(e, found.group_motion):
+            return replace(found, explained=True, least_shift=shifts)
         if found.moves:
             small = all(move.image_change_px <= SMALL_PX for move in found.moves)
             fields = _fields(e, main, list(found.moves), sizes) if small else []
@@ -145,40 +135,29 @@ def beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mov
 
 
 def explained_by_moves(
-    network: Network,
-    features: Features,
-    fit: BallFit,
-    n_ball: int,
-    context: Context,
-    most_variance: float | None = None,
-) -> DetectedMotions:
+    ball: BallNetwork, fit: BallFit, context: Context, most_variance: float | None = None
+) -> Anomalies:
     """What moved, if moves alone and no change of the ball's shape explain the misfit; else nothing.
 
     Free points hide much of a move, which then passes for a change of shape: on rig B 16 % of the moves by 0.5 to 50 mm
     were named wrongly. The images' own poses know of neither (decision 0009).
     """
-    state = fit.by_features.state
-    n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations
-    network = replace(network, free=network.free & ~fit.has_prior[:, None], priors=NO_PRIORS)
-    ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
-    alignment = ball.aligned(state.points)
-    images = solve_images(ball, state, fit.placed, alignment, context)
+    state, alignment = fit.by_features.state, ball.aligned(fit.by_features.state.points)
+    network = replace(ball.network, free=ball.network.free & ~fit.has_prior[:, None], priors=NO_PRIORS)
+    images = solve_images(replace(ball, network=network), state, fit.placed, alignment, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
-        return DetectedMotions()
-    found = explain(images, len(fit.placed), context)
-    if found is None:
-        return DetectedMotions()
-    if found.is_simple:
-        return DetectedMotions(found.moves)
+        return Anomalies()
+    found = explain(images, context)
+    if found is None or found.is_simple:
+        return Anomalies(() if found is None else found.moves)
     suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(fit.placed.sum()))
     once = len({move.camera for move in found.moves}) == len(found.moves)
-    single = found.fitted if suffices and once else None
-    own = (features.placement == np.bincount(alignment.root).argmax()) & np.isfinite(state.points[:, 0])
+    own = (ball.features.placement == np.bincount(alignment.root).argmax()) & np.isfinite(state.points[:, 0])
     middle = state.points[own].mean(axis=0) if own.any() else np.zeros(3)  # of the dots, in the ball's frame
-    group = find_group_motion(images, len(fit.placed), middle, single, context)
+    group = find_group_motion(images, middle, found.fitted if suffices and once else None, context)
     if group is None and suffices and not once:
         group = unstable_camera(found)
-    return DetectedMotions(group=group) if group is not None else DetectedMotions(found.moves if suffices else ())
+    return Anomalies(found.moves if suffices and group is None else (), group)
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:

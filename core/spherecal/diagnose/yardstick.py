@@ -11,6 +11,8 @@ from functools import cache
 import numpy as np
 from scipy.special import chdtri
 
+from spherecal.base.arrays import FloatArray
+
 # Inflation counts as far as it is sure at this level, so that it is 1 with noise alone.
 SURE = 0.05
 # The median of n values is as sure as the mean of this share of them.
@@ -32,6 +34,17 @@ def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
     moved = most_moved(len(known) + 1) - 1
     worst = sorted(_at_least(one) for one in known)[: max(len(known) - moved, 1)][-1]
     return max(1.0, _at_least(own), usual_inflation(known), worst)
+
+
+def taken_up(force: FloatArray, matrix: FloatArray, size: FloatArray, least: float) -> Scatter:
+    """What steps against forces (u,) take off a sum of squares, along axes of the matrix (u,u) with enough curvature.
+
+    `size` (u,): units of the steps; `least`: curvature that counts in them.
+    """
+    values, axes = np.linalg.eigh(matrix * size[:, None] * size)
+    good = values > least
+    along = axes[:, good].T @ (force * size)
+    return float((along**2 / values[good]).sum()), int(good.sum())
 
 
 def most_moved(n_cameras: int) -> int:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from spherecal.base.arrays import FloatArray
 
+Pose = tuple[FloatArray, FloatArray]  # rotation (..., 3, 3) and translation (..., 3): x_camera = R x + t
+
 
 @dataclass(frozen=True)
 class PosedCameras:

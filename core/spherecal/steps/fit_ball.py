@@ -87,7 +87,8 @@ def select_ball_model(
 
     def is_moved(most: float) -> bool:
         weighted = replace(ball.network, noise=free.network.noise).corrected_as(free.network)
-        return bool(explained_by_moves(weighted, ball.features, free, ball.n_ball, run.context, most))
+        found = explained_by_moves(replace(ball, network=weighted), free, run.context, most)
+        return bool(found.moves) or found.group_motion is not None
 
     requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit, sizes, is_moved, others)
     fit, choice = choose_ball_model(free, ball, requested, run)

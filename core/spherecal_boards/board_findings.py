@@ -18,7 +18,6 @@ from spherecal.diagnose.camera_findings import (
     scattering_poses,
     wrong_focal_lengths,
 )
-from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE
 from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
@@ -35,7 +34,7 @@ from spherecal.diagnose.moves import (
     scatters,
 )
 from spherecal.diagnose.soundness import MANY_OUTLIERS, unsound
-from spherecal.diagnose.swapped_cameras import swapped_cameras
+from spherecal.diagnose.swapped_cameras import swapped_cameras, swapped_images
 from spherecal.initialise.view_graph import groups_of
 from spherecal_boards.board_result import Fit
 from spherecal_boards.frames_evidence import FrameEvidence

@@ -11,6 +11,7 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS
 from spherecal.ball.fit import BallFit
 from spherecal.ball.image_poses import solve_images
@@ -18,6 +19,7 @@ from spherecal.ball.rigid import BallNetwork
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.memory import release_freed
+from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
 from spherecal.diagnose.lens import Misfit, misfits
@@ -197,3 +199,37 @@ def _free_form(e: Evidence) -> _Probed | None:
         return None
     probe = make_score_test(problem, minimum.state, cofactors, minimum.cost, redundancy)
     return _Probed(probe, e.observations.placement[rows])
+
+
+# --- A lens that was zoomed or focused again during the recording looks like a camera that is unsteady, or moved ---
+
+# One factor explains this much of what a pose for each of the camera's images does: all of it where a focal length
+# changed by 0.1 %. A zoom of all cameras explains 0.1 to 0.5 of it, cameras on a beam that sags 0.02 to 0.1.
+MOST_BY_FOCUS = 0.8
+
+
+def focus_change(e: Evidence, motion: GroupMotion) -> list[Finding]:
+    """The finding on one camera's focal length that changed before a placement, where this is what seems to move."""
+    probe = e.probe
+    if probe is None or len(motion.cameras) != 1:
+        return []
+    (camera,) = motion.cameras
+    rows = np.flatnonzero(probe.problem.camera == camera)
+    placement, weight = e.observations.placement[e.adjusted.rows][rows], probe.problem.weight[rows]
+    centred = ((probe.problem.uv[rows] - e.adjusted.state.intrinsics[camera, 2:4]) * weight)[:, :, None]
+    seen, image = np.unique(placement, return_inverse=True)
+    poses = np.zeros((len(rows), 2, len(seen), POSE))
+    poses[np.arange(len(rows)), :, image] = probe.by_pose(rows)
+    by_poses = change_of(*probe.block(rows, poses.reshape(len(rows), 2, -1)), probe.variance).statistic
+    changes = {
+        int(first): change_of(*probe.block(rows, centred * (placement >= first)[:, None, None]), probe.variance)
+        for first in seen[1:]
+    }
+    if not changes:
+        return []
+    first, best = max(changes.items(), key=lambda one: one[1].statistic)
+    if best.statistic < MOST_BY_FOCUS * by_poses:
+        return []
+    name, place = e.camera_ids[camera], e.observations.placements[first]
+    values = {"camera": name, "place": place, "percent": 100 * float(best.value[0]), "chi_square": best.statistic}
+    return [Finding("focus-changed", "error", values, (name, place))]

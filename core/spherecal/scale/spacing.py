@@ -146,13 +146,7 @@ def scale_from_mean_distance(spacing: Spacing, features: Features, radii: FloatA
 
 
 def _found(
-    stickers: _Stickers,
-    at: Located,
-    mean: float,
-    by_dot: FloatArray,
-    per_target: FloatArray,
-    scatter: float,
-    more: float,
+    of: _Stickers, at: Located, mean: float, by_dot: FloatArray, per_target: np.ndarray, scatter: float, more: float
 ) -> FoundScale:
     """The scale by the mean size, as it follows dots (n,k,3); weights of the targets (t,), `more` relative variance."""
     total = np.zeros_like(at.points)

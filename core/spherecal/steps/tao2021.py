@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, datum_defect
-from spherecal.adjust.identity_damping import minimise_with_identity
-from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.least_squares import minimise, minimise_with_identity
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.state import State
 from spherecal.ball.fit import finished_solution
@@ -25,8 +24,7 @@ from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import undistort_views
 from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise import view_graph
-from spherecal.initialise.camera_path import find_paths
-from spherecal.initialise.chain import chain_points, chain_poses
+from spherecal.initialise.camera_path import chain_points, chain_poses, find_paths
 from spherecal.initialise.incremental import InitialPoses
 from spherecal.initialise.local import LocalNetwork, lasting_reference
 from spherecal.initialise.triple import Triple, factorised

@@ -10,8 +10,7 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context
-from spherecal.data.recording import Recording
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
 from spherecal.steps.settings import CalibrationSettings

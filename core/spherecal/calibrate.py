@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from spherecal.adjust.corrections import drift_alike, drifts, one_moved
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, solve_free
+from spherecal.ball.fit import BallFit, Run, solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.messages.values import Phrase
@@ -14,9 +13,8 @@ from spherecal.base.plugins import METHODS, load
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import with_lens_model
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.data.verdict import with_findings
 from spherecal.detect.redetection import Located, with_missed_targets
 from spherecal.detect.session_images import nothing_found, observed

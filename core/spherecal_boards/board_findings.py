@@ -21,7 +21,6 @@ from spherecal.diagnose.camera_findings import (
 from spherecal.diagnose.evidence import STAGE
 from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
-from spherecal.diagnose.lens import misfits
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.moves import (
     LEAST_POINTS,
@@ -33,6 +32,7 @@ from spherecal.diagnose.moves import (
     rows_of,
     scatters,
 )
+from spherecal.diagnose.score import misfits
 from spherecal.diagnose.soundness import MANY_OUTLIERS, unsound
 from spherecal.diagnose.swapped_cameras import swapped_cameras, swapped_images
 from spherecal.initialise.view_graph import groups_of

@@ -9,8 +9,7 @@ from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import solve_free
+from spherecal.ball.fit import Run, solve_free
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
@@ -19,9 +18,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.lens_model import like
 from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, CameraCovariance, CameraSigma, Quality, Rig, RigCamera
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.detect.session_images import observed
 from spherecal.geometry.length_uncertainty import Cameras
 from spherecal.geometry.volume_map import LengthMap, Volume, length_map

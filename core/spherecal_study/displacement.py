@@ -12,8 +12,7 @@ from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.data.recording import Recording
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise.camera_path import Path, Search, find_paths
 from spherecal.initialise.local import LocalNetwork

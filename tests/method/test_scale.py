@@ -11,8 +11,7 @@ from spherecal.adjust.covariance_factors import Covariance
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Features, Observations, find_features
-from spherecal.data.recording import Recording
-from spherecal.data.session import Bar, BarLength, BarPose, Mark, Scale, Session
+from spherecal.data.session import Bar, BarLength, BarPose, Mark, Recording, Scale, Session
 from spherecal.scale.bar_scale import scale_from_bars
 from spherecal.scale.spacing import FoundScale, Located, Spacing, bend, scale_from_spacing
 from spherecal.steps.settings import CalibrationSettings

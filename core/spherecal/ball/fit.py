@@ -1,7 +1,7 @@
 """A network solved with one model of the ball, with weights, covariance, and priors where the data need them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,14 +19,41 @@ from spherecal.adjust.intrinsic_priors import (
     with_intrinsic_priors,
 )
 from spherecal.adjust.network import Network
+from spherecal.adjust.problem import NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.reresection import with_right_poses
-from spherecal.adjust.rows import NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.weights import rough_noise, weighted
-from spherecal.ball.calibration_run import Run
 from spherecal.ball.rigid import RigidNetwork
-from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context, Stopwatch
 from spherecal.base.memory import release_freed
 from spherecal.initialise.incremental import InitialPoses
+
+
+@dataclass(frozen=True)
+class Run:
+    """A running calibration: what is known before, the camera whose frame is the world, progress and stage times.
+
+    `known` (c,16) intrinsics before the adjustment. `next_references`: cameras to take instead of `reference`, in this
+    order, where the adjustment leaves out all that it observed. `plain`, as in the paper: every observation weighs the
+    same, and a bar gives nothing but the scale.
+    """
+
+    known: FloatArray
+    reference: int
+    plain: bool = False
+    next_references: tuple[int, ...] = ()
+    context: Context = field(default_factory=Context)
+    watch: Stopwatch = field(default_factory=Stopwatch)
+
+    def accepting_partial(self) -> "Run":
+        """The same, for work whose caller has a partial result."""
+        return replace(self, context=self.context.accepting_partial())
+
+    def reference_in(self, adjusted: Adjustment) -> int:
+        """The camera whose frame is the world: the first of the references that still observes anything."""
+        seen = np.bincount(adjusted.problem.camera, minlength=adjusted.problem.n_cameras) > 0
+        return next((c for c in (self.reference, *self.next_references) if seen[c]), self.reference)
+
 
 # Nominal intrinsics that are simply wrong make the fit many times worse when fixed; right ones hardly change it.
 MOST_WORSE_BY_FIXING = 2.0

@@ -12,7 +12,7 @@ from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS
+from spherecal.adjust.problem import NO_LENGTHS, NO_PRIORS
 from spherecal.ball.fit import BallFit
 from spherecal.ball.image_poses import solve_images
 from spherecal.ball.rigid import BallNetwork
@@ -22,7 +22,6 @@ from spherecal.base.memory import release_freed
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
-from spherecal.diagnose.lens import Misfit, misfits
 from spherecal.diagnose.moves import (
     Move,
     confirmed,
@@ -36,7 +35,7 @@ from spherecal.diagnose.moves import (
     scatters,
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
-from spherecal.diagnose.score import ScoreTest, change_of, make_score_test
+from spherecal.diagnose.score import Misfit, ScoreTest, change_of, make_score_test, misfits
 
 # What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
 MORE_THAN_LENS = 3.0

@@ -16,9 +16,8 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit
+from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit, raised, taken_up
 from spherecal.diagnose.pose_graph import EXPLAINED, Explained, Fitted, PoseComposition, fit_layout, variance_factor
-from spherecal.diagnose.yardstick import raised, taken_up
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import pose_change
 

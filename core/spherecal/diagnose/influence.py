@@ -16,8 +16,7 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.lens import TERMS, field_terms, field_values
-from spherecal.diagnose.score import ScoreTest, change_of, spread
+from spherecal.diagnose.score import TERMS, ScoreTest, change_of, field_terms, field_values, spread
 from spherecal.geometry.field_table import FieldTable, table_nodes
 from spherecal.geometry.length_uncertainty import Cameras, length_gradients
 from spherecal.geometry.volume_map import LENGTH_MM, measured_volume

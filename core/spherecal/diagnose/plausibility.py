@@ -6,6 +6,7 @@ the reader of the session.
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,8 +18,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
 from spherecal.data.session import CapturedSet, Session
-from spherecal.diagnose.image_settings import image_settings
 from spherecal.scale.bar_temperature import temperature_findings
+from spherecal.targets.image_facts import ImageFacts, image_facts
 from spherecal.targets.images import read_image
 from spherecal.targets.why_nothing import reads_mirrored
 
@@ -303,3 +304,62 @@ def _apart(off: FloatArray, limit: float) -> BoolArray:
     """Which differ by more than a limit, if most do not: otherwise the clocks are not reliable."""
     apart = np.abs(off) > limit
     return apart if 2 * apart.sum() < len(off) else np.zeros(len(off), dtype=bool)
+
+
+# --- images that their files say were taken by another camera, or with another size or region of its sensor -----------
+
+_Setting = tuple[int, int] | str
+
+
+def image_settings(session: Session) -> list[Finding]:
+    """A finding for each camera whose images state different sizes, regions or serial numbers, from which one on.
+
+    A lens and a pose are those of one region of one sensor: shifted by 8 px in mid-recording it passed for a move.
+    An earlier pose of a camera that was split has its images too.
+    """
+    found = []
+    of: dict[str, list[str]] = {}
+    for camera in session.cameras:
+        of.setdefault(camera.earlier_pose_of or camera.id, []).append(camera.id)
+    for name, poses in of.items():
+        shown = [
+            (place.id, facts)
+            for place in (*session.placements, *session.bar_poses)
+            for pose in poses
+            if pose in place.images and (facts := _facts(place.images[pose])) is not None
+        ]
+        for kind in ("image-serial", "image-size", "image-offset"):
+            change = _change([(place, getattr(facts, kind.removeprefix("image-"))) for place, facts in shown])
+            if change is not None:
+                place, before, now = change
+                what = {"before": _words(before), "now": _words(now)}
+                values = {"camera": name, "place": place, "what": Phrase(kind, what)}
+                found.append(Finding("image-settings", "warning", values, (name, place)))
+                break
+    return found
+
+
+def _change(shown: list[tuple[str, _Setting | None]]) -> tuple[str, _Setting, _Setting] | None:
+    """The first place at which a fact differs from the one before, and both; None where all that is stated is alike."""
+    known = [(place, fact) for place, fact in shown if fact is not None]
+    return next(((at, a, b) for (_, a), (at, b) in pairwise(known) if a != b), None)
+
+
+def _words(fact: _Setting) -> str:
+    return fact if isinstance(fact, str) else " x ".join(map(str, fact))
+
+
+def _facts(path: Path) -> ImageFacts | None:
+    """What an image's file says; None where there is no such image: recorded observations need none."""
+    try:
+        stat = path.stat()
+        return _read(path, stat.st_size, stat.st_mtime_ns)
+    except (OSError, InputError):
+        return None
+
+
+@lru_cache(maxsize=4096)
+def _read(path: Path, size: int, changed_ns: int) -> ImageFacts:
+    """The facts of a file as it is: repairs ask for them several times."""
+    del size, changed_ns
+    return image_facts(path)

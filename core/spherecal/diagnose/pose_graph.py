@@ -18,11 +18,20 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses, hang_together
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, Move, alike, move_limit
-from spherecal.diagnose.yardstick import Scatter, inflation, most_moved, raised, taken_up
-from spherecal.geometry.posed import Pose
+from spherecal.diagnose.moves import (
+    LEAST_CHANGE_PX,
+    TIE,
+    Move,
+    Scatter,
+    alike,
+    inflation,
+    most_moved,
+    move_limit,
+    raised,
+    taken_up,
+)
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal.geometry.transform import IDENTITY, Similarity, pose_change
+from spherecal.geometry.transform import IDENTITY, Pose, Similarity, pose_change
 
 # Levenberg-Marquardt: 5 to 12 steps where the images are parted rightly, up to 60 where they are not. Of all ways to
 # part them only those are tried that promise most by linear tests, and only the best of these after a few steps are

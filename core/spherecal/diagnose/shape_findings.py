@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine
-from spherecal.adjust.rows import NO_LENGTHS
+from spherecal.adjust.problem import NO_LENGTHS
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.ball.rigid import align, share_shape
 from spherecal.ball.selection import NOTICEABLE

@@ -14,11 +14,10 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
 from spherecal.diagnose.influence import length_functions
-from spherecal.diagnose.lens import LEAST_POINTS as LEAST_FOR_FIELDS
-from spherecal.diagnose.lens import field_values
 from spherecal.diagnose.moves import LEAST_POINTS as LEAST_FOR_POSE
 from spherecal.diagnose.plausibility import implausible_size
-from spherecal.diagnose.score import Change, ScoreTest, change_of, conditional
+from spherecal.diagnose.score import LEAST_POINTS as LEAST_FOR_FIELDS
+from spherecal.diagnose.score import Change, ScoreTest, change_of, conditional, field_values
 from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
 
 # On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.

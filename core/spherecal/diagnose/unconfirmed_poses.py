@@ -14,12 +14,10 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.camera_findings import pose_scatter
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
-from spherecal.diagnose.moves import LEAST_STATISTIC
-from spherecal.diagnose.yardstick import raised
+from spherecal.diagnose.moves import LEAST_STATISTIC, raised
 from spherecal.geometry.camera import project_with_point_derivatives
-from spherecal.geometry.posed import Pose
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal.geometry.transform import pose_change
+from spherecal.geometry.transform import Pose, pose_change
 
 # Of moves with up to this many times the least statistic, one a third as large would not have been seen: the camera's
 # other images may differ by that, and more where they scatter. A camera that saw the ball displaced by 0.05 mm, each

@@ -5,8 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.geometry.posed import Pose
 from spherecal.geometry.rotation import log_rotation
+
+Pose = tuple[FloatArray, FloatArray]  # rotation (..., 3, 3) and translation (..., 3): x_camera = R x + t
+
+
+@dataclass(frozen=True)
+class PosedCameras:
+    """Intrinsics (c, 16) and poses x_camera = R (c, 3, 3) @ x + t (c, 3); or of one: (16,), (3, 3), (3,)."""
+
+    intrinsics: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
 
 
 @dataclass(frozen=True)

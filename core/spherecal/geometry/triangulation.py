@@ -7,8 +7,8 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups, sum_by
 from spherecal.geometry.camera import project, project_with_point_derivatives, undistort, undistort_views
-from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import cross
+from spherecal.geometry.transform import PosedCameras
 
 # Rays closer to parallel than this (0.02 to 0.03 px at f = 2300 to 3500 px, the noise of a good dot centre) carry no
 # depth; it also keeps the normal matrices, whose condition grows with 1/angle^2, within double precision.

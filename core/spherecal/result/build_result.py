@@ -11,14 +11,12 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.ball.ball_shape import shape_cofactors
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit
+from spherecal.ball.fit import BallFit, Run
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding, Findings
 from spherecal.data.observations import Features, Observations
-from spherecal.data.recording import Recording
 from spherecal.data.rig import (
     Affected,
     BallShape,
@@ -33,7 +31,7 @@ from spherecal.data.rig import (
     RigScale,
 )
 from spherecal.data.rig_camera import posed
-from spherecal.data.session import CameraSpec
+from spherecal.data.session import CameraSpec, Recording
 from spherecal.data.verdict import affected, is_valid, ruled, widening
 from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence

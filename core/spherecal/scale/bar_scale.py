@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.rows import LengthRows
+from spherecal.adjust.problem import LengthRows
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding, Findings
-from spherecal.data.recording import Recording
-from spherecal.data.session import Bar, BarLength, Mark
+from spherecal.data.session import Bar, BarLength, Mark, Recording
 from spherecal.geometry.transform import fit_similarity
 from spherecal.scale.bar_temperature import reference_length, temperature_part
 from spherecal.scale.spacing import FoundScale, Located
@@ -45,8 +44,8 @@ class _Mark:
 
     def pulled(self, along: FloatArray, points: FloatArray, factor: float) -> FloatArray:
         """Derivatives (k,3) of the place in a direction (3,) by the dots."""
-        whole = self.layout_mm is None
-        by_point = np.eye(3)[None] if whole else centre_by_point(self.layout_mm, points[self.dots] * factor)
+        flat = self.layout_mm
+        by_point = np.eye(3)[None] if flat is None else centre_by_point(flat, points[self.dots] * factor)
         return np.einsum("i,kij->kj", along, by_point)
 
 

@@ -8,14 +8,12 @@ from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, with_effects_unknown, with_lengths
+from spherecal.ball.fit import BallFit, Run, with_effects_unknown, with_lengths
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Findings
-from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
 from spherecal.scale.bar_scale import OddPoses, left_out, length_rows, odd_poses, scale_from_bars
 from spherecal.scale.spacing import FoundScale, Located, Spacing, scale_from_mean_distance, scale_from_spacing

@@ -7,17 +7,15 @@ import numpy as np
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.ball.ball_shape import Anchored, KnownDots, anchored
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, rigid_solution, with_effects_unknown, without_priors
+from spherecal.ball.fit import BallFit, Run, rigid_solution, with_effects_unknown, without_priors
 from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.data.recording import Recording
 from spherecal.data.rig import BallProfile
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.initialise.incremental import InitialPoses, resect_rest
 from spherecal.scale.metric import MetricFit, Solution, by_stored_ball
 

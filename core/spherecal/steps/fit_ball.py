@@ -6,15 +6,14 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.network import Network
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, solve_free
+from spherecal.ball.fit import BallFit, Run, solve_free
 from spherecal.ball.rigid import BallNetwork, RigidNetwork
 from spherecal.ball.selection import ModelChoice, RequestedForm, RequestedModel, choose_ball_model
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.data.recording import Recording
+from spherecal.data.session import Recording
 from spherecal.diagnose.anomalies import explained_by_moves
 from spherecal.diagnose.ball_size import sizes_to_fit
 from spherecal.initialise.incremental import grow

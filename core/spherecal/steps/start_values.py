@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.network import Network, free_network
-from spherecal.ball.calibration_run import Run
+from spherecal.ball.fit import Run
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.values import Phrase
 from spherecal.data.lens_model import estimated_intrinsics
-from spherecal.data.recording import Recording
+from spherecal.data.session import Recording
 from spherecal.geometry.camera import estimated_mask
 from spherecal.initialise.incremental import InitialPoses, grow
 from spherecal.initialise.local import LocalNetwork, lasting_reference, reconstruct_locally

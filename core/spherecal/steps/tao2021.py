@@ -19,8 +19,8 @@ from spherecal.base.context import Context, Stopwatch
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Findings
 from spherecal.data.observations import find_features, seen_matrix
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
+from spherecal.data.session import Recording
 from spherecal.geometry.camera import undistort_views
 from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise import view_graph

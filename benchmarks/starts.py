@@ -13,8 +13,8 @@ from spherecal.base.context import Context
 from spherecal.data.session import Recording, Session
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
+from spherecal.steps.ball_stages import describe_network
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 
 SEED = 1

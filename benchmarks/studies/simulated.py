@@ -27,8 +27,8 @@ from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
 from spherecal.geometry.transform import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.scale.metric import Solution, in_millimetres
+from spherecal.steps.ball_stages import describe_network
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import StudyBars, study_bars
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose

@@ -33,10 +33,9 @@ from spherecal.steps.automatic_repairs import (
     is_settled,
     moves_are_all,
 )
-from spherecal.steps.fit_ball import fit_ball_model
+from spherecal.steps.ball_stages import fit_ball_model, local_network, run_of, start_values
 from spherecal.steps.repairs import Repairs, recorded, repaired
 from spherecal.steps.settings import CalibrationSettings, Method, as_stated, check_settings
-from spherecal.steps.start_values import local_network, run_of, start_values
 from spherecal.steps.tao2021 import calibrate_as_published
 
 

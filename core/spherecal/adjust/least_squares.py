@@ -26,14 +26,6 @@ class NormalEquations:
 
 
 @dataclass(frozen=True)
-class _Linearised:
-    """The observations' equations at a state, and the shape noise of a deformable ball's places."""
-
-    linear: Linear
-    shape_noise: ShapeNoise
-
-
-@dataclass(frozen=True)
 class _Bundle:
     """A problem with its loss (see levenberg.LeastSquares)."""
 
@@ -48,25 +40,26 @@ class _Bundle:
     def count(self) -> int:
         return len(self.problem.uv)
 
-    def linearise(self, state: State) -> _Linearised:
+    def linearise(self, state: State) -> ShapeNoise:
+        """The observations' equations at a state, with the shape noise of a deformable ball's places."""
         linear = engine.linear_model(self.problem, state, _robust_weight(self.problem, state, self.cauchy))
-        return _Linearised(linear, shape_noise_of(self.problem, linear))
+        return shape_noise_of(self.problem, linear)
 
-    def cost(self, state: State, linear: _Linearised) -> float:
+    def cost(self, state: State, linear: ShapeNoise) -> float:
         residual = engine.residuals(self.problem, state)
         squared = (residual**2).sum(axis=1)
         if self.cauchy is not None:
             squared = self.cauchy**2 * np.log1p(squared / self.cauchy**2)
-        total = 0.5 * float(squared.sum() - linear.shape_noise.taken(residual) + _other_squares(self.problem, state))
+        total = 0.5 * float(squared.sum() - linear.taken(residual) + _other_squares(self.problem, state))
         return total if np.isfinite(total) else np.inf
 
-    def accepted(self, state: State, cost: float) -> tuple[_Linearised | None, float]:
+    def accepted(self, state: State, cost: float) -> tuple[ShapeNoise | None, float]:
         if not isinstance(self.problem.ball, Deformable):
             return None, cost
         linear = self.linearise(state)  # the weights follow the state
         return linear, self.cost(state, linear)
 
-    def step(self, state: State, linear: _Linearised, damping: float) -> tuple[State, float] | None:
+    def step(self, state: State, linear: ShapeNoise, damping: float) -> tuple[State, float] | None:
         problem = self.problem
         normal = normal_equations(problem, state, linear.linear, damping)
         step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
@@ -75,12 +68,13 @@ class _Bundle:
         whole = problem.layout.expanded_rows(step)
         point_step, after = engine.back_substitute(problem, linear.linear, normal.reduced, whole)
         residual = linear.linear.residual
-        before = 0.5 * float((residual**2).sum() - linear.shape_noise.taken(residual))
+        before = 0.5 * float((residual**2).sum() - linear.taken(residual))
         new = moved(problem, state, step, point_step)
         if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
             return None
         # the model's cost is that of the weighted rows; only the decrease is comparable
-        return new, before - after + predicted_decrease(problem, state, step) + _shape_decrease(problem, state, new)
+        of_shape = 0.5 * (_shape_squares(problem, state) - _shape_squares(problem, new))
+        return new, before - after + predicted_decrease(problem, state, step) + of_shape
 
 
 def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
@@ -116,10 +110,6 @@ def _shape_squares(problem: Problem, state: State) -> float:
         return 0.0
     off, pull = problem.ball.shape.off(state.points)
     return float((off * pull)[problem.known_points].sum())
-
-
-def _shape_decrease(problem: Problem, state: State, new: State) -> float:
-    return 0.5 * (_shape_squares(problem, state) - _shape_squares(problem, new))
 
 
 def normal_equations(problem: Problem, state: State, linear: Linear, damping: float) -> NormalEquations:

@@ -168,13 +168,8 @@ def sorted_problem(
 
 def _layout(problem: Problem) -> Layout:
     n_cameras, intrinsics = problem.n_cameras, problem.intrinsic_columns
-    width = np.concatenate(
-        [
-            np.full(n_cameras, POSE + len(intrinsics)),
-            np.full(problem.n_placements, POSE),
-            np.full(len(problem.kept_points), 3),
-        ]
-    )
+    counts = n_cameras, problem.n_placements, len(problem.kept_points)
+    width = np.repeat([POSE + len(intrinsics), POSE, 3], counts)
     offset = np.concatenate([[0], np.cumsum(width)])
     column = np.full(offset[-1], -1)
     next_column = 0

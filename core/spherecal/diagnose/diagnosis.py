@@ -5,6 +5,7 @@ from dataclasses import replace
 from spherecal.base.memory import release_freed
 from spherecal.data.findings import Finding
 from spherecal.diagnose.anomalies import find_anomalies, focus_change
+from spherecal.diagnose.ball_changes import changed_shape, contradicting_placements
 from spherecal.diagnose.camera_findings import (
     fixed_focal_lengths,
     misfitting_lenses,
@@ -20,7 +21,6 @@ from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.left_out import edge_findings, wrong_targets
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.scale_findings import scale_conflict, stretched_print
-from spherecal.diagnose.shape_findings import changed_shape, contradicting_placements
 from spherecal.diagnose.sticker_size import sticker_findings
 from spherecal.diagnose.swapped_cameras import swapped_cameras, swapped_images
 

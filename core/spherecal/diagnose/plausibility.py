@@ -100,8 +100,9 @@ def _sizes(o: Observations) -> IntArray:
     return count
 
 
-def _coincidences(o: Observations, of: IntArray, among: IntArray, count: int) -> dict[tuple[int, int, int], int]:
-    """How many dots lie at one place in two images `among` (n,), `of` each one (n,): (of, a, b) -> number, a < b."""
+def _alike(o: Observations, of: IntArray, among: IntArray, size: IntArray) -> dict[tuple[int, int], list[int]]:
+    """Pairs `among` (n,) that have most dots at one place, and `of` (n,) which; size (of, among): dots of each."""
+    count = size.shape[1]
     order = np.lexsort((among, o.uv[:, 0], o.point, o.target, of))
     found: dict[tuple[int, int, int], int] = {}
     for apart in range(1, NEIGHBOURS + 1):
@@ -113,30 +114,33 @@ def _coincidences(o: Observations, of: IntArray, among: IntArray, count: int) ->
         for key, n in zip(keys.tolist(), number.tolist(), strict=True):
             name = key // count // count, key // count % count, key % count
             found[name] = found.get(name, 0) + n
-    return found
+    same: dict[tuple[int, int], list[int]] = {}
+    for (i, low, high), n in sorted(found.items()):
+        if n >= max(LEAST_COMMON, MOSTLY * min(size[i, low], size[i, high])):
+            same.setdefault((low, high), []).append(i)
+    return same
 
 
 def _repeated(session: Session) -> list[Finding]:
     """Placements that are the same for all cameras, and images of single cameras that show another placement's."""
     o = _of_ball(session)
     size = _sizes(o)
-    pairs: dict[tuple[int, int], list[int]] = {}
-    for (c, s, t), n in _coincidences(o, o.camera, o.placement, len(o.placements)).items():
-        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, s], size[c, t])):
-            pairs.setdefault((s, t), []).append(c)
     found: list[Finding] = []
     gone: set[int] = set()
-    for (s, t), same in sorted(pairs.items()):
+    for (s, t), same in sorted(_alike(o, o.camera, o.placement, size).items()):
         if s in gone or t in gone:
             continue
         both = int(((size[:, s] >= LEAST_COMMON) & (size[:, t] >= LEAST_COMMON)).sum())
+        a, b = session.placements[s].id, session.placements[t].id
         if len(same) >= MOST_CAMERAS * both and both > 1:
             gone.add(t)
-            a, b = session.placements[s].id, session.placements[t].id
             values = {"first": a, "second": b, "limit_px": SAME_PX}
             found.append(Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}")))
         elif 2 * len(same) < both:
-            found += [_stale(session, c, s, t) for c in sorted(same)]
+            for name in (session.cameras[c].id for c in same):
+                values = {"camera": name, "first": a, "second": b}
+                repairs = leave_out(f"{name}@{b}")
+                found.append(Finding("image-repeated", "warning", values, (name, a, b), repairs, "stale"))
     return found
 
 
@@ -146,36 +150,23 @@ def _of_ball(session: Session) -> Observations:
     return o.select(o.placement < len(session.placements))
 
 
-def _stale(session: Session, camera: int, s: int, t: int) -> Finding:
-    name, a, b = session.cameras[camera].id, session.placements[s].id, session.placements[t].id
-    values = {"camera": name, "first": a, "second": b}
-    return Finding("image-repeated", "warning", values, (name, a, b), leave_out(f"{name}@{b}"), "stale")
-
-
 def _one_image_of_two_cameras(session: Session) -> list[Finding]:
     """Two cameras that show the same dots at the same places: one image stored under two names."""
     o = _of_ball(session)
     size = _sizes(o)
-    same: dict[tuple[int, int], list[int]] = {}
-    for (t, c, d), n in sorted(_coincidences(o, o.placement, o.camera, len(o.cameras)).items()):
-        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, t], size[d, t])):
-            same.setdefault((c, d), []).append(t)
     found = []
-    for (c, d), at in same.items():
+    for (c, d), at in _alike(o, o.placement, o.camera, size.T).items():
         both = int(((size[c] >= LEAST_COMMON) & (size[d] >= LEAST_COMMON)).sum())
         names = o.cameras[c], o.cameras[d]
         if len(at) > 1 and len(at) >= MOST_CAMERAS * both:
             values = {"first": names[0], "second": names[1], "count": len(at)}
             found.append(Finding("image-repeated", "error", values, names, kind="twins"))
         else:
-            found += [_two_names(*names, o.placements[t]) for t in at]
+            for place in (o.placements[t] for t in at):
+                values = {"first": names[0], "second": names[1], "place": place}
+                repairs = leave_out(*(f"{name}@{place}" for name in names))
+                found.append(Finding("image-repeated", "error", values, (*names, place), repairs, "two-cameras"))
     return found
-
-
-def _two_names(a: str, b: str, placement: str) -> Finding:
-    values = {"first": a, "second": b, "place": placement}
-    repairs = leave_out(f"{a}@{placement}", f"{b}@{placement}")
-    return Finding("image-repeated", "error", values, (a, b, placement), repairs, "two-cameras")
 
 
 def _same_files(session: Session, reported: Sequence[Finding]) -> list[Finding]:

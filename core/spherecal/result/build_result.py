@@ -33,7 +33,7 @@ from spherecal.data.rig import (
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import CameraSpec, Recording
 from spherecal.data.verdict import affected, is_valid, ruled, widening
-from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
+from spherecal.diagnose.ball_changes import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.flattening import flattening_doubt
 from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
@@ -42,9 +42,8 @@ from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.sticker_size import sticker_doubt
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.field_table import FieldTable
-from spherecal.geometry.length_uncertainty import Cameras
+from spherecal.geometry.length_uncertainty import Cameras, LengthMap, length_map, measured_volume
 from spherecal.geometry.sphere import fit_sphere
-from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
 from spherecal.result import camera_effects as effects
 from spherecal.result.widening import Uncertain, by_findings, drifting, either_lens, either_pose, either_size

@@ -31,8 +31,8 @@ from spherecal.initialise.triple import Triple, factorised
 from spherecal.initialise.view_graph import CameraGraph, EdgeWeights
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, in_millimetres
+from spherecal.steps.ball_stages import StartValues, describe_network, run_of
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import StartValues, describe_network, run_of
 
 # Steps at most: from starts of hundreds of pixels the slowest that arrived took 96.
 MOST_STEPS = 200

@@ -22,7 +22,7 @@ from spherecal import calibrate as calibration
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.diagnose import run_checks as checks
-from spherecal.steps import fit_ball, start_values
+from spherecal.steps import ball_stages
 from spherecal_files.read_session import read_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
@@ -34,10 +34,10 @@ MOST_SECONDS, MORE_BUSY = {"hall50": 10.0, "hall100": 10.0}, 1.3
 # Where its parts are called, and what the table calls them.
 _PARTS: dict[str, tuple[Any, str]] = {
     "local_network": (calibration, "local"),
-    "grow": (start_values, "start"),
+    "grow": (ball_stages, "start"),
     "solve_free": (calibration, "adjustment"),
-    "select_ball_model": (fit_ball, "adjustment"),
-    "in_millimetres": (fit_ball, "scale"),
+    "select_ball_model": (ball_stages, "adjustment"),
+    "in_millimetres": (ball_stages, "scale"),
     "diagnose": (checks, "diagnosis"),
 }
 PARTS = ("local", "start", "adjustment", "scale", "diagnosis", "whole")

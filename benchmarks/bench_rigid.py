@@ -23,7 +23,7 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.ball.rigid import align, share_shape
 from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording
+from spherecal.data.session import Recording
 from spherecal_sim.simulate_session import simulate_session
 
 RIGS = ("rigA", "rigB", "hall24", "hall50")

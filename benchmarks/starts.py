@@ -10,12 +10,11 @@ from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context
-from spherecal.data.recording import Recording
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
+from spherecal.steps.ball_stages import describe_network
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 
 SEED = 1

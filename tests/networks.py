@@ -14,8 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from spherecal.adjust import corrections
 from spherecal.adjust.ball_model import Free, Rigid
-from spherecal.adjust.problem import Problem, sorted_problem
-from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
+from spherecal.adjust.problem import NO_LENGTHS, NO_PRIORS, LengthRows, Priors, Problem, sorted_problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.calibrate import calibrate

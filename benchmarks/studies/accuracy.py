@@ -31,8 +31,8 @@ from benchmarks.studies.workers import Job, spread
 from spherecal.adjust.covariance import covariance
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.calibrate import calibrate
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
+from spherecal.data.session import Recording
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.scale.bar_scale import length_rows
 from spherecal.steps.settings import CalibrationSettings

@@ -27,11 +27,10 @@ from benchmarks.studies.report import Report
 from spherecal.adjust.state import State
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Quality, Rig, RigCamera, RigScale
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.geometry.camera import project
-from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.transform import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_files.read_session import read_session

@@ -15,22 +15,20 @@ from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.adjust.weights import rough_noise, weighted
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit
+from spherecal.ball.fit import BallFit, Run
 from spherecal.ball.rigid import RigidNetwork, align, share_shape
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.rig_camera import posed
-from spherecal.data.session import Bar, BarLength, Session
+from spherecal.data.session import Bar, BarLength, Recording, Session
 from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
-from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.transform import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.scale.metric import Solution, in_millimetres
+from spherecal.steps.ball_stages import describe_network
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import describe_network
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_bars import StudyBars, study_bars
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose

@@ -2,22 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import get_args
 
 from spherecal.adjust.corrections import drift_alike, drifts, one_moved
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, solve_free
+from spherecal.ball.fit import BallFit, Run, solve_free
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
+from spherecal.base.messages.values import Phrase
+from spherecal.base.plugins import METHODS, load
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import with_lens_model
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.data.verdict import with_findings
-from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.redetection import Located, with_missed_targets
-from spherecal.detect.session_images import observed
+from spherecal.detect.session_images import nothing_found, observed
 from spherecal.diagnose.lens_models import LensTrial, best_lens_model, wants_another
 from spherecal.diagnose.plausibility import implausible
 from spherecal.initialise.focal_length import with_seen_focal_lengths
@@ -33,11 +33,9 @@ from spherecal.steps.automatic_repairs import (
     is_settled,
     moves_are_all,
 )
-from spherecal.steps.fit_ball import fit_ball_model
-from spherecal.steps.other_methods import method_of, other_method
+from spherecal.steps.ball_stages import fit_ball_model, local_network, run_of, start_values
 from spherecal.steps.repairs import Repairs, recorded, repaired
-from spherecal.steps.settings import CalibrationSettings, as_stated, check_settings
-from spherecal.steps.start_values import local_network, run_of, start_values
+from spherecal.steps.settings import CalibrationSettings, Method, as_stated, check_settings
 from spherecal.steps.tao2021 import calibrate_as_published
 
 
@@ -252,3 +250,26 @@ def _solved(session: Session, task: _Task, first: bool = False) -> _Judged | _So
         sound, turning, begun = done, True, free.begun
         if other is not None:
             lens, session, local, begun = other, other.applied(session), None, None
+
+
+# --- methods other than the ball's, such as boards and bars ----------------------------------------------------------
+
+# Methods that start from view graph and ball.
+OF_THE_BALL = ("auto", "tao2021", "free", "soft", "rigid")
+
+OtherMethod = Callable[[Session, CalibrationSettings, Context], Calibration]
+
+
+def method_of(session: Session, asked: Method) -> Method:
+    """The method asked for; `auto` takes the board of a session that has nothing of a ball."""
+    of_ball = session.target_set is not None or session.sphere_diameter_mm is not None
+    return "board" if asked == "auto" and session.board is not None and not of_ball else asked
+
+
+def other_method(name: str) -> OtherMethod | None:
+    """What calibrates a session by a method of this name; None for the ball's own."""
+    if name in OF_THE_BALL:
+        return None
+    if (method := load(METHODS, name)) is None:
+        raise InputError(Phrase("error-no-method", {"name": name, "names": list(get_args(Method))}))
+    return method

@@ -18,12 +18,10 @@ from spherecal.base.context import Context, Stopwatch
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, RigScale
-from spherecal.data.session import Placement, Session
+from spherecal.data.session import Placement, Recording, Session
 from spherecal.detect.session_images import observed
-from spherecal.diagnose.image_settings import image_settings
-from spherecal.diagnose.plausibility import implausible
+from spherecal.diagnose.plausibility import image_settings, implausible
 from spherecal.result.build_result import unsolved
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, located, residuals_px

@@ -9,8 +9,7 @@ from scipy.stats import chi2
 from spherecal.adjust.bundle import GATE_ROUNDS, GATE_SIGMAS, PAIR_GATES, START_INTRINSICS, usable_features
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.problem import sorted_problem
-from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.problem import NO_PRIORS, Priors, sorted_problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context

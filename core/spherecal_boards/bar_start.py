@@ -11,7 +11,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
 from spherecal.geometry.camera import undistort
-from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.transform import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.initialise.view_graph import common_counts, groups_of
 from spherecal_boards.bar_marks import BarRecording, Lengths

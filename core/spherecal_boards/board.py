@@ -13,9 +13,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics
 from spherecal.data.observations import Features, Observations
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, RigScale
-from spherecal.data.session import UNMEASURED_PRINT, Session
+from spherecal.data.session import UNMEASURED_PRINT, Recording, Session
 from spherecal.diagnose.camera_findings import FLIPS, Flip, flipped
 from spherecal.diagnose.plausibility import implausible
 from spherecal.geometry.camera import project

@@ -7,8 +7,7 @@ import numpy as np
 from spherecal.adjust.ball_model import Rigid
 from spherecal.adjust.bundle import GATE_ROUNDS, START_INTRINSICS
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.problem import sorted_problem
-from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.problem import NO_PRIORS, Priors, sorted_problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context

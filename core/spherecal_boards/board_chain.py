@@ -9,8 +9,8 @@ from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import project
-from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import nearest_rotation
+from spherecal.geometry.transform import PosedCameras
 from spherecal_boards.board_adjustment import BoardNetwork, ViewPoses, place_boards, robust_start
 from spherecal_boards.board_model import BoardViews
 from spherecal_boards.board_start import BoardPose

@@ -18,11 +18,9 @@ from spherecal.diagnose.camera_findings import (
     scattering_poses,
     wrong_focal_lengths,
 )
-from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE
 from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
-from spherecal.diagnose.lens import misfits
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.moves import (
     LEAST_POINTS,
@@ -34,8 +32,9 @@ from spherecal.diagnose.moves import (
     rows_of,
     scatters,
 )
+from spherecal.diagnose.score import misfits
 from spherecal.diagnose.soundness import MANY_OUTLIERS, unsound
-from spherecal.diagnose.swapped_cameras import swapped_cameras
+from spherecal.diagnose.swapped_cameras import swapped_cameras, swapped_images
 from spherecal.initialise.view_graph import groups_of
 from spherecal_boards.board_result import Fit
 from spherecal_boards.frames_evidence import FrameEvidence

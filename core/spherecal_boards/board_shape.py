@@ -12,8 +12,7 @@ from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.least_squares import minimise as minimise_points
 from spherecal.adjust.levenberg import Settings
-from spherecal.adjust.problem import Problem, sorted_problem
-from spherecal.adjust.rows import Priors
+from spherecal.adjust.problem import Priors, Problem, sorted_problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context

@@ -10,8 +10,7 @@ from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_SIGMAS
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, LEAST_OBSERVATIONS, WORST_RELATIVE_FOCAL_SD, prior_sigmas
 from spherecal.adjust.levenberg import Minimum, Settings
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.adjust.problem import Problem
-from spherecal.adjust.rows import NO_PRIORS, Priors
+from spherecal.adjust.problem import NO_PRIORS, Priors, Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context

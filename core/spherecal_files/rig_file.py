@@ -28,8 +28,8 @@ from spherecal.data.rig import (
 )
 from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, fisheye_vector, intrinsics_vector, is_fisheye
 from spherecal.geometry.field_table import FieldTable
+from spherecal.geometry.length_uncertainty import LengthMap
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
-from spherecal.geometry.volume_map import LengthMap
 from spherecal_files import codec
 from spherecal_files.findings_file import FINDING, with_values
 from spherecal_files.json_file import MOST_CAMERAS, JsonValue, finite, parse_json, read_bytes, read_json, software_entry

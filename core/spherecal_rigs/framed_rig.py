@@ -11,9 +11,9 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
+from spherecal.geometry.length_uncertainty import LengthMap
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
-from spherecal.geometry.volume_map import LengthMap
 from spherecal_files import codec
 from spherecal_files.atomic import write_file_whole
 from spherecal_files.ball_file import BALL_FILE, LEAST_DOTS, read_ball

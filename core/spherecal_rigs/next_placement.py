@@ -20,9 +20,8 @@ from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.geometry.camera import is_unfolded, project
-from spherecal.geometry.length_uncertainty import Cameras, predict_lengths
+from spherecal.geometry.length_uncertainty import DIRECTIONS, LENGTH_MM, Cameras, Volume, predict_lengths
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.geometry.volume_map import DIRECTIONS, LENGTH_MM, Volume
 from spherecal_rigs.known_problem import KnownNetwork, what_is_known
 
 COVERAGE_FACTOR = 2.0

@@ -9,8 +9,7 @@ from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import solve_free
+from spherecal.ball.fit import Run, solve_free
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
@@ -19,19 +18,16 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.lens_model import like
 from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, CameraCovariance, CameraSigma, Quality, Rig, RigCamera
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.detect.session_images import observed
-from spherecal.geometry.length_uncertainty import Cameras
-from spherecal.geometry.volume_map import LengthMap, Volume, length_map
+from spherecal.geometry.length_uncertainty import Cameras, LengthMap, Volume, length_map
 from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, Solution, fit_spheres
-from spherecal.steps.fit_ball import ball_network, select_ball_model
+from spherecal.steps.ball_stages import ball_network, describe_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import describe_network
 from spherecal_verify.consistency import camera_normal
 from spherecal_verify.measuring_volume import volume_box
 from spherecal_verify.outlying_views import triangulate_checked

@@ -12,15 +12,14 @@ from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.data.recording import Recording
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise.camera_path import Path, Search, find_paths
 from spherecal.initialise.local import LocalNetwork
 from spherecal.initialise.view_graph import edges_of
 from spherecal.steps import tao2021
+from spherecal.steps.ball_stages import StartValues
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import StartValues
 from spherecal_sim.truth import Truth
 
 PERCENT = (10, 15, 20, 25)

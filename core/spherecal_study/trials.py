@@ -10,9 +10,8 @@ import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
-from spherecal.data.session import STANDARD_PLACEMENTS, Session
+from spherecal.data.session import STANDARD_PLACEMENTS, Recording, Session
 from spherecal.detect.session_images import observed
 from spherecal.initialise.camera_path import Search, find_paths
 from spherecal.initialise.local import LocalNetwork

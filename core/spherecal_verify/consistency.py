@@ -13,8 +13,8 @@ from scipy.special import chdtrc
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project_with_derivatives
-from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
+from spherecal.geometry.transform import PosedCameras
 from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 
 # A false alarm once in 1000 checks, however many cameras there are (Bonferroni); benchmarks/studies/check.md counts.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.transform import PosedCameras
 from spherecal.geometry.triangulation import Triangulation, triangulate
 
 # A good view exceeds 4.5 standard deviations once in 25 000 (two coordinates), and no view within 0.15 px is gross:

@@ -8,10 +8,9 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import image_reach, project
-from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.sphere import fit_sphere
-from spherecal.geometry.transform import fit_similarity
+from spherecal.geometry.transform import PosedCameras, fit_similarity
 from spherecal.geometry.triangulation import triangulate
 from spherecal_gui.coverage import Dots, SetDots, dot_keys
 

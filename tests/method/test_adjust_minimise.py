@@ -12,8 +12,7 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import _Bundle, minimise
 from spherecal.adjust.levenberg import Damping, Minimum, Settings, levenberg_marquardt
 from spherecal.adjust.network import Network, free_network
-from spherecal.adjust.problem import Problem, length_residuals, prior_residuals
-from spherecal.adjust.rows import Priors
+from spherecal.adjust.problem import Priors, Problem, length_residuals, prior_residuals
 from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context

@@ -5,7 +5,7 @@ import pytest
 
 import spherecal.ball.selection
 from benchmarks.simulators.realistic import simulate_realistic
-from spherecal.ball.form_agreement import Agreement, agreement
+from spherecal.ball.rigid import Agreement, agreement
 from spherecal.base import arrays
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding

@@ -11,7 +11,7 @@ from benchmarks.studies.mischief_case import Make
 from benchmarks.studies.mischief_motions import moved, warming
 from benchmarks.studies.mischief_world import make_world
 from spherecal.data.findings import Finding
-from spherecal.diagnose.ball_size import MOST_CHANGE
+from spherecal.diagnose.ball_changes import MOST_CHANGE
 from tests.networks import one_thread
 
 __all__ = ["one_thread"]

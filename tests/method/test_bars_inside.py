@@ -9,9 +9,8 @@ import pytest
 from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
-from spherecal.data.session import Bar, Session
+from spherecal.data.session import Bar, Recording, Session
 from spherecal.scale.bar_scale import length_rows
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_sim.truth import Truth

@@ -15,9 +15,8 @@ from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings

@@ -13,10 +13,8 @@ from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.diagnose.geometry import articulations, bridges
-from spherecal.diagnose.lens import field_values, misfits
-from spherecal.diagnose.moves import alike, confirmed, differ, find_moves, pose_values, prepare
-from spherecal.diagnose.score import Change, ScoreTest, change_of, conditional, make_score_test
-from spherecal.diagnose.yardstick import SURE, inflation, raised
+from spherecal.diagnose.moves import SURE, alike, confirmed, differ, find_moves, inflation, pose_values, prepare, raised
+from spherecal.diagnose.score import Change, ScoreTest, change_of, conditional, field_values, make_score_test, misfits
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
 from tests.method.test_covariance import with_world

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spherecal.ball import linking
+from spherecal.ball import image_poses
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
@@ -293,7 +293,7 @@ def test_cameras_are_linked_by_some_of_many_placements(seed: int, monkeypatch: p
     """More images than are linked at a time: the placements with most dots link the cameras, the others follow."""
     session, truth = simulated("demo", seed, placements=6)
     session = in_pairs(session, 2)
-    monkeypatch.setattr(linking, "MOST_IMAGES", 3 * len(session.cameras))
+    monkeypatch.setattr(image_poses, "MOST_LINKED", 3 * len(session.cameras))
     calibration = calibrate(session)
     assert len(calibration.rig.cameras) == len(session.cameras)
     assert "cameras-unlinked" not in codes(calibration)

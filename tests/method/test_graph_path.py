@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.initialise.camera_path import BASE, Path, find_paths
-from spherecal.initialise.chain import chain_points, chain_poses, relative_pose
+from spherecal.initialise.camera_path import BASE, Path, chain_points, chain_poses, find_paths, relative_pose
 from spherecal.initialise.triple import Triple
 from spherecal.initialise.view_graph import (
     KEEP_AN_EDGE,

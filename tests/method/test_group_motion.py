@@ -49,11 +49,12 @@ def images(
         np.diag(np.tile(1 / NOISE**2, m)),
         np.tile(np.diag([1e6] * 3 + [1.0] * 3), (m, 1, 1)),
         1.0,
+        cameras,
     )
 
 
 def found(some: ImagePoses) -> GroupMotion | None:
-    return find_group_motion(some, int(some.camera.max()) + 1, np.zeros(3), None, Context())
+    return find_group_motion(some, np.zeros(3), None, Context())
 
 
 @pytest.mark.parametrize("since", [1, 2, 3])
@@ -98,16 +99,16 @@ def test_noise_and_scatter_of_all_images_name_nobody() -> None:
 
 def test_a_single_move_is_left_to_the_single_cameras() -> None:
     some = images({(2, t): 10 * MOTION for t in (2, 3)})
-    single = explain(some, CAMERAS, Context())
+    single = explain(some, Context())
     assert single is not None and [move.camera for move in single.moves] == [2] and single.is_simple
-    assert find_group_motion(some, CAMERAS, np.zeros(3), single.fitted, Context()) is None
+    assert find_group_motion(some, np.zeros(3), single.fitted, Context()) is None
 
 
 def test_two_cameras_that_moved_apart_are_named_each() -> None:
     """Either alone leaves what the other did, many times what noise leaves."""
     other = np.array([-2e-4, 1e-4, 0.0, -0.3, 0.4, 0.1])
     moved = {(2, t): 10 * MOTION for t in (2, 3)} | {(5, t): 10 * other for t in (1, 2, 3)}
-    single = explain(images(moved), CAMERAS, Context())
+    single = explain(images(moved), Context())
     assert single is not None and {move.camera for move in single.moves} == {2, 5} and single.variance_factor < 1.5
 
 
@@ -121,9 +122,9 @@ def test_a_group_among_many_cameras_is_found_by_growth() -> None:
 def test_groups_of_many_motions_take_little_memory() -> None:
     """The matrices of all 2,510 groups of 12 cameras at once took 5 GB at 25 placements, 0.4 GB at these."""
     some = images(cameras=12, placements=8)
-    still = fit_layout(some, PoseComposition.of(some, 12))
+    still = fit_layout(some, PoseComposition.of(some))
     assert still is not None
-    search = GroupSearch.of(some, still, 12)
+    search = GroupSearch.of(some, still)
     tracemalloc.start()
     groups = search.groups(tuple((t,) for t in range(1, 8)), some.variance)
     peak = tracemalloc.get_traced_memory()[1]
@@ -133,7 +134,7 @@ def test_groups_of_many_motions_take_little_memory() -> None:
 
 def test_a_camera_with_two_moves_is_unstable() -> None:
     moved = {(2, 1): 10 * MOTION, (2, 3): -20 * MOTION}
-    single = explain(images(moved), CAMERAS, Context())
+    single = explain(images(moved), Context())
     assert single is not None and [move.camera for move in single.moves] == [2, 2]
     motion = unstable_camera(single)
     assert (motion.kind, motion.cameras) == ("ball", (2,)) and motion.dof == 2 * POSE

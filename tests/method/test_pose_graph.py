@@ -1,5 +1,7 @@
 """Which cameras stood still, read from the images' own poses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
-from spherecal.diagnose.pose_graph import EXPLAINED, Equations, _System, explain, fit
+from spherecal.diagnose.pose_graph import EXPLAINED, Equations, PoseComposition, _System, explain, fit_layout
 from spherecal.geometry.rotation import exp_rotation
 
 CAMERAS, PLACEMENTS = 5, 4
@@ -41,11 +43,12 @@ def images(move: FloatArray | None = None, camera: int = 2, since: int = 2, seed
         normal,
         np.tile(np.diag(1 / NOISE**2), (m, 1, 1)),
         1.0,
+        CAMERAS,
     )
 
 
 def test_without_a_move_what_is_left_is_chi_square() -> None:
-    left = [explain(images(seed=seed), CAMERAS, Context()) for seed in range(20)]
+    left = [explain(images(seed=seed), Context()) for seed in range(20)]
     assert all(found is not None and not found.moves for found in left)
     freedom = POSE * (CAMERAS * PLACEMENTS - 1 - (CAMERAS + PLACEMENTS - 1))
     mean = np.mean([found.variance_factor for found in left if found is not None])
@@ -64,7 +67,7 @@ def test_a_fit_ends_at_its_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_System, "step", counted)
     for seed in range(5):
         steps.clear()
-        found = fit(images(seed=seed), CAMERAS, ())
+        found = fit_layout(some := images(seed=seed), PoseComposition.of(some))
         assert found is not None and 2 <= len(steps) <= 6
 
 
@@ -72,7 +75,7 @@ def test_a_fit_ends_at_its_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("since", [1, 2, 3])
 def test_a_moved_camera_is_named_however_far_it_moved(size: float, since: int) -> None:
     move = size * np.array([1e-4, -2e-4, 1e-4, 0.6, -0.5, 0.6])
-    found = explain(images(move, since=since), CAMERAS, Context())
+    found = explain(images(move, since=since), Context())
     assert found is not None and found.variance_factor < EXPLAINED
     (one,) = found.moves
     assert one.camera == 2 and one.rivals == ()
@@ -90,7 +93,5 @@ def test_a_moved_camera_is_named_however_far_it_moved(size: float, since: int) -
 def test_images_that_do_not_hang_together_say_nothing() -> None:
     whole = images()
     apart = np.where(whole.camera < 2, whole.placement, whole.placement + PLACEMENTS)
-    split = ImagePoses(
-        whole.camera, apart, whole.points, whole.rotation, whole.translation, whole.normal, whole.by_pose_px2, 1.0
-    )
-    assert fit(split, CAMERAS, ()) is None and explain(split, CAMERAS, Context()) is None
+    split = replace(whole, placement=apart)
+    assert fit_layout(split, PoseComposition.of(split)) is None and explain(split, Context()) is None

@@ -16,10 +16,10 @@ from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.session import Session
-from spherecal.geometry.consensus import agreeing_views
-from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.resection import resected_poses
 from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.geometry.transform import PosedCameras
+from spherecal.geometry.triangulation import agreeing_views
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig

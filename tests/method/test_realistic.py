@@ -12,7 +12,7 @@ from spherecal.data.findings import Finding
 from spherecal.data.rig_camera import RigCamera
 from spherecal.data.verdict import effect, ruled
 from spherecal.geometry.camera import estimated_mask, intrinsics_vector
-from spherecal.geometry.volume_map import LengthMap
+from spherecal.geometry.length_uncertainty import LengthMap
 from spherecal.result.build_result import MOVES, PULLED, _ball_within_lengths, _moves_within_lengths, _said_of
 
 LENS = intrinsics_vector(np.array([[2300.0, 0, 1032], [0, 2300, 772], [0, 0, 1]]), [-0.1, 0.02, 0, 0, 0])

@@ -11,10 +11,9 @@ from spherecal.adjust.covariance_factors import Covariance
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.data.observations import Features, Observations, find_features
-from spherecal.data.recording import Recording
-from spherecal.data.session import Bar, BarLength, BarPose, Mark, Scale, Session
+from spherecal.data.session import Bar, BarLength, BarPose, Mark, Recording, Scale, Session
 from spherecal.scale.bar_scale import scale_from_bars
-from spherecal.scale.spacing import FoundScale, Spacing, bend, scale_from_spacing
+from spherecal.scale.spacing import FoundScale, Located, Spacing, bend, scale_from_spacing
 from spherecal.steps.settings import CalibrationSettings
 from spherecal.targets.target_set import TargetSet
 from tests.networks import calibrated, errors_of, one_thread, simulated
@@ -80,6 +79,12 @@ def stickers(
     return Features(placement, target, point, np.arange(len(rows))), place, radius
 
 
+def by_spacing(
+    spacing: Spacing, features: Features, points: FloatArray, radii: FloatArray, noise: Covariance, variance: float
+) -> FoundScale | None:
+    return scale_from_spacing(spacing, features, radii, Located(points, noise, variance))
+
+
 def cofactors(n: int, sd: FloatArray | float = 1.0) -> Covariance:
     """A covariance of n points that is their own image noise alone: spheres of standard deviation `sd`."""
     noise = np.eye(3) * np.square(np.broadcast_to(sd, n))[:, None, None]
@@ -107,15 +112,13 @@ def test_perfect_stickers_give_the_exact_scale(unit: float, on_sphere: bool) -> 
     features, place, radius = stickers(np.random.default_rng(0), on_sphere=on_sphere)
     noise = cofactors(len(place), 1e-6 * unit)
     spacing = replace(SPACING, on_sphere=on_sphere)
-    found = scale_from_spacing(spacing, features, place * unit, radius * unit, noise, 1.0)
+    found = by_spacing(spacing, features, place * unit, radius * unit, noise, 1.0)
     assert found is not None
     assert found.factor == pytest.approx(1 / unit, rel=1e-9)
     assert found.count == 40
     assert found.scatter < 1e-6
     # without the correction the answer is off by that of the chord
-    wrong = scale_from_spacing(
-        replace(SPACING, on_sphere=not on_sphere), features, place * unit, radius * unit, noise, 1.0
-    )
+    wrong = by_spacing(replace(SPACING, on_sphere=not on_sphere), features, place * unit, radius * unit, noise, 1.0)
     assert wrong is not None
     expected = float(np.mean(chord(ARC, radius) / ARC))
     ratio = wrong.factor / found.factor
@@ -125,7 +128,7 @@ def test_perfect_stickers_give_the_exact_scale(unit: float, on_sphere: bool) -> 
 def test_a_scale_that_all_stickers_share_passes_unseen() -> None:
     """A printer's common error is in the result and in no statistic: that is what its finding warns of."""
     features, place, radius = stickers(np.random.default_rng(0), print_scale=1.003)
-    found = scale_from_spacing(SPACING, features, place, radius, cofactors(len(place), 1e-4), 1.0)
+    found = by_spacing(SPACING, features, place, radius, cofactors(len(place), 1e-4), 1.0)
     assert found is not None
     assert found.factor == pytest.approx(1 / 1.003, rel=1e-5)
     assert found.scatter < 1e-5
@@ -146,7 +149,7 @@ def test_print_scatter_is_found_and_belongs_to_the_uncertainty(print_sd: float, 
         features, place, radius = stickers(rng, print_sd=print_sd)
         noisy = unit * (place + noise_sd * rng.normal(size=place.shape))
         cofactor = cofactors(len(place), unit)
-        found = scale_from_spacing(SPACING, features, noisy, unit * radius, cofactor, noise_sd**2)
+        found = by_spacing(SPACING, features, noisy, unit * radius, cofactor, noise_sd**2)
         assert found is not None
         scatters.append(found.scatter)
         scores.append((found.factor * unit - 1) / found.relative_uncertainty)
@@ -165,7 +168,7 @@ def test_more_placements_average_noise_but_no_print() -> None:
         rng = np.random.default_rng(1)
         features, place, radius = stickers(rng, n_placements=placements, print_sd=print_sd)
         noisy = place + 0.01 * rng.normal(size=place.shape)
-        found = scale_from_spacing(SPACING, features, noisy, radius, cofactors(len(place)), 0.01**2)
+        found = by_spacing(SPACING, features, noisy, radius, cofactors(len(place)), 0.01**2)
         assert found is not None
         return found.relative_uncertainty
 
@@ -179,7 +182,7 @@ def test_noisy_stickers_count_little() -> None:
     features, place, radius = stickers(rng)
     sd = np.where(features.target % 2 == 0, 0.001, 1.0)
     noisy = place + sd[:, None] * rng.normal(size=place.shape)
-    found = scale_from_spacing(SPACING, features, noisy, radius, cofactors(len(place), sd), 1.0)
+    found = by_spacing(SPACING, features, noisy, radius, cofactors(len(place), sd), 1.0)
     assert found is not None
     assert found.factor == pytest.approx(1.0, abs=5e-5)
     # 20 stickers at 3 placements count, of two dots each
@@ -191,17 +194,17 @@ def test_only_stickers_with_both_dots_count() -> None:
     noise = cofactors(len(place), 1e-3)
     unknown = (features.target > 10) & (features.point == 1)
     noise.points[unknown] = np.nan
-    found = scale_from_spacing(SPACING, features, place, radius, noise, 1.0)
+    found = by_spacing(SPACING, features, place, radius, noise, 1.0)
     assert found is not None
     assert found.count == 10
     noise.points[features.point == 1] = np.nan
-    assert scale_from_spacing(SPACING, features, place, radius, noise, 1.0) is None
-    assert scale_from_spacing(Spacing(0, 7, ARC, True), features, place, radius, cofactors(len(place)), 1.0) is None
+    assert by_spacing(SPACING, features, place, radius, noise, 1.0) is None
+    assert by_spacing(Spacing(0, 7, ARC, True), features, place, radius, cofactors(len(place)), 1.0) is None
 
 
 def test_one_sticker_is_enough_for_a_scale() -> None:
     features, place, radius = stickers(np.random.default_rng(0), n_targets=1, n_placements=1)
-    found = scale_from_spacing(SPACING, features, place * 2, radius * 2, cofactors(2, 1e-3), 1.0)
+    found = by_spacing(SPACING, features, place * 2, radius * 2, cofactors(2, 1e-3), 1.0)
     assert found is not None
     assert found.factor == pytest.approx(0.5, rel=1e-9)
     assert found.scatter == 0.0
@@ -256,7 +259,9 @@ def bar_network(
 
 def bar_scale(case: tuple[Session, Observations, Features, FloatArray, FloatArray], points: FloatArray) -> FoundScale:
     session, observations, features, _, sd = case
-    found = scale_from_bars(Recording(session, observations, features), "S", points, cofactors(len(sd), sd), 1.0)
+    found = scale_from_bars(
+        Recording(session, observations, features), "S", Located(points, cofactors(len(sd), sd), 1.0)
+    )
     assert found is not None
     return found
 
@@ -297,11 +302,11 @@ def test_bar_that_nobody_sees_gives_no_scale() -> None:
     session, observations, features, place, sd = bar_network(np.random.default_rng(0), False)
     noise = cofactors(len(sd), sd)
     noise.points[features.target == 902] = np.nan
-    assert scale_from_bars(Recording(session, observations, features), "S", place, noise, 1.0) is None
+    assert scale_from_bars(Recording(session, observations, features), "S", Located(place, noise, 1.0)) is None
     three = bar_network(np.random.default_rng(0), True)
     noise = cofactors(len(three[4]), three[4])
     noise.points[three[2].point >= 3] = np.nan  # a layout needs four dots
-    assert scale_from_bars(Recording(three[0], three[1], three[2]), "S", three[3], noise, 1.0) is None
+    assert scale_from_bars(Recording(three[0], three[1], three[2]), "S", Located(three[3], noise, 1.0)) is None
 
 
 @pytest.mark.parametrize("preset", ["rigA", "rigB"])

@@ -8,7 +8,7 @@ import pytest
 from networks import simulated
 
 from spherecal.base.context import Context
-from spherecal.data.recording import Recording
+from spherecal.data.session import Recording
 from spherecal.geometry.sphere import fit_sphere, fit_sphere_geometrically
 from spherecal.initialise.view_graph import TH_ER_PX, EdgeWeights
 from spherecal.steps import tao2021

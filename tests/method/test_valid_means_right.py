@@ -25,8 +25,8 @@ from spherecal.data.rig import Affected, Calibration, Quality
 from spherecal.data.session import Session
 from spherecal.data.verdict import RULES, affected, effect, is_valid, ruled, widening
 from spherecal.data.verdict_words import named
+from spherecal.diagnose.moves import most_moved
 from spherecal.diagnose.plausibility import implausible
-from spherecal.diagnose.yardstick import most_moved
 from spherecal.geometry.transform import fit_similarity
 from spherecal.result.build_result import _points_sigma
 from spherecal.steps.automatic_repairs import ways

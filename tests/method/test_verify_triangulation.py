@@ -5,7 +5,7 @@ import pytest
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project
-from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.transform import PosedCameras
 from spherecal.geometry.triangulation import Triangulation, triangulate
 from spherecal_verify.outlying_views import Views, triangulate_checked
 

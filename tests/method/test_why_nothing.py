@@ -14,8 +14,7 @@ from spherecal.base.context import Context
 from spherecal.base.messages.catalogue import phrase
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Placement, Session
-from spherecal.detect.nothing_found import nothing_found
-from spherecal.detect.session_images import observed
+from spherecal.detect.session_images import nothing_found, observed
 from spherecal.geometry.camera import project
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import read_image

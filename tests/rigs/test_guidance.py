@@ -124,7 +124,7 @@ def test_the_map_is_that_of_repeated_calibrations(unstrained: None) -> None:
 def _measured(calibration: Calibration, truth, centre: np.ndarray, direction: np.ndarray) -> float:
     """A length of 200 mm, seen without noise by the true cameras, measured with the calibrated ones."""
     from spherecal.geometry.camera import project
-    from spherecal.geometry.posed import PosedCameras
+    from spherecal.geometry.transform import PosedCameras
     from spherecal.geometry.triangulation import triangulate
 
     ends = np.stack([centre - 100 * direction, centre + 100 * direction])

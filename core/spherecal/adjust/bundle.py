@@ -329,15 +329,12 @@ def residual_size(network: Network, state: State) -> FloatArray:
     """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
     out = np.empty(len(network.uv))
     for rows in blocks(len(out)):
-        out[rows] = _residual_size(network.only(rows), state)
+        some = network.only(rows)
+        x = some.camera_points(state)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            size = np.linalg.norm(project(x, state.intrinsics[some.camera]) - some.uv, axis=1)
+            out[rows] = np.where(np.isfinite(size) & (x[:, 2] > 0), size, np.inf)
     return out
-
-
-def _residual_size(network: Network, state: State) -> FloatArray:
-    x = network.camera_points(state)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        size = np.linalg.norm(project(x, state.intrinsics[network.camera]) - network.uv, axis=1)
-        return np.where(np.isfinite(size) & (x[:, 2] > 0), size, np.inf)
 
 
 def _watch(context: Context, stage: str, expected: int):

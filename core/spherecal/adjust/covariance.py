@@ -11,7 +11,7 @@ from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable, Free
 from spherecal.adjust.covariance_factors import Covariance, Inverted, generalised_inverse
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.deformable_factors import deformable_factors
+from spherecal.adjust.deformable import deformable_factors
 from spherecal.adjust.least_squares import normal_equations
 from spherecal.adjust.parameter_layout import symmetric
 from spherecal.adjust.point_factors import PointFactors, point_factors, widened

@@ -139,7 +139,8 @@ class Covariance(Inverted, ABC):
         """
         taken = functional @ self.gauge_weights[: self.n_camera_columns]  # how much the datum takes back
         by_column = self.inverse[:, : self.n_camera_columns] @ functional.T - self.gauge_cross @ taken.T
-        return by_column, self.own_gauge_rows, -taken.T
+        own_gauge_rows = self.point_inverse @ self.datum_points  # the datum's conditions by scores of the points
+        return by_column, own_gauge_rows.reshape(3 * len(own_gauge_rows), own_gauge_rows.shape[2]), -taken.T
 
     @cached_property
     @abstractmethod
@@ -174,12 +175,6 @@ class Covariance(Inverted, ABC):
     def n_camera_columns(self) -> int:
         """Expanded columns of cameras, the first ones."""
         return self.problem.n_cameras * self.linear.width
-
-    @cached_property
-    def own_gauge_rows(self) -> FloatArray:
-        """The datum's conditions by scores of the points, (3p,g)."""
-        pulled = self.point_inverse @ self.datum_points
-        return pulled.reshape(3 * len(pulled), pulled.shape[2])
 
     @cached_property
     def gauge_weights(self) -> FloatArray:

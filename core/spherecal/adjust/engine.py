@@ -74,7 +74,8 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
         is_gathered=not is_dense,
     )
     order, begins = problem.elimination_runs
-    blocks = _own_lenses(layout, problem.n_cameras) if is_dense else _shared_lenses(layout, problem.n_cameras)
+    own_lenses = Blocks(layout.block_offset, layout.block_width, np.full(problem.n_cameras, -1))
+    blocks = own_lenses if is_dense else _shared_lenses(layout, problem.n_cameras)
     if is_dense:
         is_kept = kept_block[order] >= 0
         dense_elimination.eliminate(problem, linear, damping, order[~is_kept], reduced)
@@ -91,13 +92,8 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     return reduced
 
 
-def _own_lenses(layout: Layout, n_cameras: int) -> Blocks:
-    """The blocks where each camera's lens is a part of its own."""
-    return Blocks(layout.block_offset, layout.block_width, np.full(n_cameras, -1))
-
-
 def _shared_lenses(layout: Layout, n_cameras: int) -> Blocks:
-    """The same with another block, after all others, for each lens that several cameras share.
+    """The blocks of columns with another one, after all others, for each lens that several cameras share.
 
     A point then meets the lens once instead of once with each camera: of 60 views by one lens a third of the products.
     """

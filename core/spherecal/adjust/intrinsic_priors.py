@@ -7,8 +7,7 @@ import numpy as np
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
-from spherecal.adjust.problem import Problem
-from spherecal.adjust.rows import Priors
+from spherecal.adjust.problem import Priors, Problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye

@@ -26,14 +26,6 @@ class NormalEquations:
 
 
 @dataclass(frozen=True)
-class _Linearised:
-    """The observations' equations at a state, and the shape noise of a deformable ball's places."""
-
-    linear: Linear
-    shape_noise: ShapeNoise
-
-
-@dataclass(frozen=True)
 class _Bundle:
     """A problem with its loss (see levenberg.LeastSquares)."""
 
@@ -48,25 +40,26 @@ class _Bundle:
     def count(self) -> int:
         return len(self.problem.uv)
 
-    def linearise(self, state: State) -> _Linearised:
+    def linearise(self, state: State) -> ShapeNoise:
+        """The observations' equations at a state, with the shape noise of a deformable ball's places."""
         linear = engine.linear_model(self.problem, state, _robust_weight(self.problem, state, self.cauchy))
-        return _Linearised(linear, shape_noise_of(self.problem, linear))
+        return shape_noise_of(self.problem, linear)
 
-    def cost(self, state: State, linear: _Linearised) -> float:
+    def cost(self, state: State, linear: ShapeNoise) -> float:
         residual = engine.residuals(self.problem, state)
         squared = (residual**2).sum(axis=1)
         if self.cauchy is not None:
             squared = self.cauchy**2 * np.log1p(squared / self.cauchy**2)
-        total = 0.5 * float(squared.sum() - linear.shape_noise.taken(residual) + _other_squares(self.problem, state))
+        total = 0.5 * float(squared.sum() - linear.taken(residual) + _other_squares(self.problem, state))
         return total if np.isfinite(total) else np.inf
 
-    def accepted(self, state: State, cost: float) -> tuple[_Linearised | None, float]:
+    def accepted(self, state: State, cost: float) -> tuple[ShapeNoise | None, float]:
         if not isinstance(self.problem.ball, Deformable):
             return None, cost
         linear = self.linearise(state)  # the weights follow the state
         return linear, self.cost(state, linear)
 
-    def step(self, state: State, linear: _Linearised, damping: float) -> tuple[State, float] | None:
+    def step(self, state: State, linear: ShapeNoise, damping: float) -> tuple[State, float] | None:
         problem = self.problem
         normal = normal_equations(problem, state, linear.linear, damping)
         step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
@@ -75,12 +68,13 @@ class _Bundle:
         whole = problem.layout.expanded_rows(step)
         point_step, after = engine.back_substitute(problem, linear.linear, normal.reduced, whole)
         residual = linear.linear.residual
-        before = 0.5 * float((residual**2).sum() - linear.shape_noise.taken(residual))
+        before = 0.5 * float((residual**2).sum() - linear.taken(residual))
         new = moved(problem, state, step, point_step)
         if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
             return None
         # the model's cost is that of the weighted rows; only the decrease is comparable
-        return new, before - after + predicted_decrease(problem, state, step) + _shape_decrease(problem, state, new)
+        of_shape = 0.5 * (_shape_squares(problem, state) - _shape_squares(problem, new))
+        return new, before - after + predicted_decrease(problem, state, step) + of_shape
 
 
 def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep | None = None) -> Minimum:
@@ -116,10 +110,6 @@ def _shape_squares(problem: Problem, state: State) -> float:
         return 0.0
     off, pull = problem.ball.shape.off(state.points)
     return float((off * pull)[problem.known_points].sum())
-
-
-def _shape_decrease(problem: Problem, state: State, new: State) -> float:
-    return 0.5 * (_shape_squares(problem, state) - _shape_squares(problem, new))
 
 
 def normal_equations(problem: Problem, state: State, linear: Linear, damping: float) -> NormalEquations:
@@ -171,3 +161,58 @@ def predicted_decrease(problem: Problem, state: State, step: FloatArray) -> floa
     """By how much a step (d,) of the reduced unknowns lowers the cost of prior and length rows, as linearised."""
     rows, residual = extra_rows(problem, state)
     return 0.5 * float((residual**2).sum() - ((residual + rows @ step) ** 2).sum())
+
+
+# --- Levenberg's adjustment with the identity as damping, as older programs have it ----------------------------------
+
+# As in SBA and its kin: a thousandth of the largest diagonal element to begin with. That is a camera's, which has more
+# points than a point has cameras. Nielsen's rule as he gives it.
+_FIRST = 1e-3
+_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class _Levenberg:
+    """A problem of the free form with no rows but observations (see levenberg.LeastSquares)."""
+
+    problem: Problem
+    damping = Damping(fastest=1 / 3)
+
+    @property
+    def count(self) -> int:
+        return len(self.problem.uv)
+
+    def linearise(self, state: State) -> Linear:
+        return engine.linear_model(self.problem, state, None)
+
+    def cost(self, state: State, linear: Linear) -> float:
+        with np.errstate(all="ignore"):
+            total = 0.5 * float((engine.residuals(self.problem, state) ** 2).sum())
+        return total if np.isfinite(total) else np.inf
+
+    def accepted(self, state: State, cost: float) -> tuple[Linear | None, float]:
+        return None, cost
+
+    def step(self, state: State, linear: Linear, damping: float) -> tuple[State, float] | None:
+        """The state after a step of (J'J + lambda 1) d = -J'v, and the decrease it promises."""
+        problem, n = self.problem, self.problem.n_points
+        of_points = PointEquations(np.tile(damping * np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
+        reduced = engine.reduce(problem, linear, 0.0, of_points)
+        normal = assembled(problem, state, reduced)
+        step = solve_damped(normal.matrix, normal.gradient, np.ones_like(normal.gradient), damping)
+        if step is None:
+            return None
+        by_points, after = engine.back_substitute(problem, linear, reduced, problem.layout.expanded_rows(step))
+        new = moved(problem, state, step, by_points)
+        if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
+            return None
+        return new, 0.5 * float((linear.residual**2).sum()) - after
+
+
+def minimise_with_identity(problem: Problem, state: State, most_steps: int, on_step: OnStep | None = None) -> Minimum:
+    """The state that Levenberg's method reaches in `most_steps`."""
+    model = _Levenberg(problem)
+    with one_blas_thread():
+        diagonal = engine.reduce(problem, model.linearise(state), 0.0).diagonal
+        settings = Settings(None, most_steps, _TOLERANCE, _FIRST * float(diagonal.max()))
+        return levenberg_marquardt(model, state, settings, on_step)

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt: the one minimiser of the project.
 
 Marquardt's damping (of the diagonal) keeps steps independent of units, unlike the identity of older programs
-(identity_damping.py). Damping control after H. B. Nielsen, IMM-REP-1999-05.
+(least_squares.py). Damping control after H. B. Nielsen, IMM-REP-1999-05.
 """
 
 from collections.abc import Callable

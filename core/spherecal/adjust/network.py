@@ -6,13 +6,11 @@ import numpy as np
 
 from spherecal.adjust.ball_model import FREE, BallModel, Free, Stored, as_rigid
 from spherecal.adjust.camera_effects import Corrections
-from spherecal.adjust.problem import Problem, sorted_problem
-from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
+from spherecal.adjust.problem import NO_LENGTHS, NO_PRIORS, LengthRows, Priors, Problem, sorted_problem
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.geometry.consensus import agreeing_views
-from spherecal.geometry.posed import PosedCameras
-from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
+from spherecal.geometry.transform import PosedCameras
+from spherecal.geometry.triangulation import Triangulation, agreeing_views, ray_angles, triangulate
 
 _OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma", "correction", "placement")
 

@@ -41,11 +41,6 @@ class Layout:
         first = used[np.unique(self.column[used], return_index=True)[1]]
         return first if (np.diff(first) > 0).all() else None  # another order would mix the two triangles
 
-    @cached_property
-    def _is_plain(self) -> bool:
-        """Whether no two expanded columns share a reduced one, so that folding is mere selection."""
-        return np.count_nonzero(self.column >= 0) == self.size
-
     @property
     def _intrinsics(self) -> IntArray:
         """The reduced columns of each camera's intrinsics (c,i)."""
@@ -68,7 +63,8 @@ class Layout:
 
     def fold_matrix(self, expanded: FloatArray, is_gathered: bool = False) -> FloatArray:
         """The reduced matrix (d,d) of the expanded one (e,e); of both the upper (block) triangle is valid."""
-        if self._first is not None and (self._is_plain or (is_gathered and self._share_all)):
+        none_shared = np.count_nonzero(self.column >= 0) == self.size  # so that folding is mere selection
+        if self._first is not None and (none_shared or (is_gathered and self._share_all)):
             return expanded if self.size == self.expanded else expanded[np.ix_(self._first, self._first)]
         half = self._fold @ symmetric(expanded)
         return np.asarray((self._fold @ half.T).T)

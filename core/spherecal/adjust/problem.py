@@ -13,12 +13,52 @@ from typing import Any
 import numpy as np
 
 from spherecal.adjust.ball_model import FREE, BallModel, Stored
-from spherecal.adjust.elimination_runs import elimination_runs
 from spherecal.adjust.parameter_layout import POSE, Layout
-from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS, LengthRows, Priors
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import exp_rotation
+
+
+@dataclass(frozen=True)
+class LengthRows:
+    """Known distances: |sum of coefficient (m,k) * points (m,k)| = length (m,), with a covariance (m,m).
+
+    Each end is a point, or a mark that its dots give: a sum of them whose coefficients add up to 1 (the first end's
+    to -1). A coefficient of 0 pads the row. One bar in many poses errs alike: its certificate correlates its rows.
+    """
+
+    points: IntArray
+    coefficient: FloatArray
+    length: FloatArray
+    covariance: FloatArray
+
+    @cached_property
+    def whitening(self) -> FloatArray:
+        """The matrix (m,m) that makes the rows' errors independent and of unit size."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.float64)
+
+    def select(self, keep: BoolArray) -> "LengthRows":
+        """Some of the rows, (m,) bool."""
+        covariance = self.covariance[np.ix_(keep, keep)]
+        return LengthRows(self.points[keep], self.coefficient[keep], self.length[keep], covariance)
+
+
+NO_LENGTHS = LengthRows(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 0)))
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Known values of intrinsics: value (c,16) and sigma (c,16), infinite where nothing is known."""
+
+    value: FloatArray
+    sigma: FloatArray
+
+    def is_known(self, camera: int, intrinsic: int) -> bool:
+        """Whether anything is known about an intrinsic of a camera."""
+        return len(self.sigma) > 0 and bool(np.isfinite(self.sigma[camera, intrinsic]))
+
+
+NO_PRIORS = Priors(np.zeros((0, 16)), np.zeros((0, 16)))
 
 
 @dataclass(frozen=True)
@@ -128,13 +168,8 @@ def sorted_problem(
 
 def _layout(problem: Problem) -> Layout:
     n_cameras, intrinsics = problem.n_cameras, problem.intrinsic_columns
-    width = np.concatenate(
-        [
-            np.full(n_cameras, POSE + len(intrinsics)),
-            np.full(problem.n_placements, POSE),
-            np.full(len(problem.kept_points), 3),
-        ]
-    )
+    counts = n_cameras, problem.n_placements, len(problem.kept_points)
+    width = np.repeat([POSE + len(intrinsics), POSE, 3], counts)
     offset = np.concatenate([[0], np.cumsum(width)])
     column = np.full(offset[-1], -1)
     next_column = 0
@@ -210,3 +245,64 @@ def length_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatA
     difference = np.einsum("mk,mki->mi", rows.coefficient, state.points[rows.points])
     length = np.linalg.norm(difference, axis=1)
     return rows.whitening @ (length - rows.length), difference / length[:, None]
+
+
+# --- in which order points are eliminated, and which of them by one matrix product -----------------------------------
+#
+# A run is worked on in the columns of all cameras and placements that any of its points meets. Points that meet the
+# same ones make a run; so do neighbours that meet nearly the same, where the columns that are zero cost less than a
+# product of their own would.
+
+# Points of one run at most; more gain nothing.
+MOST_POINTS = 64
+# Taking a product of u columns from the reduced matrix costs as much as six of its 3 u^2 multiplications for a point.
+_TAKING = 6
+
+
+def elimination_runs(
+    camera: IntArray, placement: IntArray, point_start: IntArray, n_cameras: int, n_placements: int, width: int
+) -> tuple[IntArray, BoolArray]:
+    """The observed points in the order of elimination (o,), and where in it (o,) runs begin.
+
+    `camera`, `placement` (n,): of observations, `point_start` (p+1,): sorted by point; `width`: columns of a camera.
+    """
+    n_points = len(point_start) - 1
+    point = np.repeat(np.arange(n_points), np.diff(point_start))
+    meets = np.zeros((n_points, n_cameras + n_placements), dtype=bool)
+    meets[point, camera] = True
+    if n_placements:
+        meets[point, n_cameras + placement] = True
+    patterns = np.packbits(meets, axis=1)
+    tag = np.random.default_rng(0).integers(1, 2**62, patterns.shape[1], dtype=np.uint64)
+    code = np.where(np.diff(point_start) > 0, (patterns * tag).sum(axis=1, dtype=np.uint64), 0)  # wrapping around
+    _, first, group, count = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
+    in_order = np.argsort(first)  # points of one sticker follow each other, and see much the same
+    cameras = int.from_bytes(np.packbits(np.arange(n_cameras + n_placements) < n_cameras).tobytes(), "big")
+    sets = [int.from_bytes(row.tobytes(), "big") for row in patterns[first[in_order]]]
+    run = np.empty(len(first), dtype=np.int64)
+    run[in_order] = _runs(sets, count[in_order].tolist(), cameras, width)
+    order = np.lexsort((np.arange(n_points), group, run[group]))
+    order = order[np.diff(point_start)[order] > 0]
+    own = run[group[order]]
+    begins = np.append(True, own[1:] != own[:-1])[: len(order)]
+    in_run = np.arange(len(order)) - np.maximum.accumulate(np.where(begins, np.arange(len(order)), 0))
+    return order, in_run % MOST_POINTS == 0
+
+
+def _runs(sets: list[int], counts: list[int], cameras: int, width: int) -> list[int]:
+    """The run of each of some sets of blocks (bits) that so many points meet: neighbours together where it pays."""
+
+    def cost(blocks: int, points: int) -> int:
+        seen = (blocks & cameras).bit_count()
+        return (width * seen + POSE * (blocks.bit_count() - seen)) ** 2 * (_TAKING + points)
+
+    runs, number = [0][: len(sets)], 0
+    blocks, points = (sets[0], counts[0]) if sets else (0, 0)
+    for other, more in zip(sets[1:], counts[1:], strict=True):
+        together = blocks | other
+        if points + more <= MOST_POINTS and cost(together, points + more) < cost(blocks, points) + cost(other, more):
+            blocks, points = together, points + more
+        else:
+            blocks, points, number = other, more, number + 1
+        runs.append(number)
+    return runs

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.geometry.posed import PosedCameras
+from spherecal.geometry.transform import PosedCameras
 
 
 @dataclass(frozen=True)

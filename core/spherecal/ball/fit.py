@@ -1,15 +1,18 @@
 """A network solved with one model of the ball, with weights, covariance, and priors where the data need them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjustment, refine, robust_start
+from spherecal.adjust import engine
+from spherecal.adjust.ball_model import Deformable
+from spherecal.adjust.bundle import Adjustment, datum_defect, refine, robust_start
 from spherecal.adjust.camera_effects import MOTION, Corrections
 from spherecal.adjust.corrections import corrected, first_effects, with_corrections
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.covariance_factors import Covariance
+from spherecal.adjust.deformable import shape_noise_of
 from spherecal.adjust.intrinsic_priors import (
     LEAST_NOISE,
     like_the_others,
@@ -18,15 +21,45 @@ from spherecal.adjust.intrinsic_priors import (
     shown_lenses,
     with_intrinsic_priors,
 )
+from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
+from spherecal.adjust.problem import NO_PRIORS, LengthRows, Priors, Problem
 from spherecal.adjust.reresection import with_right_poses
-from spherecal.adjust.rows import NO_PRIORS, LengthRows, Priors
+from spherecal.adjust.state import State
 from spherecal.adjust.weights import rough_noise, weighted
-from spherecal.ball.calibration_run import Run
 from spherecal.ball.rigid import RigidNetwork
-from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context, Stopwatch
 from spherecal.base.memory import release_freed
 from spherecal.initialise.incremental import InitialPoses
+
+
+@dataclass(frozen=True)
+class Run:
+    """A running calibration: what is known before, the camera whose frame is the world, progress and stage times.
+
+    `known` (c,16) intrinsics before the adjustment. `next_references`: cameras to take instead of `reference`, in this
+    order, where the adjustment leaves out all that it observed. `plain`, as in the paper: every observation weighs the
+    same, and a bar gives nothing but the scale.
+    """
+
+    known: FloatArray
+    reference: int
+    plain: bool = False
+    next_references: tuple[int, ...] = ()
+    context: Context = field(default_factory=Context)
+    watch: Stopwatch = field(default_factory=Stopwatch)
+
+    def accepting_partial(self) -> "Run":
+        """The same, for work whose caller has a partial result."""
+        return replace(self, context=self.context.accepting_partial())
+
+    def reference_in(self, adjusted: Adjustment) -> int:
+        """The camera whose frame is the world: the first of the references that still observes anything."""
+        seen = np.bincount(adjusted.problem.camera, minlength=adjusted.problem.n_cameras) > 0
+        return next((c for c in (self.reference, *self.next_references) if seen[c]), self.reference)
+
 
 # Nominal intrinsics that are simply wrong make the fit many times worse when fixed; right ones hardly change it.
 MOST_WORSE_BY_FIXING = 2.0
@@ -73,11 +106,6 @@ class BallFit:
         if self.rigid is None:
             return self.adjusted
         return replace(self.adjusted, state=self.rigid.as_features(self.adjusted.state))
-
-    @property
-    def point_views(self) -> IntArray:
-        """How many observations each unknown point has (p,)."""
-        return self.network.views(self.adjusted.used)
 
 
 def solve_free(
@@ -211,3 +239,85 @@ def rigid_solution(
         return finished_solution(described, own, placed, run, rigid)
 
     return solve_with_priors(rigid.network, first.used, placed, solution, run)
+
+
+# --- the shape noise of the ball's dots, from the data ---------------------------------------------------------------
+#
+# A variance component by its quadratic form: with it the soft form's variance of unit weight is the free form's. See
+# docs/decisions/0012-soft-ball.md.
+
+# The variance of unit weight of rig A scatters by 1.2 % from recording to recording.
+TOLERANCE = 0.003
+MOST_TRIALS = 8
+# While the shape noise is sought the network itself hardly moves: 1e-6 of its cost is far below the tolerance.
+TRIAL_SETTINGS = {"tolerance": 1e-6, "max_iterations": 6}
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Logarithms of a shape noise and of the variance that it leaves, relative to the one to be reached."""
+
+    shape_sd: float
+    excess: float
+
+
+def estimate_shape_variance(
+    rigid: RigidNetwork, first: Adjustment, free: BallFit, variance: float, context: Context
+) -> tuple[float, Adjustment]:
+    """The shape noise (for a sd of unit weight of 1; 0 where nothing asks for it) and the network adjusted with it."""
+    state, used, problem, rows = _start(rigid, first, free)
+    settings = Settings(**TRIAL_SETTINGS)  # type: ignore[arg-type]
+    redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
+    shape_sd, trials = 0.0, list[_Trial]()
+    while True:
+        context.report("soft ball", len(trials) / MOST_TRIALS)
+        done = minimise(_with_shape_variance(problem, shape_sd), state, settings)
+        state, ratio = done.state, 2 * done.cost / redundancy / variance
+        if abs(ratio - 1) < TOLERANCE or (shape_sd == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
+            return shape_sd, Adjustment(state, _with_shape_variance(problem, shape_sd), rows, used, done, redundancy)
+        if shape_sd == 0.0:
+            tied = shape_noise_of(problem, engine.linearise(problem, state, None))
+            per_row = np.einsum("gii->g", tied.normal) / (2.0 * np.diff(tied.start))
+            shape_sd = float(np.sqrt((ratio - 1) / np.median(per_row)))
+            continue
+        trials.append(_Trial(float(np.log(shape_sd)), float(np.log(ratio))))
+        shape_sd = float(np.exp(_next(trials)))
+
+
+def adjusted_with(rigid: RigidNetwork, first: Adjustment, free: BallFit, shape_sd: float) -> Adjustment:
+    """The network adjusted with a known shape noise."""
+    state, used, problem, rows = _start(rigid, first, free)
+    problem = _with_shape_variance(problem, shape_sd)
+    done = minimise(problem, state, Settings())
+    redundancy = problem.rows - problem.unknowns + datum_defect(problem)
+    return Adjustment(done.state, problem, rows, used, done, redundancy)
+
+
+def _start(rigid: RigidNetwork, first: Adjustment, free: BallFit) -> tuple[State, BoolArray, Problem, IntArray]:
+    """The rigid form's state, the observations of dots that it knows, and their problem with a shape noise of 1."""
+    network, state = rigid.softened(1.0).network, first.state
+    used = free.adjusted.used & np.isfinite(state.points[network.feature, 0])
+    used &= (network.views(used) >= 2)[network.feature]
+    state = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
+    problem, rows = network.problem(used, network.free, free.placed, weighted=True)
+    return state, used, problem, rows
+
+
+def _with_shape_variance(problem: Problem, shape_sd: float) -> Problem:
+    """The problem of `_start` with another shape noise."""
+    assert isinstance(problem.ball, Deformable)
+    return replace(problem, ball=replace(problem.ball, shape_sd=shape_sd * problem.ball.shape_sd))
+
+
+def _next(trials: list[_Trial]) -> float:
+    """Where the secant through the last two trials is zero, within the bounds that all trials leave (logarithm)."""
+    last = trials[-1]
+    low = max((t.shape_sd for t in trials if t.excess > 0), default=-np.inf)
+    high = min((t.shape_sd for t in trials if t.excess <= 0), default=np.inf)
+    slope = -0.5  # between none, where the images' noise prevails, and -2, where the shape noise does
+    if len(trials) > 1 and trials[-2].excess != last.excess:
+        slope = min((trials[-2].excess - last.excess) / (trials[-2].shape_sd - last.shape_sd), -0.05)
+    step = last.shape_sd - float(np.clip(last.excess / slope, -1.5, 1.5))
+    if low < step < high:
+        return step
+    return 0.5 * (low + high) if np.isfinite(low + high) else last.shape_sd + np.sign(last.excess)

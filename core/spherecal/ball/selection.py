@@ -16,12 +16,18 @@ from spherecal.adjust.corrections import corrected
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, rigid_solution, solve_from, solve_with_priors, without_priors
-from spherecal.ball.form_agreement import Agreement, agreement
-from spherecal.ball.linking import link_camera_groups
-from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetwork, share_shape
-from spherecal.ball.shape_variance import adjusted_with, estimate_shape_variance
+from spherecal.ball.fit import (
+    BallFit,
+    Run,
+    adjusted_with,
+    estimate_shape_variance,
+    rigid_solution,
+    solve_from,
+    solve_with_priors,
+    without_priors,
+)
+from spherecal.ball.image_poses import link_camera_groups
+from spherecal.ball.rigid import LEAST_SHARED, Agreement, Alignment, BallNetwork, RigidNetwork, agreement, share_shape
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.initialise.incremental import InitialPoses, resect_camera

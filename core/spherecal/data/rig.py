@@ -17,7 +17,7 @@ from spherecal.data.findings import Finding, counted
 from spherecal.data.from_arrays import of_kind
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera, camera_of_opencv, table_row
-from spherecal.geometry.volume_map import LengthMap
+from spherecal.geometry.length_uncertainty import LengthMap
 
 if TYPE_CHECKING:
     import pandas  # pyright: ignore[reportMissingImports]

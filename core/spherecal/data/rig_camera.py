@@ -17,8 +17,8 @@ from spherecal.geometry import camera as lenses
 from spherecal.geometry import opencv
 from spherecal.geometry.camera import LensModel
 from spherecal.geometry.field_table import FieldTable
-from spherecal.geometry.posed import PosedCameras
 from spherecal.geometry.rotation import log_rotation
+from spherecal.geometry.transform import PosedCameras
 
 OpenCVCamera = tuple[ArrayLike, ArrayLike | None, ArrayLike, ArrayLike]  # K, dist, rvec or R, tvec
 ImageSize = tuple[int, int] | Mapping[str, tuple[int, int]]

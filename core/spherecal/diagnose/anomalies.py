@@ -11,17 +11,17 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.rows import NO_LENGTHS, NO_PRIORS
+from spherecal.adjust.parameter_layout import POSE
+from spherecal.adjust.problem import NO_LENGTHS, NO_PRIORS
 from spherecal.ball.fit import BallFit
 from spherecal.ball.image_poses import solve_images
 from spherecal.ball.rigid import BallNetwork
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.memory import release_freed
-from spherecal.data.observations import Features
+from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
-from spherecal.diagnose.lens import Misfit, misfits
 from spherecal.diagnose.moves import (
     Move,
     confirmed,
@@ -35,7 +35,7 @@ from spherecal.diagnose.moves import (
     scatters,
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
-from spherecal.diagnose.score import ScoreTest, change_of, make_score_test
+from spherecal.diagnose.score import Misfit, ScoreTest, change_of, make_score_test, misfits
 
 # What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
 MORE_THAN_LENS = 3.0
@@ -63,17 +63,6 @@ class Anomalies:
     explained: bool = False
     least_shift: FloatArray | None = None
     scatter: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class DetectedMotions:
-    """What moved during a recording: single cameras, or a group of them together or the ball between exposures."""
-
-    moves: tuple[Move, ...] = ()
-    group: GroupMotion | None = None
-
-    def __bool__(self) -> bool:
-        return bool(self.moves) or self.group is not None
 
 
 @dataclass(frozen=True)
@@ -106,9 +95,11 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     fields = _fields(e, main, moves, sizes)
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
         context = e.context.part_of(STAGE, 0.3)
-        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), context)
-        if found.group is not None and _is_seen(e, found.group):
-            return Anomalies(group_motion=found.group, explained=True, least_shift=shifts)
+        every, counts = np.ones(len(e.used), dtype=bool), (len(e.observations.placements), len(e.session.placements))
+        ball = BallNetwork(_free_network(e), e.features, *counts, every)
+        found = explained_by_moves(ball, e.solved, context)
+        if found.group_motion is not None and _is_seen(e, found.group_motion):
+            return replace(found, explained=True, least_shift=shifts)
         if found.moves:
             small = all(move.image_change_px <= SMALL_PX for move in found.moves)
             fields = _fields(e, main, list(found.moves), sizes) if small else []
@@ -145,40 +136,29 @@ def beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mov
 
 
 def explained_by_moves(
-    network: Network,
-    features: Features,
-    fit: BallFit,
-    n_ball: int,
-    context: Context,
-    most_variance: float | None = None,
-) -> DetectedMotions:
+    ball: BallNetwork, fit: BallFit, context: Context, most_variance: float | None = None
+) -> Anomalies:
     """What moved, if moves alone and no change of the ball's shape explain the misfit; else nothing.
 
     Free points hide much of a move, which then passes for a change of shape: on rig B 16 % of the moves by 0.5 to 50 mm
     were named wrongly. The images' own poses know of neither (decision 0009).
     """
-    state = fit.by_features.state
-    n_placements = max(n_ball, int(features.placement.max(initial=0)) + 1)  # the last ones may have no observations
-    network = replace(network, free=network.free & ~fit.has_prior[:, None], priors=NO_PRIORS)
-    ball = BallNetwork(network, features, n_placements, n_ball, np.ones(len(network.uv), dtype=bool))
-    alignment = ball.aligned(state.points)
-    images = solve_images(ball, state, fit.placed, alignment, context)
+    state, alignment = fit.by_features.state, ball.aligned(fit.by_features.state.points)
+    network = replace(ball.network, free=ball.network.free & ~fit.has_prior[:, None], priors=NO_PRIORS)
+    images = solve_images(replace(ball, network=network), state, fit.placed, alignment, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
-        return DetectedMotions()
-    found = explain(images, len(fit.placed), context)
-    if found is None:
-        return DetectedMotions()
-    if found.is_simple:
-        return DetectedMotions(found.moves)
+        return Anomalies()
+    found = explain(images, context)
+    if found is None or found.is_simple:
+        return Anomalies(() if found is None else found.moves)
     suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(fit.placed.sum()))
     once = len({move.camera for move in found.moves}) == len(found.moves)
-    single = found.fitted if suffices and once else None
-    own = (features.placement == np.bincount(alignment.root).argmax()) & np.isfinite(state.points[:, 0])
+    own = (ball.features.placement == np.bincount(alignment.root).argmax()) & np.isfinite(state.points[:, 0])
     middle = state.points[own].mean(axis=0) if own.any() else np.zeros(3)  # of the dots, in the ball's frame
-    group = find_group_motion(images, len(fit.placed), middle, single, context)
+    group = find_group_motion(images, middle, found.fitted if suffices and once else None, context)
     if group is None and suffices and not once:
         group = unstable_camera(found)
-    return DetectedMotions(group=group) if group is not None else DetectedMotions(found.moves if suffices else ())
+    return Anomalies(found.moves if suffices and group is None else (), group)
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
@@ -218,3 +198,37 @@ def _free_form(e: Evidence) -> _Probed | None:
         return None
     probe = make_score_test(problem, minimum.state, cofactors, minimum.cost, redundancy)
     return _Probed(probe, e.observations.placement[rows])
+
+
+# --- A lens that was zoomed or focused again during the recording looks like a camera that is unsteady, or moved ---
+
+# One factor explains this much of what a pose for each of the camera's images does: all of it where a focal length
+# changed by 0.1 %. A zoom of all cameras explains 0.1 to 0.5 of it, cameras on a beam that sags 0.02 to 0.1.
+MOST_BY_FOCUS = 0.8
+
+
+def focus_change(e: Evidence, motion: GroupMotion) -> list[Finding]:
+    """The finding on one camera's focal length that changed before a placement, where this is what seems to move."""
+    probe = e.probe
+    if probe is None or len(motion.cameras) != 1:
+        return []
+    (camera,) = motion.cameras
+    rows = np.flatnonzero(probe.problem.camera == camera)
+    placement, weight = e.observations.placement[e.adjusted.rows][rows], probe.problem.weight[rows]
+    centred = ((probe.problem.uv[rows] - e.adjusted.state.intrinsics[camera, 2:4]) * weight)[:, :, None]
+    seen, image = np.unique(placement, return_inverse=True)
+    poses = np.zeros((len(rows), 2, len(seen), POSE))
+    poses[np.arange(len(rows)), :, image] = probe.by_pose(rows)
+    by_poses = change_of(*probe.block(rows, poses.reshape(len(rows), 2, -1)), probe.variance).statistic
+    changes = {
+        int(first): change_of(*probe.block(rows, centred * (placement >= first)[:, None, None]), probe.variance)
+        for first in seen[1:]
+    }
+    if not changes:
+        return []
+    first, best = max(changes.items(), key=lambda one: one[1].statistic)
+    if best.statistic < MOST_BY_FOCUS * by_poses:
+        return []
+    name, place = e.camera_ids[camera], e.observations.placements[first]
+    values = {"camera": name, "place": place, "percent": 100 * float(best.value[0]), "chi_square": best.statistic}
+    return [Finding("focus-changed", "error", values, (name, place))]

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from spherecal.base.memory import release_freed
 from spherecal.data.findings import Finding
-from spherecal.diagnose.anomalies import find_anomalies
+from spherecal.diagnose.anomalies import find_anomalies, focus_change
+from spherecal.diagnose.ball_changes import changed_shape, contradicting_placements
 from spherecal.diagnose.camera_findings import (
     fixed_focal_lengths,
     misfitting_lenses,
@@ -12,20 +13,16 @@ from spherecal.diagnose.camera_findings import (
     scattering_poses,
     wrong_focal_lengths,
 )
-from spherecal.diagnose.epipolar import swapped_images
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.flattening import EXPLAINS, flattened_ball
-from spherecal.diagnose.focus_change import focus_change
 from spherecal.diagnose.geometry import weak_links, weak_places
 from spherecal.diagnose.image_findings import wrong_images
 from spherecal.diagnose.influence import dependent_parts
+from spherecal.diagnose.left_out import edge_findings, wrong_targets
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
-from spherecal.diagnose.rejected_edges import edge_findings
 from spherecal.diagnose.scale_findings import scale_conflict, stretched_print
-from spherecal.diagnose.shape_findings import changed_shape, contradicting_placements
 from spherecal.diagnose.sticker_size import sticker_findings
-from spherecal.diagnose.swapped_cameras import swapped_cameras
-from spherecal.diagnose.target_findings import wrong_targets
+from spherecal.diagnose.swapped_cameras import swapped_cameras, swapped_images
 
 # A focal length that is fixed 0.3 % wrong explains with one unknown 0.87 of what a moving ball does with 18.
 MOST_OF_IT = 0.8

@@ -16,9 +16,8 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit
+from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit, raised, taken_up
 from spherecal.diagnose.pose_graph import EXPLAINED, Explained, Fitted, PoseComposition, fit_layout, variance_factor
-from spherecal.diagnose.yardstick import raised
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import pose_change
 
@@ -42,9 +41,9 @@ class GroupSearch:
     stiffness: FloatArray
 
     @staticmethod
-    def of(images: ImagePoses, fitted: Fitted, n_cameras: int) -> "GroupSearch":
+    def of(images: ImagePoses, fitted: Fitted) -> "GroupSearch":
         """The tests at a fit without motions."""
-        m, n_times = len(images.camera), int(images.placement.max()) + 1
+        m, n_times, n_cameras = len(images.camera), int(images.placement.max()) + 1, images.n_cameras
         j = fitted.by_ball
         force = np.zeros((n_cameras, n_times, POSE))
         force[images.camera, images.placement] = np.einsum("mij,mi->mj", j, fitted.forces.reshape(m, POSE))
@@ -91,10 +90,7 @@ class _Tests:
         f = self.force[group].sum(axis=0)
         a = self.stiffness[np.ix_(group, group)].sum(axis=(0, 1))
         size = np.where(a.diagonal() > 0, 1 / np.sqrt(np.maximum(a.diagonal(), 1e-300)), 0.0)  # 0: none of them sees it
-        values, axes = np.linalg.eigh(a * size[:, None] * size)
-        good = values > LEAST_CURVATURE
-        along = axes[:, good].T @ (f * size)
-        return float((along**2 / values[good]).sum())
+        return taken_up(f, a, size, LEAST_CURVATURE)[0]
 
     def best_of_all(self) -> frozenset[int]:
         """The group that explains most, after subtraction of the gain by chance from so many choices."""
@@ -174,45 +170,39 @@ class GroupMotion:
 
 
 @dataclass(frozen=True)
-class _Hypothesis:
-    """Cameras (c,) and motions that they see, each at some placements; without: an image of one has its own pose."""
+class _Tried:
+    """Motions, each at some placements, that cameras (c,) see, as fitted; without: an image of one has its own pose."""
 
     kind: Kind
     motions: PlacementSets
     group: BoolArray | None
-
-
-@dataclass(frozen=True)
-class _Tried:
-    hypothesis: _Hypothesis
     fitted: Fitted
     statistic: float
     dof: int
 
 
 def find_group_motion(
-    images: ImagePoses, n_cameras: int, ball_centre: FloatArray, single: Fitted | None, context: Context
+    images: ImagePoses, ball_centre: FloatArray, single: Fitted | None, context: Context
 ) -> GroupMotion | None:
     """The group motion that explains the images' poses better than none and than moves of single cameras; else None.
 
     Schwarz's criterion compares them. The motion counts where it leaves at most 3 times noise and explains 70 % of what
     noise does not (decision 0009).
     """
-    still = fit_layout(images, PoseComposition.of(images, n_cameras))
+    still = fit_layout(images, PoseComposition.of(images))
     if still is None or still.layout.freedom <= 0 or len(np.unique(images.camera)) < 3:
         return None
-    tried = _fit_all(images, n_cameras, still, context)
+    tried = _fit_all(images, still, context)
     if not tried:
         return None
     noise = max(1.0, min(variance_factor(images, one.fitted) for one in tried))
-    score = [_criterion(images, one.fitted, one.hypothesis.group, noise) for one in tried]
+    score = [_criterion(images, one.fitted, one.group, noise) for one in tried]
     best = int(np.argmin(score))
     least = min(_criterion(images, one, None, noise) for one in (still, single) if one is not None)
     if score[best] >= least or not _is_significant(images, tried[best], still, noise):
         return None
-    found = _described(images, n_cameras, tried[best], ball_centre)
-    kind = tried[best].hypothesis.kind
-    ambiguous = any(s < score[best] + TIE and one.hypothesis.kind != kind for s, one in zip(score, tried, strict=True))
+    found = _described(images, tried[best], ball_centre)
+    ambiguous = any(s < score[best] + TIE and one.kind != found.kind for s, one in zip(score, tried, strict=True))
     return replace(found, ambiguous=ambiguous) if found.image_change_px >= LEAST_CHANGE_PX else None
 
 
@@ -231,20 +221,19 @@ def unstable_camera(found: Explained) -> GroupMotion:
 # --- hypotheses and their fits ---------------------------------------------------------------------------------------
 
 
-def _fit_all(images: ImagePoses, n_cameras: int, still: Fitted, context: Context) -> list[_Tried]:
+def _fit_all(images: ImagePoses, still: Fitted, context: Context) -> list[_Tried]:
     """The hypotheses that can be fitted, in a fixed order."""
-    search = GroupSearch.of(images, still, n_cameras)
+    search = GroupSearch.of(images, still)
     tried = []
     all_motions = _all_motions(np.unique(images.placement))
     for k, (kind, motions) in enumerate(all_motions):
         context.report("moved cameras", k / len(all_motions))
         for group in [None] if kind == "placement" else search.groups(motions, images.variance):
-            hypothesis = _Hypothesis(kind, motions, group)
-            fitted = fit_layout(images, _layout(images, n_cameras, hypothesis))
+            fitted = fit_layout(images, _layout(images, motions, group))
             if fitted is not None:
                 statistic = (still.cost - fitted.cost) / images.variance
                 dof = POSE * (fitted.layout.unknowns - still.layout.unknowns)
-                tried.append(_Tried(hypothesis, fitted, statistic, dof))
+                tried.append(_Tried(kind, motions, group, fitted, statistic, dof))
     return tried
 
 
@@ -263,18 +252,18 @@ def _all_motions(seen: IntArray) -> list[tuple[Kind, PlacementSets]]:
     return [(kind, motions) for kind, all_motions in kinds for motions in all_motions]
 
 
-def _layout(images: ImagePoses, n_cameras: int, hypothesis: _Hypothesis) -> PoseComposition:
-    still = PoseComposition.of(images, n_cameras)
-    if hypothesis.group is None:
-        there = np.flatnonzero(images.placement == hypothesis.motions[0][0])
+def _layout(images: ImagePoses, motions: PlacementSets, group: BoolArray | None) -> PoseComposition:
+    still, n_cameras = PoseComposition.of(images), images.n_cameras
+    if group is None:
+        there = np.flatnonzero(images.placement == motions[0][0])
         others = np.delete(there, np.argmax(images.points[there]))  # the one left defines the ball's pose there
         camera = still.camera.copy()
         camera[others] = n_cameras + np.arange(len(others))
         return replace(still, camera=camera, cameras=n_cameras + len(others))
     motion = still.motion.copy()
-    for k, placements in enumerate(hypothesis.motions):
-        motion[hypothesis.group[images.camera] & np.isin(images.placement, placements)] = k
-    return replace(still, motion=motion, motions=len(hypothesis.motions))
+    for k, placements in enumerate(motions):
+        motion[group[images.camera] & np.isin(images.placement, placements)] = k
+    return replace(still, motion=motion, motions=len(motions))
 
 
 # --- judging ---------------------------------------------------------------------------------------------------------
@@ -294,7 +283,7 @@ def _is_significant(images: ImagePoses, best: _Tried, still: Fitted, noise: floa
     """Whether a hypothesis explains nearly all of the misfit beyond noise, and more than chance does."""
     excess = still.cost / images.variance - still.layout.freedom
     # by chance: that of a single move for every motion, and the choice of a group
-    n = 0 if best.hypothesis.group is None else len(best.hypothesis.group)
+    n = 0 if best.group is None else len(best.group)
     limit = move_limit(len(images.camera)) * max(best.dof // POSE, 1) + 2 * n * np.log(2)
     explains = variance_factor(images, best.fitted) <= EXPLAINED and best.statistic >= LEAST_SHARE * excess
     return bool(explains and best.statistic > raised(limit, noise))
@@ -303,53 +292,44 @@ def _is_significant(images: ImagePoses, best: _Tried, still: Fitted, noise: floa
 # --- the result ------------------------------------------------------------------------------------------------------
 
 
-def _described(images: ImagePoses, n_cameras: int, best: _Tried, ball_centre: FloatArray) -> GroupMotion:
-    hypothesis, fitted = best.hypothesis, best.fitted
-    times = tuple(sorted(t for placements in hypothesis.motions for t in placements))
-    if hypothesis.kind == "ball" and len(hypothesis.motions) > 1:  # the first is only where they are counted from
+def _described(images: ImagePoses, best: _Tried, ball_centre: FloatArray) -> GroupMotion:
+    times = tuple(sorted(t for placements in best.motions for t in placements))
+    if best.kind == "ball" and len(best.motions) > 1:  # the first is only where they are counted from
         times = tuple(int(t) for t in np.unique(images.placement))
-    rows, steps, translation = (
-        _displaced(images, n_cameras, fitted)
-        if hypothesis.group is None
-        else _moved_together(hypothesis, fitted, ball_centre)
-    )
-    group = () if hypothesis.group is None else tuple(int(c) for c in np.flatnonzero(hypothesis.group))
-    factor, change_px = variance_factor(images, fitted), images.change_px(rows, steps)
+    if best.group is None:
+        group, (rows, steps, translation) = (), _displaced(images, best.fitted)
+    else:
+        group = tuple(int(c) for c in np.flatnonzero(best.group))
+        rows, steps, translation = _moved_together(best, list(group), ball_centre)
+    factor, change_px = variance_factor(images, best.fitted), images.change_px(rows, steps)
     turn = float(np.linalg.norm(steps[:, :3], axis=1).max(initial=0.0))
-    sure = best.statistic, best.dof, factor
-    return GroupMotion(hypothesis.kind, group, times, *sure, change_px, translation, turn)
+    return GroupMotion(best.kind, group, times, best.statistic, best.dof, factor, change_px, translation, turn)
 
 
-def _moved_together(
-    hypothesis: _Hypothesis, fitted: Fitted, ball_centre: FloatArray
-) -> tuple[IntArray, FloatArray, float]:
+def _moved_together(best: _Tried, group: list[int], ball_centre: FloatArray) -> tuple[IntArray, FloatArray, float]:
     """The images (k,) that show the motions, how their poses change (k,6), and the largest translation of the group."""
-    assert hypothesis.group is not None
+    fitted = best.fitted
     layout = fitted.layout
     first = layout.cameras + layout.balls
     rotation, translation = fitted.rotation[first:], fitted.translation[first:]
     translations = []
-    for k, placements in enumerate(hypothesis.motions):
-        if hypothesis.kind == "ball":
+    for k, placements in enumerate(best.motions):
+        if best.kind == "ball":
             ball = layout.cameras + placements[0]
             centre = fitted.rotation[ball] @ ball_centre + fitted.translation[ball]
             translations.append(np.linalg.norm(rotation[k] @ centre + translation[k] - centre))
         else:
-            own = np.flatnonzero(hypothesis.group)
-            centroid = -np.einsum("cji,cj->ci", fitted.rotation[own], fitted.translation[own]).mean(axis=0)
+            centroid = -np.einsum("cji,cj->ci", *fitted.pose(np.array(group))).mean(axis=0)
             translations.append(np.linalg.norm(rotation[k].T @ (centroid - translation[k]) - centroid))
     rows = np.flatnonzero(layout.motion >= 0)
     motions = np.concatenate([log_rotation(rotation), translation], axis=1)[layout.motion[rows]]
     return rows, np.einsum("mij,mj->mi", fitted.by_ball[rows], motions), float(max(translations))
 
 
-def _displaced(images: ImagePoses, n_cameras: int, fitted: Fitted) -> tuple[IntArray, FloatArray, float]:
+def _displaced(images: ImagePoses, fitted: Fitted) -> tuple[IntArray, FloatArray, float]:
     """The images (k,) with poses of their own at one placement, their changes of pose (k,6), largest translation."""
-    rows = np.flatnonzero(fitted.layout.camera >= n_cameras)
+    rows = np.flatnonzero(fitted.layout.camera >= images.n_cameras)
     before, after = images.camera[rows], fitted.layout.camera[rows]
     centres = -np.einsum("cji,cj->ci", fitted.rotation, fitted.translation)
     largest = np.linalg.norm(centres[after] - centres[before], axis=1).max(initial=0.0)
-    steps = pose_change(
-        fitted.rotation[before], fitted.translation[before], fitted.rotation[after], fitted.translation[after]
-    )
-    return rows, steps, float(largest)
+    return rows, pose_change(fitted.pose(before), fitted.pose(after)), float(largest)

@@ -101,18 +101,11 @@ def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
             WrongImage(c, int(t), int(count[t]), int(count[t]), "moved", None, given)
             for t in np.flatnonzero(good[:, c])
         ]
-    return [
-        _as_of_another(image, {c: pose for c, pose in poses.items() if not e.is_same_camera(c, image.camera)})
-        for image in out
-    ]
-
-
-def _as_of_another(image: WrongImage, poses: dict[int, tuple[FloatArray, FloatArray]]) -> WrongImage:
-    """The image as another camera's, where it shows the points from that camera's pose."""
-    if image.kind != "moved":
-        return image
-    others = [c for c, pose in poses.items() if _near(image.pose, pose)]
-    return replace(image, kind="other-camera", other=others[0]) if others else image
+    for i, image in enumerate(out):  # as another camera's, where it shows the points from that camera's pose
+        near = (c for c, pose in poses.items() if not e.is_same_camera(c, image.camera) and _near(image.pose, pose))
+        if image.kind == "moved" and (other := next(near, None)) is not None:
+            out[i] = replace(image, kind="other-camera", other=other)
+    return out
 
 
 def _near(a: tuple[FloatArray, FloatArray] | None, b: tuple[FloatArray, FloatArray] | None) -> bool:

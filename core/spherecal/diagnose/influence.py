@@ -16,11 +16,9 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.lens import TERMS, field_terms, field_values
-from spherecal.diagnose.score import ScoreTest, change_of, spread
+from spherecal.diagnose.score import TERMS, ScoreTest, change_of, field_terms, field_values, spread
 from spherecal.geometry.field_table import FieldTable, table_nodes
-from spherecal.geometry.length_uncertainty import Cameras, length_gradients
-from spherecal.geometry.volume_map import LENGTH_MM, measured_volume
+from spherecal.geometry.length_uncertainty import LENGTH_MM, Cameras, length_gradients, measured_volume
 
 # Adjustments of noise alone that the real one is compared with; so many standard deviations above their mean is beyond
 # chance.
@@ -48,16 +46,11 @@ class Influence:
     lengths: float
     poses: float
 
-    @property
-    def is_noise(self) -> bool:
-        """Whether noise explains it."""
-        return max(self.lengths, self.poses) <= LEAST_TIMES
-
 
 def dependent_parts(e: Evidence) -> list[Finding]:
     """The finding that results depend on single placements, cameras or images more than noise explains."""
     found = influence(e)
-    if found is None or found.is_noise:
+    if found is None or max(found.lengths, found.poses) <= LEAST_TIMES:
         return []
     return [Finding("parts-disagree", "info", {"lengths": found.lengths, "poses": found.poses})]
 

@@ -10,10 +10,9 @@ from spherecal.adjust.intrinsic_priors import with_intrinsic_priors
 from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.network import Network
-from spherecal.adjust.rows import NO_PRIORS
+from spherecal.adjust.problem import NO_PRIORS
 from spherecal.adjust.state import State
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit
+from spherecal.ball.fit import BallFit, Run
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase

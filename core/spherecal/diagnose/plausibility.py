@@ -6,6 +6,7 @@ the reader of the session.
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,8 +18,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
 from spherecal.data.session import CapturedSet, Session
-from spherecal.diagnose.image_settings import image_settings
 from spherecal.scale.bar_temperature import temperature_findings
+from spherecal.targets.image_facts import ImageFacts, image_facts
 from spherecal.targets.images import read_image
 from spherecal.targets.why_nothing import reads_mirrored
 
@@ -99,8 +100,9 @@ def _sizes(o: Observations) -> IntArray:
     return count
 
 
-def _coincidences(o: Observations, of: IntArray, among: IntArray, count: int) -> dict[tuple[int, int, int], int]:
-    """How many dots lie at one place in two images `among` (n,), `of` each one (n,): (of, a, b) -> number, a < b."""
+def _alike(o: Observations, of: IntArray, among: IntArray, size: IntArray) -> dict[tuple[int, int], list[int]]:
+    """Pairs `among` (n,) that have most dots at one place, and `of` (n,) which; size (of, among): dots of each."""
+    count = size.shape[1]
     order = np.lexsort((among, o.uv[:, 0], o.point, o.target, of))
     found: dict[tuple[int, int, int], int] = {}
     for apart in range(1, NEIGHBOURS + 1):
@@ -112,30 +114,33 @@ def _coincidences(o: Observations, of: IntArray, among: IntArray, count: int) ->
         for key, n in zip(keys.tolist(), number.tolist(), strict=True):
             name = key // count // count, key // count % count, key % count
             found[name] = found.get(name, 0) + n
-    return found
+    same: dict[tuple[int, int], list[int]] = {}
+    for (i, low, high), n in sorted(found.items()):
+        if n >= max(LEAST_COMMON, MOSTLY * min(size[i, low], size[i, high])):
+            same.setdefault((low, high), []).append(i)
+    return same
 
 
 def _repeated(session: Session) -> list[Finding]:
     """Placements that are the same for all cameras, and images of single cameras that show another placement's."""
     o = _of_ball(session)
     size = _sizes(o)
-    pairs: dict[tuple[int, int], list[int]] = {}
-    for (c, s, t), n in _coincidences(o, o.camera, o.placement, len(o.placements)).items():
-        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, s], size[c, t])):
-            pairs.setdefault((s, t), []).append(c)
     found: list[Finding] = []
     gone: set[int] = set()
-    for (s, t), same in sorted(pairs.items()):
+    for (s, t), same in sorted(_alike(o, o.camera, o.placement, size).items()):
         if s in gone or t in gone:
             continue
         both = int(((size[:, s] >= LEAST_COMMON) & (size[:, t] >= LEAST_COMMON)).sum())
+        a, b = session.placements[s].id, session.placements[t].id
         if len(same) >= MOST_CAMERAS * both and both > 1:
             gone.add(t)
-            a, b = session.placements[s].id, session.placements[t].id
             values = {"first": a, "second": b, "limit_px": SAME_PX}
             found.append(Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}")))
         elif 2 * len(same) < both:
-            found += [_stale(session, c, s, t) for c in sorted(same)]
+            for name in (session.cameras[c].id for c in same):
+                values = {"camera": name, "first": a, "second": b}
+                repairs = leave_out(f"{name}@{b}")
+                found.append(Finding("image-repeated", "warning", values, (name, a, b), repairs, "stale"))
     return found
 
 
@@ -145,36 +150,23 @@ def _of_ball(session: Session) -> Observations:
     return o.select(o.placement < len(session.placements))
 
 
-def _stale(session: Session, camera: int, s: int, t: int) -> Finding:
-    name, a, b = session.cameras[camera].id, session.placements[s].id, session.placements[t].id
-    values = {"camera": name, "first": a, "second": b}
-    return Finding("image-repeated", "warning", values, (name, a, b), leave_out(f"{name}@{b}"), "stale")
-
-
 def _one_image_of_two_cameras(session: Session) -> list[Finding]:
     """Two cameras that show the same dots at the same places: one image stored under two names."""
     o = _of_ball(session)
     size = _sizes(o)
-    same: dict[tuple[int, int], list[int]] = {}
-    for (t, c, d), n in sorted(_coincidences(o, o.placement, o.camera, len(o.cameras)).items()):
-        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, t], size[d, t])):
-            same.setdefault((c, d), []).append(t)
     found = []
-    for (c, d), at in same.items():
+    for (c, d), at in _alike(o, o.placement, o.camera, size.T).items():
         both = int(((size[c] >= LEAST_COMMON) & (size[d] >= LEAST_COMMON)).sum())
         names = o.cameras[c], o.cameras[d]
         if len(at) > 1 and len(at) >= MOST_CAMERAS * both:
             values = {"first": names[0], "second": names[1], "count": len(at)}
             found.append(Finding("image-repeated", "error", values, names, kind="twins"))
         else:
-            found += [_two_names(*names, o.placements[t]) for t in at]
+            for place in (o.placements[t] for t in at):
+                values = {"first": names[0], "second": names[1], "place": place}
+                repairs = leave_out(*(f"{name}@{place}" for name in names))
+                found.append(Finding("image-repeated", "error", values, (*names, place), repairs, "two-cameras"))
     return found
-
-
-def _two_names(a: str, b: str, placement: str) -> Finding:
-    values = {"first": a, "second": b, "place": placement}
-    repairs = leave_out(f"{a}@{placement}", f"{b}@{placement}")
-    return Finding("image-repeated", "error", values, (a, b, placement), repairs, "two-cameras")
 
 
 def _same_files(session: Session, reported: Sequence[Finding]) -> list[Finding]:
@@ -303,3 +295,62 @@ def _apart(off: FloatArray, limit: float) -> BoolArray:
     """Which differ by more than a limit, if most do not: otherwise the clocks are not reliable."""
     apart = np.abs(off) > limit
     return apart if 2 * apart.sum() < len(off) else np.zeros(len(off), dtype=bool)
+
+
+# --- images that their files say were taken by another camera, or with another size or region of its sensor -----------
+
+_Setting = tuple[int, int] | str
+
+
+def image_settings(session: Session) -> list[Finding]:
+    """A finding for each camera whose images state different sizes, regions or serial numbers, from which one on.
+
+    A lens and a pose are those of one region of one sensor: shifted by 8 px in mid-recording it passed for a move.
+    An earlier pose of a camera that was split has its images too.
+    """
+    found = []
+    of: dict[str, list[str]] = {}
+    for camera in session.cameras:
+        of.setdefault(camera.earlier_pose_of or camera.id, []).append(camera.id)
+    for name, poses in of.items():
+        shown = [
+            (place.id, facts)
+            for place in (*session.placements, *session.bar_poses)
+            for pose in poses
+            if pose in place.images and (facts := _facts(place.images[pose])) is not None
+        ]
+        for kind in ("image-serial", "image-size", "image-offset"):
+            change = _change([(place, getattr(facts, kind.removeprefix("image-"))) for place, facts in shown])
+            if change is not None:
+                place, before, now = change
+                what = {"before": _words(before), "now": _words(now)}
+                values = {"camera": name, "place": place, "what": Phrase(kind, what)}
+                found.append(Finding("image-settings", "warning", values, (name, place)))
+                break
+    return found
+
+
+def _change(shown: list[tuple[str, _Setting | None]]) -> tuple[str, _Setting, _Setting] | None:
+    """The first place at which a fact differs from the one before, and both; None where all that is stated is alike."""
+    known = [(place, fact) for place, fact in shown if fact is not None]
+    return next(((at, a, b) for (_, a), (at, b) in pairwise(known) if a != b), None)
+
+
+def _words(fact: _Setting) -> str:
+    return fact if isinstance(fact, str) else " x ".join(map(str, fact))
+
+
+def _facts(path: Path) -> ImageFacts | None:
+    """What an image's file says; None where there is no such image: recorded observations need none."""
+    try:
+        stat = path.stat()
+        return _read(path, stat.st_size, stat.st_mtime_ns)
+    except (OSError, InputError):
+        return None
+
+
+@lru_cache(maxsize=4096)
+def _read(path: Path, size: int, changed_ns: int) -> ImageFacts:
+    """The facts of a file as it is: repairs ask for them several times."""
+    del size, changed_ns
+    return image_facts(path)

@@ -18,10 +18,20 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.ball.image_poses import ImagePoses, hang_together
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, Move, alike, move_limit
-from spherecal.diagnose.yardstick import Scatter, inflation, most_moved, raised
+from spherecal.diagnose.moves import (
+    LEAST_CHANGE_PX,
+    TIE,
+    Move,
+    Scatter,
+    alike,
+    inflation,
+    most_moved,
+    move_limit,
+    raised,
+    taken_up,
+)
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal.geometry.transform import IDENTITY, Similarity, pose_change
+from spherecal.geometry.transform import IDENTITY, Pose, Similarity, pose_change
 
 # Levenberg-Marquardt: 5 to 12 steps where the images are parted rightly, up to 60 where they are not. Of all ways to
 # part them only those are tried that promise most by linear tests, and only the best of these after a few steps are
@@ -58,13 +68,13 @@ class PoseComposition:
     motions: int = 0
 
     @staticmethod
-    def of(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...] = ()) -> "PoseComposition":
+    def of(images: ImagePoses, splits: tuple[Split, ...] = ()) -> "PoseComposition":
         """Every camera and placement with one pose, but for cameras with second ones, numbered after the others."""
         camera = images.camera.copy()
-        for k, (split, placements) in enumerate(splits):
-            camera[(images.camera == split) & np.isin(images.placement, placements)] = n_cameras + k
+        for k, split in enumerate(splits):
+            camera[images.of(*split)] = images.n_cameras + k
         still = np.full(len(camera), -1)
-        counts = n_cameras + len(splits), int(images.placement.max()) + 1
+        counts = images.n_cameras + len(splits), int(images.placement.max()) + 1
         return PoseComposition(camera, images.placement, still, *counts)
 
     @property
@@ -103,10 +113,14 @@ class Fitted:
         system = _System(self.images, self.layout)
         return system.stiffness(system.normal_equations((self.rotation, self.translation)))
 
+    def pose(self, which: int | IntArray) -> Pose:
+        """One of the poses, or some of them."""
+        return self.rotation[which], self.translation[which]
+
     @property
     def by_ball(self) -> FloatArray:
         """How a motion of the ball in the world changes the images' poses, (m,6,6)."""
-        return _by_ball(self.rotation[self.layout.camera], self.translation[self.layout.camera])
+        return _by_ball(*self.pose(self.layout.camera))
 
 
 @dataclass(frozen=True)
@@ -124,19 +138,19 @@ class Explained:
         return len(self.moves) <= 1 and self.variance_factor <= noise
 
 
-def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained | None:
+def explain(images: ImagePoses, context: Context) -> Explained | None:
     """The cameras that moved, the most significant first, at most one more than is credible; None if unknown."""
     tried = [
         (c, tuple(int(images.placement[i]) for i in some))
-        for c in range(n_cameras)
+        for c in range(images.n_cameras)
         for some in alike(np.flatnonzero(images.camera == c))
     ]
-    before = fit(images, n_cameras, ())
+    before = fit_layout(images, PoseComposition.of(images))
     if before is None or not tried:
         return None
-    steps, most = [_Step((), before, ())], most_moved(n_cameras)
+    steps, most = [_Step((), before, ())], most_moved(images.n_cameras)
     while len({move.camera for move in steps[-1].moves}) <= most and len(steps[-1].moves) <= 2 * most:
-        more = _one_more(images, n_cameras, tried, steps[-1], context)
+        more = _one_more(images, tried, steps[-1], context)
         if more is None:
             break
         steps.append(more)
@@ -162,16 +176,19 @@ class _Step:
     moves: tuple[Move, ...]
 
 
-def _one_more(images: ImagePoses, n_cameras: int, tried: list[Split], now: _Step, context: Context) -> _Step | None:
+def _one_more(images: ImagePoses, tried: list[Split], now: _Step, context: Context) -> _Step | None:
     """The step with the split that explains most; None if it is chance or only an effect of other splits."""
     ways = _promising(images, now.fitted, [way for way in tried if way not in now.splits])
-    fits = _fits(images, n_cameras, now.splits, ways, context)
+    fits = _fits(images, now, ways, context)
     least = max([move_limit(len(tried)), *(LEAST_SHARE * move.statistic for move in now.moves)])
     if not fits or (now.fitted.cost - fits[0][0].cost) / images.variance <= least:
         return None
     best, way = fits[0]
-    near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance}
-    move = _move(images, n_cameras + len(now.splits), now.fitted, best, way, tuple(sorted(near - {way[0]})))
+    near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance} - {way[0]}
+    step = pose_change(best.pose(way[0]), best.pose(images.n_cameras + len(now.splits)))  # to its second pose
+    statistic = (now.fitted.cost - best.cost) / images.variance
+    change_px = images.change_px(np.flatnonzero(images.of(*way)), step)
+    move = Move(*way, statistic, POSE, step, change_px, tuple(sorted(near)))
     return _Step((*now.splits, way), best, (*now.moves, move))
 
 
@@ -190,9 +207,8 @@ def _promising(images: ImagePoses, before: Fitted, ways: list[Split]) -> list[Sp
     explained: list[float] = []
     if before.cost > SMALL * POSE * len(images.camera) * images.variance:
         return ways
-    for camera, placements in ways:
-        own = np.flatnonzero((images.camera == camera) & np.isin(images.placement, placements))
-        columns = POSE * own[:, None] + np.arange(POSE)
+    for way in ways:
+        columns = POSE * np.flatnonzero(images.of(*way))[:, None] + np.arange(POSE)
         force = before.forces[columns].sum(axis=0)
         matrix = before.stiffness[columns[:, None, :, None], columns[None, :, None, :]].sum(axis=(0, 1))
         explained.append(float(force @ np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ force))
@@ -206,16 +222,12 @@ def _scatters(images: ImagePoses, fitted: Fitted) -> dict[int, Scatter]:
         columns = (POSE * np.flatnonzero(images.camera == c)[:, None] + np.arange(POSE)).ravel()
         force, matrix = fitted.forces[columns], fitted.stiffness[np.ix_(columns, columns)]
         size = 1 / np.sqrt(np.maximum(images.normal[columns, columns], 1e-300))
-        values, axes = np.linalg.eigh(matrix * size[:, None] * size)
-        good = values > LEAST_STIFFNESS
-        along = axes[:, good].T @ (force * size)
-        out[int(c)] = (float((along**2 / values[good]).sum()) / images.variance, int(good.sum()))
+        squares, dof = taken_up(force, matrix, size, LEAST_STIFFNESS)
+        out[int(c)] = squares / images.variance, dof
     return out
 
 
-def _fits(
-    images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], ways: list[Split], context: Context
-) -> list[tuple[Fitted, Split]]:
+def _fits(images: ImagePoses, now: _Step, ways: list[Split], context: Context) -> list[tuple[Fitted, Split]]:
     """The fits with one more split each, the best first."""
 
     def cost(pair: tuple[Fitted, Split]) -> float:
@@ -225,26 +237,11 @@ def _fits(
         found = []
         for k, way in enumerate(some):
             context.report("moved cameras", k / len(some))
-            found.append((fit(images, n_cameras, (*splits, way), steps), way))
+            found.append((fit_layout(images, PoseComposition.of(images, (*now.splits, way)), steps), way))
         return sorted(((one, way) for one, way in found if one is not None), key=cost)
 
     rough = fitted(ways, FIRST_STEPS)
     return sorted(fitted([way for _, way in rough[:CARRIED_ON]], STEPS) + rough[CARRIED_ON:], key=cost)
-
-
-def _move(images: ImagePoses, block: int, before: Fitted, after: Fitted, way: Split, rivals: tuple[int, ...]) -> Move:
-    """The last split as a move; `block` is its second pose."""
-    camera, placements = way
-    rotation, translation = after.rotation, after.translation
-    step = pose_change(rotation[camera], translation[camera], rotation[block], translation[block])
-    own = np.flatnonzero((images.camera == camera) & np.isin(images.placement, placements))
-    statistic = (before.cost - after.cost) / images.variance
-    return Move(camera, placements, statistic, POSE, step, images.change_px(own, step), rivals)
-
-
-def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: int = STEPS) -> Fitted | None:
-    """The rig nearest to the images' poses, some cameras with second poses; None where images are not connected."""
-    return fit_layout(images, PoseComposition.of(images, n_cameras, splits), steps)
 
 
 def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) -> Fitted | None:
@@ -281,13 +278,12 @@ def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) 
     return Fitted(cost, *poses, layout, images)
 
 
-Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of cameras, balls, motions
 Equations = tuple[FloatArray, FloatArray]  # weighted derivatives (6m,u) and the unknowns' normal matrix (u,u)
 # Rows and columns of what `_by_ball` fills: a shift turns nothing.
 _NOT_ZERO = np.nonzero(np.kron([[1, 0], [1, 1]], np.ones((3, 3))))
 
 
-def _start(images: ImagePoses, layout: PoseComposition) -> Poses | None:
+def _start(images: ImagePoses, layout: PoseComposition) -> Pose | None:
     """Cameras and balls from one image after the other, those with most points first; the first is the world."""
     still = layout.motion < 0
     cameras: dict[int, Similarity] = {}
@@ -348,21 +344,21 @@ class _System:
         numbers = (np.zeros(len(order)), column[order], begin)
         return sparse.csc_array(numbers, shape=(len(self.columns), POSE * m)), order
 
-    def _seen_by(self, poses: Poses) -> Poses:
+    def _seen_by(self, poses: Pose) -> Pose:
         """Poses (m,3,3), (m,3) from the ball's world to the images: the cameras' after the motions."""
         rotation, translation = poses[0][self.camera], poses[1][self.camera].copy()
         translation[self.moving] += np.einsum("nij,nj->ni", rotation[self.moving], poses[1][self.motion])
         rotation[self.moving] = rotation[self.moving] @ poses[0][self.motion]
         return rotation, translation
 
-    def offset(self, poses: Poses) -> FloatArray:
+    def offset(self, poses: Pose) -> FloatArray:
         """Turns and shifts (6m,) that take the images' own poses to the rig's."""
         first, away = self._seen_by(poses)
         there = np.einsum("nij,nj->ni", first, poses[1][self.ball]) + away
         own = self.images.rotation, self.images.translation
-        return pose_change(*own, first @ poses[0][self.ball], there).ravel()
+        return pose_change(own, (first @ poses[0][self.ball], there)).ravel()
 
-    def normal_equations(self, poses: Poses) -> Equations:
+    def normal_equations(self, poses: Pose) -> Equations:
         """The weighted derivatives (6m,u) of the offsets by the unknowns, and the unknowns' normal matrix (u,u).
 
         The derivatives are sparse, as an image follows two or three poses: with dense ones the search for motions took
@@ -407,7 +403,7 @@ class _System:
         return -np.linalg.solve(matrix, gradient * size) * size, gradient
 
     @staticmethod
-    def moved(poses: Poses, step: FloatArray) -> Poses:
+    def moved(poses: Pose, step: FloatArray) -> Pose:
         """The poses after a step."""
         rotation = exp_rotation(step[:, :3])
         return rotation @ poses[0], np.einsum("kij,kj->ki", rotation, poses[1]) + step[:, 3:]

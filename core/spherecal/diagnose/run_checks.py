@@ -186,7 +186,7 @@ def weak_focal_lengths(session: Session, free: BoolArray, sd: FloatArray, kind: 
 
 def _few(e: Evidence) -> list[Finding]:
     """Findings on few placements, and on many points that few cameras see."""
-    found, views = [], e.solved.point_views
+    found, views = [], e.solved.network.views(e.adjusted.used)
     count = len(np.unique(e.features.placement[e.features.placement < len(e.session.placements)]))
     if count < FEW_PLACEMENTS:
         known = locked(e) or e.solution.scale.source == "ball"  # the other cameras, or the ball's shape, carry the rest

@@ -13,7 +13,8 @@ import numpy as np
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import diameter_error
-from spherecal.scale.spacing import FoundScale, Spacing, scale_from_spacing
+from spherecal.scale.metric import radii_of
+from spherecal.scale.spacing import FoundScale, Located, Spacing, scale_from_spacing
 
 # What printers err by as a whole: 0.1 to 0.5 %; beyond twice the largest of that something else is wrong.
 MOST_PRINT_ERROR = 0.01
@@ -155,10 +156,8 @@ def _measured(e: Evidence, printed: _Printed) -> FoundScale | None:
     """The scale that the targets on the ball would give."""
     cofactors, factor = e.solution.covariance, e.solution.factor
     assert cofactors is not None
-    radius = np.full(len(e.observations.placements), np.nan)
-    for placement, sphere in e.solution.spheres.items():
-        radius[placement] = sphere.radius / factor
+    radii = radii_of(e.solution.spheres, len(e.observations.placements)) / factor
     points = e.solution.state.points / factor
     points = np.where((e.features.placement < len(e.session.placements))[:, None], points, np.nan)
     spacing = Spacing(printed.first, printed.second, printed.distance_mm, e.session.sphere_diameter_mm is not None)
-    return scale_from_spacing(spacing, e.features, points, radius, cofactors, e.adjusted.variance)
+    return scale_from_spacing(spacing, e.features, radii, Located(points, cofactors, e.adjusted.variance))

@@ -14,11 +14,10 @@ from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.camera_findings import pose_scatter
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.image_findings import LEAST_POINTS, MOST_LEFT_OUT
-from spherecal.diagnose.moves import LEAST_STATISTIC
-from spherecal.diagnose.yardstick import raised
+from spherecal.diagnose.moves import LEAST_STATISTIC, raised
 from spherecal.geometry.camera import project_with_point_derivatives
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal.geometry.transform import pose_change
+from spherecal.geometry.transform import Pose, pose_change
 
 # Of moves with up to this many times the least statistic, one a third as large would not have been seen: the camera's
 # other images may differ by that, and more where they scatter. A camera that saw the ball displaced by 0.05 mm, each
@@ -38,7 +37,6 @@ ROUNDS = 6
 TURN_RAD, SHIFT_OF_DISTANCE = 0.1, 0.05
 
 
-Pose = tuple[FloatArray, FloatArray]  # rotation (3,3) and translation (3,)
 Kind = Literal["one-image", "small-move", "last-image", "unlike-any-pose", "not-seen-since"]
 
 
@@ -95,7 +93,7 @@ def _finding(e: Evidence, pose: UnconfirmedPose) -> Finding:
 
 def _unconfirmed(e: Evidence, c: int, kind: Kind, image: int, others: Sequence[Pose]) -> UnconfirmedPose:
     r, t = e.solution.state.rotation[c], e.solution.state.translation[c]
-    changes = np.array([pose_change(r, t, *other) for other in others])
+    changes = np.array([pose_change((r, t), other) for other in others])
     return UnconfirmedPose(c, kind, image, changes, np.array([r.T @ t - other[0].T @ other[1] for other in others]))
 
 
@@ -154,7 +152,7 @@ class _FewPoints:
             off = ((self.uv - seen) / self.noise_px).ravel()
             by_pose = np.concatenate([by_point @ -cross_matrix(x), by_point], axis=2).reshape(-1, POSE)
             design = np.vstack([by_pose / self.noise_px, np.diag(stay)])[:, free]
-            goal = np.concatenate([off, -stay * pose_change(*start, *pose)])
+            goal = np.concatenate([off, -stay * pose_change(start, pose)])
             if not np.isfinite(design).all() or not np.isfinite(goal).all():
                 return None
             step = np.zeros(POSE)
@@ -182,10 +180,8 @@ def _is_small_move(e: Evidence, now: int, before: int, scatter: float) -> bool:
         return False
     joint = e.solution.cameras
     width = len(joint) // len(e.placed)
-    (r, t), (r_before, t_before) = (
-        (e.solution.state.rotation[c], e.solution.state.translation[c]) for c in (now, before)
-    )
-    change = pose_change(r, t, r_before, t_before)
+    state = e.solution.state
+    change = pose_change(*((state.rotation[c], state.translation[c]) for c in (now, before)))
     rows, columns = (slice(c * width, c * width + POSE) for c in (now, before))
     of_both = joint[rows, rows] + joint[columns, columns] - joint[rows, columns] - joint[columns, rows]
     return float(change @ np.linalg.pinv(of_both) @ change) < raised(SMALL_MOVE * LEAST_STATISTIC, scatter)

@@ -7,6 +7,17 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import log_rotation
 
+Pose = tuple[FloatArray, FloatArray]  # rotation (..., 3, 3) and translation (..., 3): x_camera = R x + t
+
+
+@dataclass(frozen=True)
+class PosedCameras:
+    """Intrinsics (c, 16) and poses x_camera = R (c, 3, 3) @ x + t (c, 3); or of one: (16,), (3, 3), (3,)."""
+
+    intrinsics: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
+
 
 @dataclass(frozen=True)
 class Similarity:
@@ -35,12 +46,10 @@ class Similarity:
 IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
 
 
-def pose_change(
-    rotation: FloatArray, translation: FloatArray, new_rotation: FloatArray, new_translation: FloatArray
-) -> FloatArray:
+def pose_change(before: Pose, after: Pose) -> FloatArray:
     """Turn (rotation vector, rad) of the whole pose and then shift (..., 6) that lead from poses to new ones."""
-    rotation_change = new_rotation @ np.swapaxes(rotation, -1, -2)
-    translation_change = new_translation - np.einsum("...ij,...j->...i", rotation_change, translation)
+    rotation_change = after[0] @ np.swapaxes(before[0], -1, -2)
+    translation_change = after[1] - np.einsum("...ij,...j->...i", rotation_change, before[1])
     return np.concatenate([log_rotation(rotation_change), translation_change], axis=-1)
 
 

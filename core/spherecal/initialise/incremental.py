@@ -19,7 +19,7 @@ from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.geometry.camera import undistort
 from spherecal.geometry.resection import resect
-from spherecal.initialise.chain import chain_poses, relative_pose
+from spherecal.initialise.camera_path import chain_poses, relative_pose
 from spherecal.initialise.local import LocalNetwork
 from spherecal.initialise.triple import Triple
 

@@ -11,14 +11,12 @@ from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
 from spherecal.ball.ball_shape import shape_cofactors
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit
+from spherecal.ball.fit import BallFit, Run
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding, Findings
 from spherecal.data.observations import Features, Observations
-from spherecal.data.recording import Recording
 from spherecal.data.rig import (
     Affected,
     BallShape,
@@ -33,9 +31,9 @@ from spherecal.data.rig import (
     RigScale,
 )
 from spherecal.data.rig_camera import posed
-from spherecal.data.session import CameraSpec
+from spherecal.data.session import CameraSpec, Recording
 from spherecal.data.verdict import affected, is_valid, ruled, widening
-from spherecal.diagnose.ball_size import SizeChange, possible_sizes, size_change
+from spherecal.diagnose.ball_changes import SizeChange, possible_sizes, size_change
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.run_checks import STOPPED, run_checks, unlinked
 from spherecal.diagnose.scale_findings import bar_doubt
@@ -43,9 +41,8 @@ from spherecal.diagnose.soundness import further_scale_uncertainty
 from spherecal.diagnose.sticker_size import sticker_doubt
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.field_table import FieldTable
-from spherecal.geometry.length_uncertainty import Cameras
+from spherecal.geometry.length_uncertainty import Cameras, LengthMap, length_map, measured_volume
 from spherecal.geometry.sphere import fit_sphere
-from spherecal.geometry.volume_map import LengthMap, length_map, measured_volume
 from spherecal.initialise.local import LocalNetwork
 from spherecal.result import camera_effects as effects
 from spherecal.result.widening import Uncertain, by_findings, drifting, either_lens, either_pose, either_size

@@ -11,7 +11,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.findings import Findings
 from spherecal.data.rig import CameraCovariance, CameraSigma, RigCamera, RigScale
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.rejected_edges import rejected_edges
+from spherecal.diagnose.left_out import rejected_edges
 from spherecal.diagnose.unconfirmed_poses import unconfirmed_poses
 
 

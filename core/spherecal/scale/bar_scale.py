@@ -5,15 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.covariance_factors import Covariance
-from spherecal.adjust.rows import LengthRows
+from spherecal.adjust.problem import LengthRows
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Finding, Findings
-from spherecal.data.recording import Recording
-from spherecal.data.session import Bar, BarLength, Mark
+from spherecal.data.session import Bar, BarLength, Mark, Recording
 from spherecal.geometry.transform import fit_similarity
 from spherecal.scale.bar_temperature import reference_length, temperature_part
-from spherecal.scale.spacing import FoundScale
+from spherecal.scale.spacing import FoundScale, Located
 from spherecal.targets.centre import centre_by_point, target_centre
 
 # What keeps the lengths of one bar in different poses from being exactly proportional: the thermometer's last digit,
@@ -44,11 +42,11 @@ class _Mark:
             return np.ones(1)
         return np.linalg.pinv(np.column_stack([np.ones(len(self.dots)), self.layout_mm]))[0]
 
-    def by_point(self, points: FloatArray, factor: float) -> FloatArray:
-        """Derivatives of the place by the dots (k,3,3)."""
-        if self.layout_mm is None:
-            return np.eye(3)[None]
-        return centre_by_point(self.layout_mm, points[self.dots] * factor)
+    def pulled(self, along: FloatArray, points: FloatArray, factor: float) -> FloatArray:
+        """Derivatives (k,3) of the place in a direction (3,) by the dots."""
+        flat = self.layout_mm
+        by_point = np.eye(3)[None] if flat is None else centre_by_point(flat, points[self.dots] * factor)
+        return np.einsum("i,kij->kj", along, by_point)
 
 
 @dataclass(frozen=True)
@@ -61,6 +59,24 @@ class _Sample:
     certified: BarLength
     pose: str
     temperature_mm: float
+
+    @property
+    def standard_mm(self) -> float:
+        """The standard uncertainty of its certificate."""
+        return self.certified.expanded_uncertainty_mm / self.certified.coverage_factor
+
+    def length(self, points: FloatArray, factor: float) -> tuple[float, FloatArray]:
+        """The length in network units, and the unit vector from the first mark to the second."""
+        difference = self.second.place(points, factor) - self.first.place(points, factor)
+        along = difference / np.linalg.norm(difference)
+        return float(difference @ along), along
+
+    def gradient(self, points: FloatArray, along: FloatArray, factor: float) -> FloatArray:
+        """How the length in network units follows the features' places, (f,3)."""
+        gradient = np.zeros_like(points)
+        for mark, sign in ((self.first, -1.0), (self.second, 1.0)):
+            np.add.at(gradient, mark.dots, sign * mark.pulled(along, points, factor))
+        return gradient
 
 
 @dataclass(frozen=True)
@@ -82,6 +98,11 @@ class OddPoses:
         return Finding("bar-poses-disagree", "warning", values | {"rest": self.rest}, self.poses, kind="left-out")
 
 
+def left_out(odd: OddPoses | None) -> tuple[str, ...]:
+    """The poses that give no scale: those that a majority contradicts."""
+    return odd.poses if odd is not None and odd.majority else ()
+
+
 def within_growth(findings: Sequence[Finding], growth: float) -> Findings:
     """The findings; where lengths are so many times as uncertain as the adjustment says, poses within that are right.
 
@@ -94,47 +115,43 @@ def within_growth(findings: Sequence[Finding], growth: float) -> Findings:
     )
 
 
-def odd_poses(
-    recording: Recording, bar_id: str, points: FloatArray, covariance: Covariance, variance: float
-) -> OddPoses | None:
+def odd_poses(recording: Recording, bar_id: str, at: Located) -> OddPoses | None:
     """Poses of a bar that are no part of the largest group that agrees; None where all agree.
 
     Each certified length is compared with itself in the other poses: its certificate errs alike in all of them. Against
     the mean of the others the network's own warp counts, with all correlations.
     """
-    samples = _samples(recording, bar_id, covariance.is_located)
+    samples = _samples(recording, bar_id, at.covariance.is_located)
     by_length: dict[tuple[str, str], list[_Sample]] = {}
     for sample in samples:
         by_length.setdefault((sample.certified.from_mark, sample.certified.to_mark), []).append(sample)
     found: dict[str, tuple[float, float]] = {}
     for group in by_length.values():
-        found |= _odd_ones(group, points, _first_factor(group, points), covariance, variance)
+        found |= _odd_ones(group, at)
     if not found:
         return None
-    every = {sample.pose for sample in samples}
+    every = dict.fromkeys(sample.pose for sample in samples)
     worst = max(found.values(), key=lambda one: abs(one[1]))
     rest = len(every) - len(found)
-    names = tuple(pose for pose in dict.fromkeys(s.pose for s in samples) if pose in found)
+    names = tuple(pose for pose in every if pose in found)
     return OddPoses(names, worst[0], abs(worst[1]), rest, rest > len(every) / 2 and rest > 1)
 
 
-def _odd_ones(
-    group: Sequence[_Sample], points: FloatArray, factor: float, covariance: Covariance, variance: float
-) -> dict[str, tuple[float, float]]:
+def _odd_ones(group: list[_Sample], at: Located) -> dict[str, tuple[float, float]]:
     """Poses of one length off the largest group that agrees: their difference in mm, and in standard deviations.
 
     What bends the rig bends its lengths together, with correlations up to 0.99: a right pose was 13.6 of the standard
     deviations of its difference from the mean off the others, 4.8 of those of the difference from these.
     """
-    n = len(group)
+    n, factor = len(group), _first_factor(group, at.points)
     if n < 2:
         return {}
     gradients, ratio = [], np.empty(n)
     for i, sample in enumerate(group):
-        length, along = _length(sample, points, factor)
-        gradients.append(_length_gradient(sample, points, along, factor) / sample.reference_mm)
+        length, along = sample.length(at.points, factor)
+        gradients.append(sample.gradient(at.points, along, factor) / sample.reference_mm)
         ratio[i] = length / sample.reference_mm
-    matrix = variance * covariance.functionals(gradients) / ratio.mean() ** 2 + LEAST_OWN**2 * np.eye(n)
+    matrix = at.variance * at.covariance.functionals(gradients) / ratio.mean() ** 2 + LEAST_OWN**2 * np.eye(n)
     ratio = ratio / ratio.mean()
     order = np.argsort(ratio)
     own = np.diag(matrix)
@@ -152,41 +169,30 @@ def _odd_ones(
     return found
 
 
-def _length_gradient(sample: _Sample, points: FloatArray, along: FloatArray, factor: float) -> FloatArray:
-    """How a length in network units follows the features' places, (f,3)."""
-    gradient = np.zeros_like(points)
-    for mark, sign in ((sample.first, -1.0), (sample.second, 1.0)):
-        np.add.at(gradient, mark.dots, sign * np.einsum("i,kij->kj", along, mark.by_point(points, factor)))
-    return gradient
-
-
 Poses = Collection[str]  # by their ids
 
 
-def scale_from_bars(
-    recording: Recording, bar_id: str, points: FloatArray, covariance: Covariance, variance: float, without: Poses = ()
-) -> FoundScale | None:
+def scale_from_bars(recording: Recording, bar_id: str, at: Located, without: Poses = ()) -> FoundScale | None:
     """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
 
     The relative uncertainty holds noise and calibration with all correlations, and the certificate and the bar's
     temperature, which more poses do not average. See docs/formulation.md, Scale.
     """
-    samples = _samples(recording, bar_id, covariance.is_located, without)
+    samples = _samples(recording, bar_id, at.covariance.is_located, without)
     if not samples:
         return None
-    mean, weight = _mean_ratio(samples, points, _first_factor(samples, points), covariance)
+    mean, weight = _mean_ratio(samples, _first_factor(samples, at.points), at)
     for _ in range(4):  # a centre laid over its dots depends on the scale, but hardly: 1 % of scale moves it by um
-        mean, weight = _mean_ratio(samples, points, 1.0 / mean, covariance)
+        mean, weight = _mean_ratio(samples, 1.0 / mean, at)
     factor = 1.0 / mean
-    gradient = np.zeros_like(points)
+    gradient = np.zeros_like(at.points)
     certificate = temperature = 0.0
     for sample, w in zip(samples, weight, strict=True):
-        along = _length(sample, points, factor)[1] * (w / (sample.reference_mm * mean))
-        gradient += _length_gradient(sample, points, along, factor)
-        standard = sample.certified.expanded_uncertainty_mm / sample.certified.coverage_factor
-        certificate += w * standard / sample.certified.length_mm
+        along = sample.length(at.points, factor)[1] * (w / (sample.reference_mm * mean))
+        gradient += sample.gradient(at.points, along, factor)
+        certificate += w * sample.standard_mm / sample.certified.length_mm
         temperature += w * sample.temperature_mm / sample.certified.length_mm
-    uncertainty = np.sqrt(variance * covariance.functional(gradient) + certificate**2 + temperature**2)
+    uncertainty = np.sqrt(at.variance * at.covariance.functional(gradient) + certificate**2 + temperature**2)
     return FoundScale(factor, float(uncertainty), len(samples), gradient)
 
 
@@ -208,9 +214,9 @@ def length_rows(recording: Recording, bar_id: str, points_mm: FloatArray, withou
         points[row, : len(dots)] = dots
         coefficient[row, : len(dots)] = np.concatenate([-sample.first.weights(), sample.second.weights()])
     reference = np.array([s.reference_mm for s in samples])
-    certificate = np.array([s.certified.expanded_uncertainty_mm / s.certified.coverage_factor for s in samples])
-    _, of = np.unique([f"{s.certified.from_mark} {s.certified.to_mark}" for s in samples], return_inverse=True)
-    same = of.reshape(-1)[:, None] == of.reshape(-1)
+    certificate = np.array([s.standard_mm for s in samples])
+    of = np.array([f"{s.certified.from_mark} {s.certified.to_mark}" for s in samples])
+    same = of[:, None] == of
     own = bar.expansion_per_kelvin * reference * TEMPERATURE_RESOLUTION_K
     warm = np.array([s.temperature_mm for s in samples])
     covariance = (
@@ -263,25 +269,16 @@ def _first_factor(samples: list[_Sample], points: FloatArray) -> float:
     return samples[0].reference_mm / float(np.linalg.norm(points[second.dots].mean(axis=0) - points[mark.dots[0]]))
 
 
-def _mean_ratio(
-    samples: list[_Sample], points: FloatArray, factor: float, covariance: Covariance
-) -> tuple[float, FloatArray]:
+def _mean_ratio(samples: list[_Sample], factor: float, at: Located) -> tuple[float, FloatArray]:
     """The mean ratio of measured to reference lengths and the weights (n,) behind it, by the marks' own noise."""
     ratio, precision = np.empty(len(samples)), np.empty(len(samples))
     for i, sample in enumerate(samples):
-        length, along = _length(sample, points, factor)
+        length, along = sample.length(at.points, factor)
         ratio[i] = length / sample.reference_mm
         noise = 0.0
         for mark in (sample.first, sample.second):
-            by_dot = np.einsum("i,kij->kj", along, mark.by_point(points, factor))
-            noise += float(np.einsum("ki,kij,kj->", by_dot, covariance.own_noise[mark.dots], by_dot))
+            by_dot = mark.pulled(along, at.points, factor)
+            noise += float(np.einsum("ki,kij,kj->", by_dot, at.covariance.own_noise[mark.dots], by_dot))
         precision[i] = sample.reference_mm**2 / noise
     weight = precision / precision.sum()
     return float(weight @ ratio), weight
-
-
-def _length(sample: _Sample, points: FloatArray, factor: float) -> tuple[float, FloatArray]:
-    """The length in network units, and the unit vector from the first mark to the second."""
-    difference = sample.second.place(points, factor) - sample.first.place(points, factor)
-    along = difference / np.linalg.norm(difference)
-    return float(difference @ along), along

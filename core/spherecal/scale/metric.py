@@ -8,17 +8,15 @@ from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
-from spherecal.ball.calibration_run import Run
-from spherecal.ball.fit import BallFit, with_effects_unknown, with_lengths
+from spherecal.ball.fit import BallFit, Run, with_effects_unknown, with_lengths
 from spherecal.ball.selection import ModelChoice
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Findings
-from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
-from spherecal.data.session import Session
+from spherecal.data.session import Recording, Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
-from spherecal.scale.bar_scale import OddPoses, length_rows, odd_poses, scale_from_bars
-from spherecal.scale.spacing import FoundScale, Spacing, scale_from_mean_distance, scale_from_spacing
+from spherecal.scale.bar_scale import OddPoses, left_out, length_rows, odd_poses, scale_from_bars
+from spherecal.scale.spacing import FoundScale, Located, Spacing, scale_from_mean_distance, scale_from_spacing
 
 
 @dataclass(frozen=True)
@@ -60,8 +58,7 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     solution, scale = metric_solution(recording, fit, literal=run.plain), recording.session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return fit, solution
-    without = solution.odd.poses if solution.odd is not None and solution.odd.majority else ()
-    rows = length_rows(recording, scale.bar, solution.state.points, without)
+    rows = length_rows(recording, scale.bar, solution.state.points, left_out(solution.odd))
     if rows is None:
         return fit, solution
     again = with_effects_unknown(with_lengths(fit, rows, solution.factor, run))
@@ -153,29 +150,31 @@ def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> d
     return spheres
 
 
+def radii_of(spheres: dict[int, Sphere], n_placements: int) -> FloatArray:
+    """The radii (t,) of the spheres by placement, NaN for none."""
+    nothing = Sphere(np.zeros(3), np.nan, np.nan)
+    return np.array([spheres.get(t, nothing).radius for t in range(n_placements)])
+
+
 def _find_scale(
     recording: Recording, adjusted: Adjustment, cofactors: Covariance, spheres: dict[int, Sphere], literal: bool
 ) -> FoundScale | None:
     session, names, scale = recording.session, recording.observations.points, recording.session.scale
-    located = adjusted.state.points, cofactors, adjusted.variance
+    located = Located(adjusted.state.points, cofactors, adjusted.variance)
     if scale is None or scale.kind == "none":
         return None
     if scale.kind == "bar":
         assert scale.bar is not None
-        odd = None if literal else odd_poses(recording, scale.bar, *located)
-        without = odd.poses if odd is not None and odd.majority else ()
-        by_bar = scale_from_bars(recording, scale.bar, *located, without)
+        odd = None if literal else odd_poses(recording, scale.bar, located)
+        by_bar = scale_from_bars(recording, scale.bar, located, left_out(odd))
         return None if by_bar is None else replace(by_bar, odd=odd)
     assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
     if scale.from_point not in names or scale.to_point not in names:
         return None
     ends = names.index(scale.from_point), names.index(scale.to_point)
     spacing = Spacing(*ends, scale.distance_mm, scale.surface == "sphere", _patterns(session, names))
-    radius = np.full(len(recording.observations.placements), np.nan)
-    for placement, sphere in spheres.items():
-        radius[placement] = sphere.radius
-    scale_from = scale_from_mean_distance if literal else scale_from_spacing
-    found = scale_from(spacing, recording.features, adjusted.state.points, radius, cofactors, adjusted.variance)
+    radii = radii_of(spheres, len(recording.observations.placements))
+    found = (scale_from_mean_distance if literal else scale_from_spacing)(spacing, recording.features, radii, located)
     if found is None:
         return None
     known = float(np.hypot(found.relative_uncertainty, scale.print_sd))
@@ -194,10 +193,8 @@ def _with_ball(found: FoundScale, session: Session, spheres: dict[int, Sphere]) 
     own = float(np.hypot(session.sphere_sd_mm / session.sphere_diameter_mm, shape))
     share = found.relative_uncertainty**-2 / (found.relative_uncertainty**-2 + own**-2)  # of the print
     mean = share * found.factor + (1 - share) * (session.sphere_diameter_mm / 2 / radius)
-    known, source = (
-        float((found.relative_uncertainty**-2 + own**-2) ** -0.5),
-        "target_spacing" if share > 0.5 else "ball",
-    )
+    known = float((found.relative_uncertainty**-2 + own**-2) ** -0.5)
+    source = "target_spacing" if share > 0.5 else "ball"
     return replace(found, factor=mean, relative_uncertainty=known, gradient=share * found.gradient, source=source)
 
 

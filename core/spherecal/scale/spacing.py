@@ -53,6 +53,15 @@ class FoundScale:
 
 
 @dataclass(frozen=True)
+class Located:
+    """An adjusted network's places of features (f,3) in its own unit, their covariance, and sigma0 squared."""
+
+    points: FloatArray
+    covariance: Covariance
+    variance: float
+
+
+@dataclass(frozen=True)
 class Spacing:
     """The known distance between two named dots (their point indices); on a sphere it is an arc, else straight.
 
@@ -82,20 +91,18 @@ class _Stickers:
         return _Stickers(self.feature[keep], self.there[keep], self.flat_mm[keep], placement, target)
 
 
-def scale_from_spacing(
-    spacing: Spacing, features: Features, points: FloatArray, radii: FloatArray, covariance: Covariance, variance: float
-) -> FoundScale | None:
+def scale_from_spacing(spacing: Spacing, features: Features, radii: FloatArray, at: Located) -> FoundScale | None:
     """The scale from all targets with enough dots reconstructed; None where there is none.
 
     Targets are weighted by their measurement noise and by the scatter of the print, which is estimated too (R.
     DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several placements averages its
     noise, not its print error. See docs/formulation.md, Scale.
     """
-    stickers = _stickers(spacing, features, points, covariance)
+    stickers = _stickers(spacing, features, at)
     if not len(stickers.target):
         return None
     flat = np.full(len(stickers.target), np.inf)
-    ratio, gradient, noise = _ratios(stickers, points, flat, covariance, variance)
+    ratio, gradient, noise = _ratios(stickers, flat, at)
     # without gross errors: a wrong code along the epipolar line of a two-view point puts that point metres away, unseen
     # by the adjustment; within 6 standard deviations, as observed and as computed, of the median
     off = np.abs(ratio / np.median(ratio) - 1)
@@ -104,63 +111,63 @@ def scale_from_spacing(
     sheets = _sheets(ratio[near] / np.median(ratio), noise[near], stickers.target[near])
     stickers = stickers.select(off <= 6 * np.maximum(np.sqrt(np.minimum(noise, 1e-4)), spread))
     bend = flat[: len(stickers.target)]
-    ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
+    ratio, gradient, noise = _ratios(stickers, bend, at)
     weight, scatter = _weights(ratio, noise, stickers.target)
     for _ in range(4 if spacing.on_sphere else 0):  # how a sticker bends depends on the radius in millimetres
         bend = radii[stickers.placement] / float(weight @ ratio)
-        ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
+        ratio, gradient, noise = _ratios(stickers, bend, at)
         weight, scatter = _weights(ratio, noise, stickers.target)
     mean = float(weight @ ratio)
-    total = np.zeros_like(points)
-    np.add.at(total, stickers.feature[stickers.there], (gradient * (weight / mean)[:, None, None])[stickers.there])
-    per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1), weight)
-    by_print = scatter**2 * float((per_target**2).sum())
-    stretch = _stretch(stickers, points, bend, weight)
+    stretch = _stretch(stickers, at.points, bend, weight)
+    per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1], weight)
     # which of the two directions, or sheets, has the length that was asked for is not known
-    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print + (stretch**2 + sheets**2) / 4)
-    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter, stretch, sheets=sheets)
+    further = (stretch**2 + sheets**2) / 4
+    found = _found(stickers, at, mean, gradient * (weight / mean)[:, None, None], per_target, scatter, further)
+    return replace(found, stretch=stretch, sheets=sheets)
 
 
-def scale_from_mean_distance(
-    spacing: Spacing, features: Features, points: FloatArray, radii: FloatArray, covariance: Covariance, variance: float
-) -> FoundScale | None:
+def scale_from_mean_distance(spacing: Spacing, features: Features, radii: FloatArray, at: Located) -> FoundScale | None:
     """The scale exactly as in [Tao21] (18)-(19): mean distance of the two dots of all targets over the known one.
 
     No weights, no other dots, no arc: on a ball lengths come out too long by d^2 / (24 R^2) relatively, which counts as
     uncertainty. None where no target has both dots.
     """
-    stickers = _stickers(replace(spacing, patterns=None), features, points, covariance)
+    stickers = _stickers(replace(spacing, patterns=None), features, at)
     n = len(stickers.target)
     if not n:
         return None
-    ratio, gradient, noise = _ratios(stickers, points, np.full(n, np.inf), covariance, variance)
+    ratio, gradient, noise = _ratios(stickers, np.full(n, np.inf), at)
     mean = float(ratio.mean())
-    total = np.zeros_like(points)
-    np.add.at(total, stickers.feature[stickers.there], (gradient / (n * mean))[stickers.there])
     scatter = _weights(ratio, noise, stickers.target)[1]
-    per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1)) / n
-    by_print = scatter**2 * float((per_target**2).sum())
+    per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1]).astype(float) / n
     known = radii[np.isfinite(radii)] / mean
     arc = spacing.distance_mm**2 / (24 * float(np.median(known)) ** 2) if spacing.on_sphere and len(known) else 0.0
-    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print + arc**2)
+    return _found(stickers, at, mean, gradient / (n * mean), per_target, scatter, arc**2)
+
+
+def _found(
+    of: _Stickers, at: Located, mean: float, by_dot: FloatArray, per_target: np.ndarray, scatter: float, more: float
+) -> FoundScale:
+    """The scale by the mean size, as it follows dots (n,k,3); weights of the targets (t,), `more` relative variance."""
+    total = np.zeros_like(at.points)
+    np.add.at(total, of.feature[of.there], by_dot[of.there])
+    by_print = scatter**2 * float((per_target**2).sum())
+    uncertainty = np.sqrt(at.variance * at.covariance.functional(total) + by_print + more)
     return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter)
 
 
-def _ratios(
-    stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, covariance: Covariance, variance: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _ratios(stickers: _Stickers, radius_mm: FloatArray, at: Located) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Size (n,) of each sticker in network units per mm, its derivative by the dots (n,k,3), its relative variance.
 
     The size is that of the similarity which lays the bent pattern over the dots with equal weights (S. Umeyama, 1991).
     """
-    bent, place, rotation = _laid_over(stickers, points, radius_mm)
-    w = stickers.there
+    bent, place, rotation = _laid_over(stickers, at.points, radius_mm)
     turned = bent @ rotation.transpose(0, 2, 1)
     gradient = turned / (bent**2).sum(axis=(1, 2))[:, None, None]
     ratio = (gradient * place).sum(axis=(1, 2))
-    noise = np.where(w[:, :, None, None], covariance.own_noise[stickers.feature], 0.0)
+    noise = np.where(stickers.there[:, :, None, None], at.covariance.own_noise[stickers.feature], 0.0)
     spread = np.einsum("nki,nkij,nkj->n", gradient, noise, gradient)
-    return ratio, gradient, variance * spread / ratio**2
+    return ratio, gradient, at.variance * spread / ratio**2
 
 
 def _laid_over(
@@ -196,7 +203,7 @@ def _stretch(stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, wei
     x, y, dx, dy = bent[..., 0], bent[..., 1], off[..., 0], off[..., 1]
     flat = (x**2 + y**2).sum(axis=1)
     parts = np.stack([(x * dx - y * dy).sum(axis=1), (x * dy + y * dx).sum(axis=1)], axis=1) / flat[:, None]
-    index = np.unique(stickers.target, return_inverse=True)[1].reshape(-1)
+    index = np.unique(stickers.target, return_inverse=True)[1]
     total = np.bincount(index, weight)
     if len(total) < LEAST_TARGETS:
         return 0.0
@@ -214,7 +221,7 @@ def _sheets(ratio: FloatArray, variance: FloatArray, target: IntArray) -> float:
 
     By the surer half of them: noise fills the gap between the groups.
     """
-    index = np.unique(target, return_inverse=True)[1].reshape(-1)
+    index = np.unique(target, return_inverse=True)[1]
     precision = np.bincount(index, 1 / variance)
     size = np.bincount(index, ratio / variance) / precision
     size = np.sort(size[precision >= np.median(precision)]) if len(size) else size
@@ -242,14 +249,14 @@ def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
     return np.asarray(np.concatenate([flat_mm * shrink[:, :, None], depth[:, :, None]], axis=2), dtype=np.float64)
 
 
-def _stickers(spacing: Spacing, features: Features, points: FloatArray, covariance: Covariance) -> _Stickers:
+def _stickers(spacing: Spacing, features: Features, at: Located) -> _Stickers:
     """All stickers of all placements with both dots, or with enough of their pattern, reconstructed."""
-    known = np.flatnonzero(covariance.is_located & np.isfinite(points[:, 0]))
+    known = np.flatnonzero(at.covariance.is_located & np.isfinite(at.points[:, 0]))
     names = int(features.point.max(initial=0)) + 1
     both = np.stack([features.placement[known], features.target[known]], axis=1)
     keys, row = np.unique(both, axis=0, return_inverse=True)
     feature = np.full((len(keys), max(names, spacing.from_point + 1, spacing.to_point + 1)), -1)
-    feature[row.reshape(-1), features.point[known]] = known
+    feature[row, features.point[known]] = known
     flat = np.array([_pattern(spacing, int(target), feature.shape[1]) for target in keys[:, 1]])
     flat = flat.reshape(len(keys), feature.shape[1], 2)
     there = (feature >= 0) & np.isfinite(flat[:, :, 0])
@@ -258,18 +265,17 @@ def _stickers(spacing: Spacing, features: Features, points: FloatArray, covarian
     found = _Stickers(
         np.where(there, feature, 0), there, np.where(there[:, :, None], flat, 0.0), keys[:, 0], keys[:, 1]
     )
-    return found.select(enough & _once(found, covariance))
+    return found.select(enough & _once(found, at.covariance))
 
 
 def _pattern(spacing: Spacing, target: int, names: int) -> FloatArray:
     """Places (names, 2) in mm of a target's dots, scaled to the known distance; the two dots alone without a layout."""
     ends = [spacing.from_point, spacing.to_point]
     flat = None if spacing.patterns is None else spacing.patterns.get(target)
+    out = np.full((names, 2), np.nan)
     if flat is not None and np.isfinite(flat[ends]).all():
-        out = np.full((names, 2), np.nan)
         out[: len(flat)] = flat[:names]
         return out * (spacing.distance_mm / float(np.linalg.norm(flat[ends[1]] - flat[ends[0]])))
-    out = np.full((names, 2), np.nan)
     out[ends] = [[-spacing.distance_mm / 2, 0.0], [spacing.distance_mm / 2, 0.0]]
     return out
 
@@ -288,8 +294,7 @@ def _once(stickers: _Stickers, covariance: Covariance) -> BoolArray:
 def _weights(ratio: FloatArray, variance: FloatArray, target: IntArray) -> tuple[FloatArray, float]:
     """Weights (n,) that sum to 1, and the scatter between targets beyond the noise, from relative variances (n,)."""
     ratio = ratio / np.median(ratio)
-    _, index = np.unique(target, return_inverse=True)
-    index = index.reshape(-1)
+    index = np.unique(target, return_inverse=True)[1]
     precision = 1.0 / variance
     total = np.bincount(index, precision)
     within = precision / total[index]

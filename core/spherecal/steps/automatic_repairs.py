@@ -17,7 +17,7 @@ from spherecal.data.session import Session
 from spherecal.data.verdict import effect
 from spherecal.diagnose.camera_findings import pose_scatter
 from spherecal.diagnose.image_findings import LEAST_POINTS
-from spherecal.diagnose.yardstick import most_moved
+from spherecal.diagnose.moves import most_moved
 from spherecal.geometry.rotation import log_rotation
 from spherecal.steps.repairs import Repairs, placements_seen_by, repaired
 

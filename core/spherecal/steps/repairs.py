@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.base.arrays import IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
@@ -216,7 +215,7 @@ def _without_camera(session: Session, camera: int | None) -> Session:
     keep, o = [c for c in range(len(session.cameras)) if c != camera], session.observations
     number = np.full(len(session.cameras), -1)
     number[keep] = np.arange(len(keep))
-    o = None if o is None else _renamed(o, tuple(o.cameras[c] for c in keep), number)
+    o = None if o is None else replace(o, cameras=tuple(o.cameras[c] for c in keep), camera=number[o.camera])
     return replace(session, cameras=tuple(session.cameras[c] for c in keep), observations=o)
 
 
@@ -288,12 +287,9 @@ def _with_images(session: Session, change: Callable[[int, _Images], _Images]) ->
     )
 
 
-def _renamed(o: Observations, cameras: tuple[str, ...], number: IntArray) -> Observations:
-    return replace(o, cameras=cameras, camera=number[o.camera])
-
-
 def _under_old_names(o: Observations, session: Session, mended: Session) -> Observations:
     """Observations of a mended session as those of the original cameras; those left out have none."""
     home = {camera.id: camera.earlier_pose_of or camera.id for camera in mended.cameras}
     left = tuple(camera.id for camera in session.cameras if camera.id in home)
-    return _renamed(o, left, np.array([left.index(home[name]) for name in o.cameras], dtype=np.int64))
+    number = np.array([left.index(home[name]) for name in o.cameras], dtype=np.int64)
+    return replace(o, cameras=left, camera=number[o.camera])

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, datum_defect
-from spherecal.adjust.identity_damping import minimise_with_identity
-from spherecal.adjust.least_squares import minimise
+from spherecal.adjust.least_squares import minimise, minimise_with_identity
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.state import State
 from spherecal.ball.fit import finished_solution
@@ -20,21 +19,20 @@ from spherecal.base.context import Context, Stopwatch
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Findings
 from spherecal.data.observations import find_features, seen_matrix
-from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
+from spherecal.data.session import Recording
 from spherecal.geometry.camera import undistort_views
 from spherecal.geometry.sphere import fit_sphere_geometrically
 from spherecal.initialise import view_graph
-from spherecal.initialise.camera_path import find_paths
-from spherecal.initialise.chain import chain_points, chain_poses
+from spherecal.initialise.camera_path import chain_points, chain_poses, find_paths
 from spherecal.initialise.incremental import InitialPoses
 from spherecal.initialise.local import LocalNetwork, lasting_reference
 from spherecal.initialise.triple import Triple, factorised
 from spherecal.initialise.view_graph import CameraGraph, EdgeWeights
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, in_millimetres
+from spherecal.steps.ball_stages import StartValues, describe_network, run_of
 from spherecal.steps.settings import CalibrationSettings
-from spherecal.steps.start_values import StartValues, describe_network, run_of
 
 # Steps at most: from starts of hundreds of pixels the slowest that arrived took 96.
 MOST_STEPS = 200

@@ -10,7 +10,7 @@ from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path
 
 from spherecal.base.arrays import FloatArray
-from spherecal.geometry.volume_map import LengthMap
+from spherecal.geometry.length_uncertainty import LengthMap
 from spherecal_documents.report.language import label
 from spherecal_documents.report.model import TEXT_MM, Block, Figure, Panels, Paragraph
 from spherecal_documents.report.style import (

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 from spherecal.targets import components as parts
 from spherecal.targets.components import TILE_PX, label_components, tile_extremes
 from spherecal.targets.ignored_regions import sticker_regions
@@ -173,7 +173,7 @@ def _blobs_of_one_size(
     return compounds
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, threshold, active):
     """Set a level's threshold, and which tiles of `rest` it may cut, and leave in `rest` the lively ones above it.
 
@@ -201,7 +201,7 @@ def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
     return np.asarray(grown, dtype=bool)
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _mark(runs, state, rest, larger, taken, dots, halvings):
     """Mark dots' pixels, and tiles: of compounds in `rest`, of these and large dots in `larger`, of dots in `taken`."""
     for run in range(len(runs)):
@@ -222,7 +222,7 @@ def _mark(runs, state, rest, larger, taken, dots, halvings):
                     of_kind[(x << halvings) >> 3] |= _bit(row << halvings, x << halvings)
 
 
-@njit(nogil=True, cache=True)
+@njit(**KERNEL)
 def _select(image, taken, dots, halvings, runs, sums, most_area, contrast, smallest_axis):
     """Rows u v xx xy yy area peak of the components that look like one dot, and what each component is."""
     rows = np.empty((len(sums), 7))
@@ -241,7 +241,7 @@ def _select(image, taken, dots, halvings, runs, sums, most_area, contrast, small
     return rows[:count].copy(), state
 
 
-@njit(nogil=True, cache=True)
+@njit(**KERNEL)
 def _known(runs, taken, dots, halvings, labels):
     """Which components share pixels with a dot that a lower level, or the finer image, has found.
 
@@ -262,13 +262,13 @@ def _known(runs, taken, dots, halvings, labels):
     return known
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _bit(row, x):
     """The bit of a pixel in its tile."""
     return np.uint64(1) << np.uint64((row & 7) << 3 | x & 7)
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _describe(image, part, contrast, smallest_axis, with_large, row):
     """What a component of moderate area is; fills its row if it is one dot."""
     area = part[parts.AREA]
@@ -296,7 +296,7 @@ def _describe(image, part, contrast, smallest_axis, with_large, row):
     return _DOT
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _brightest_of_four(image, x, y):
     """The brightest of the four pixels around a place."""
     column, row = min(int(x), image.shape[1] - 2), min(int(y), image.shape[0] - 2)

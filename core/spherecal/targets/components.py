@@ -7,7 +7,7 @@ their moments need.
 
 import numpy as np
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 
 TILE_PX = 8
 LONGEST_RUN = 48  # px; a component with a longer run is none of dots
@@ -25,7 +25,7 @@ _SET = [[k for k in range(8) if bits >> k & 1] for bits in range(256)]
 _CHANGES = np.array([[*places, *[0] * (8 - len(places)), len(places)] for places in _SET], dtype=np.uint8)
 
 
-@njit(nogil=True, cache=True)
+@njit(**KERNEL)
 def tile_extremes(image):
     """Darkest and brightest pixel of every tile, two arrays of the image's type."""
     height, width = image.shape
@@ -50,7 +50,7 @@ def tile_extremes(image):
     return darkest, brightest
 
 
-@njit(nogil=True, cache=True)
+@njit(**KERNEL)
 def label_components(image, threshold, active, least, most, most_runs):
     """Components above a threshold in the active tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
 
@@ -101,7 +101,7 @@ def label_components(image, threshold, active, least, most, most_runs):
     return sums, runs[:count]
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _find_spans(active, spans):
     """First tile and end of the spans of active tiles in a row of tiles, into `spans`; returns their number."""
     count, column, columns = 0, 0, len(active)
@@ -117,7 +117,7 @@ def _find_spans(active, spans):
     return count
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _threshold_of_row(threshold, y, first, end, of_row):
     """Thresholds in row y at the middles of the tiles first - 1 to end, into `of_row`, where tile k is at k + 1."""
     rows, columns = threshold.shape
@@ -130,7 +130,7 @@ def _threshold_of_row(threshold, y, first, end, of_row):
         of_row[k + 1] = threshold[row, column] * (1 - part) + threshold[other, column] * part
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _compare_tile(image, y, column, of_row, above):
     """Compare the 8 px of a tile's row with the threshold, linear between the centres of tiles."""
     middle = of_row[column + 1]
@@ -142,7 +142,7 @@ def _compare_tile(image, y, column, of_row, above):
         above[x0 + k] = image[y, x0 + k] > middle + right * np.float32(k - 3.5)
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _append_runs(words, y, first_tile, end_tile, width, runs, count):
     """Add the runs of pixels above the threshold in a span of tiles; tiles of one kind are passed over whole."""
     inside = 0  # whether a run is open
@@ -165,7 +165,7 @@ def _append_runs(words, y, first_tile, end_tile, width, runs, count):
     return count
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _root(parent, label):
     while parent[label] != label:
         parent[label] = parent[parent[label]]
@@ -173,7 +173,7 @@ def _root(parent, label):
     return label
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _link_runs(runs, previous, previous_end, start, end, parent, areas, labels):
     """Give the runs start..end the labels of the runs of the row before that they overlap; returns the labels used."""
     if start == end:
@@ -204,7 +204,7 @@ def _link_runs(runs, previous, previous_end, start, end, parent, areas, labels):
     return labels
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _add_run(image, runs, run, threshold, sums):
     y, first, end, label = runs[run, 0], runs[run, 1], runs[run, 2], runs[run, 3]
     pixels = end - first
@@ -229,13 +229,13 @@ def _add_run(image, runs, run, threshold, sums):
     sums[label, PEAK] = max(sums[label, PEAK], peak)
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _sum_of_squares(n):
     """0^2 + 1^2 + ... + (n - 1)^2."""
     return (n - 1) * n * (2.0 * n - 1) / 6
 
 
-@njit(nogil=True, cache=True)
+@njit(**KERNEL)
 def _gather(parent, areas, labels, least):
     """Add every joined label to its root and flatten `parent`; components of the labels, and how many are kept."""
     for label in range(labels):

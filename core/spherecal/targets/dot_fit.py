@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 from spherecal.targets import blurred_ellipse as ellipse
 from spherecal.targets.dot_equations import RIGHT, ROW, WEIGHT, light_variances, set_covariance, solve_step
 from spherecal.targets.sheet_edge import leak, near_sides
@@ -47,7 +47,7 @@ _PERFECT = 0.86  # mean square of the residuals over their noise, with Cauchy's 
 _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than misfit
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through all steps
     image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins
 ):
@@ -107,7 +107,7 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _set_shape(view, x, y, radius, shapes, k):
     """The ellipse of dot k from the derivatives of the view at its place."""
     uu, uv, vu, vv = local_affine(view, x, y)
@@ -121,7 +121,7 @@ def _set_shape(view, x, y, radius, shapes, k):
     shapes[k, _HALF_U], shapes[k, _HALF_V] = radius * math.sqrt(a), radius * math.sqrt(c)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _fit_plane(dots, column, present, weights, plane):
     """Weighted plane through amplitudes or backgrounds over the image: mean u, v, value, slopes per px in `plane` (5,).
 
@@ -146,7 +146,7 @@ def _fit_plane(dots, column, present, weights, plane):
         plane[3], plane[4] = (vv * ua - uv * va) / det, (uu * va - uv * ua) / det
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _hold_to_plane(dots, k, column, plane, sd, equations):
     """Add to dot k's equations that its amplitude or background is on the plane within `sd`."""
     expected = plane[2] + plane[3] * (dots[k, CU] - plane[0]) + plane[4] * (dots[k, CV] - plane[1])
@@ -154,7 +154,7 @@ def _hold_to_plane(dots, k, column, plane, sd, equations):
     equations[k, column, RIGHT] += (expected - dots[k, column]) / (sd * sd)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _cut_dots(shapes, present, shared, strips, counts):
     """Strips of the dots that are narrow against the blur; none for wide ones."""
     for k in range(8):
@@ -164,7 +164,7 @@ def _cut_dots(shapes, present, shared, strips, counts):
             counts[k] = ellipse.cut_strips(long, short, shared[BLUR], strips, k) if narrow else 0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _find_neighbours(shapes, k, present, dots, reach, near):
     """Dots whose light or pixels may meet those of dot k, into `near` (8,); returns their number."""
     count = 0
@@ -180,7 +180,7 @@ def _find_neighbours(shapes, k, present, dots, reach, near):
     return count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, counts, u, v, own):
     """Whether no other dot is nearer to a pixel than `own` (px inside the edge), and the light of the others there."""
     light = 0.0
@@ -202,7 +202,7 @@ def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, coun
     return True, light
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
@@ -272,7 +272,7 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
     return total, pixels
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _add_products(rows, equations):
     """Add the weighted products of pixels' rows (n, ROW) to the equations of a dot (6, ROW); sums stay in registers."""
     for i in range(6):

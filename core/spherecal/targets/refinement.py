@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import KERNEL, njit
 from spherecal.targets import dot_fit as df
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage
@@ -90,7 +90,7 @@ def refine(
     return RefinedDots(found, sigma, shared[:, df.MISFIT], shared[:, df.BLUR], shared[:, df.GROWTH])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _largest_value(image):
     """The largest grey value, and how many pixels of an image have it."""
     height, width = image.shape
@@ -108,7 +108,7 @@ def _largest_value(image):
     return largest, count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _fit_all(
     image, layouts, radius, views, present, top, clip, noise, prior, chosen, dots, shared, covariance, ok, bins
 ):
@@ -120,7 +120,7 @@ def _fit_all(
             )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _start(image, layouts, radius, views, present, dots):
     """Background and amplitude to start from: the median on a ring around each dot, and the light at its centre.
 
@@ -167,7 +167,7 @@ def _fit_noise(bins: FloatArray, before: FloatArray) -> FloatArray:
     return np.array([constant, gain, least])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _eccentricities(layouts, radius, views):
     """From the centres of the ellipses to the images of the circles' centres, (n, 8, 2) px."""
     shift = np.empty((len(layouts), 8, 2))

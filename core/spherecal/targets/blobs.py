@@ -162,11 +162,11 @@ def _blobs_of_one_size(
     smallest_axis = _SMALLEST_COARSE_AXIS_PX if halvings else 0.0
     compounds = np.zeros_like(rest)
     for level, alike in zip(_LEVELS, _LEAST_ALIKE, strict=True):
-        if alike and rest.mean() > _TEXTURED:
+        if alike and np.count_nonzero(rest) / rest.size > _TEXTURED:
             rest &= sticker_regions(found.rows(), found.looks(), rest.shape, alike)
-        threshold, active = np.empty_like(contrast), np.empty_like(rest)
-        count = _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, threshold, active)
-        sums, runs = label_components(image, threshold, active, _LEAST_AREA_PX, most_area, 36 * count + 64)
+        active = np.empty_like(rest)
+        count = _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, active)
+        sums, runs = label_components(image, dark, contrast, level, active, _LEAST_AREA_PX, most_area, 36 * count + 64)
         rows, state = _select(image, taken, dots, halvings, runs, sums, most_area, contrast, smallest_axis)
         found.add(rows)
         _mark(runs, state, rest, compounds if level == _LEVELS[0] else np.empty_like(rest), taken, dots, halvings)
@@ -174,18 +174,25 @@ def _blobs_of_one_size(
 
 
 @njit(**BARE)
-def _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, threshold, active):
-    """Set a level's threshold, and which tiles of `rest` it may cut, and leave in `rest` the lively ones above it.
+def _activate(rest, lively, level, dark, contrast, brightest, bright_near, dark_near, active):
+    """Find which tiles of `rest` a level's threshold may cut, and leave in `rest` the lively ones above it.
 
     Returns the number of active tiles. One pass over arrays of tiles in place of fifteen: a sixth of the time.
     """
     count, part = 0, np.float32(level)
     for row in range(rest.shape[0]):
+        left = 0
+        for column in range(rest.shape[1]):
+            left += rest[row, column] | lively[row, column]
+        if left == 0:
+            for column in range(rest.shape[1]):
+                active[row, column] = False
+            continue
         for column in range(rest.shape[1]):
             at = dark[row, column] + part * contrast[row, column]
             below, cut = dark_near[row, column] <= at, rest[row, column]
             cut &= (brightest[row, column] > at) & (bright_near[row, column] > at) & below
-            threshold[row, column], active[row, column] = at, cut
+            active[row, column] = cut
             rest[row, column] = lively[row, column] & (not below)
             count += cut
     return count

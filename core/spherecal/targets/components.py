@@ -17,12 +17,13 @@ LONGEST_RUN = 48  # px; a component with a longer run is none of dots
 AREA, X, Y, XX, XY, YY, LIGHT, LIGHT_X, LIGHT_Y, PEAK, THRESHOLD = range(11)
 _SUMS = 11
 _VAST = 1 << 28  # px: the area of a component with a longer run
-_NONE, _ALL = np.uint64(0), np.uint64(0x0101010101010101)  # none and all of eight pixels above the threshold
 _TOP_BYTE = np.uint64(56)
 _PACK = np.uint64(0x0102040810204080)  # times eight bytes of 0 or 1: their bits, the first pixel the lowest, on top
-# at which of a tile's eight pixels bits are set, and how many
-_SET = [[k for k in range(8) if bits >> k & 1] for bits in range(256)]
-_CHANGES = np.array([[*places, *[0] * (8 - len(places)), len(places)] for places in _SET], dtype=np.uint8)
+# Which bit of 64 is the only one set: its product with a sequence of de Bruijn has a number of its own in its top bits.
+_SEQUENCE, _TOP_SIX = 0x022FDD63CC95386D, np.uint64(58)
+_WHICH = np.zeros(64, np.int64)
+_WHICH[[(_SEQUENCE << bit & 2**64 - 1) >> 58 for bit in range(64)]] = np.arange(64)
+_TIMES, _ONE, _LAST_BIT = np.uint64(_SEQUENCE), np.uint64(1), np.uint64(63)
 
 
 @njit(**KERNEL)
@@ -51,44 +52,49 @@ def tile_extremes(image):
 
 
 @njit(**KERNEL)
-def label_components(image, threshold, active, least, most, most_runs):
+def label_components(image, dark, contrast, level, active, least, most, most_runs):
     """Components above a threshold in the active tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
 
     Most of a textured image is in components that are too small or too large. Of these little or nothing is kept.
 
-    `image`: grey image, (h, w).
+    `image`: grey image, (h, w); `dark`, `contrast`, `level`: the threshold of a tile is dark + level * contrast.
     """
     height, width = image.shape
-    tile_rows, columns = threshold.shape
+    tile_rows, columns = active.shape
     parent, areas = np.empty(most_runs, np.int32), np.empty(most_runs, np.int32)
     runs = np.empty((most_runs, 4), np.int32)  # memory that is never touched costs nothing
     levels = np.empty(most_runs, np.float32)
-    of_row = np.empty(columns + 2, np.float32)
+    of_tiles, of_row = np.empty((3, columns + 2), np.float32), np.empty(columns + 2, np.float32)
     above = np.zeros(columns * TILE_PX, np.bool_)
-    words = above.view(np.uint64)  # one for the row of a tile
+    words, flat = above.view(np.uint64), runs.reshape(most_runs * 4)  # a word for the row of a tile
     spans = np.empty((columns, 2), np.int64)
     previous_start, previous_end, count, labels = 0, 0, 0, 0
     for tile_row in range(tile_rows):
         many = _find_spans(active[tile_row], spans)
         if many == 0:
             continue
+        _thresholds_of_tiles(dark, contrast, np.float32(level), tile_row, spans[:many], of_tiles)
         for y in range(tile_row * TILE_PX, min(tile_row * TILE_PX + TILE_PX, height)):
             start = count
             for span in range(many):
                 first, end = spans[span]
-                _threshold_of_row(threshold, y, first, end, of_row)
-                for column in range(first, min(end, width >> 3)):
-                    _compare_tile(image, y, column, of_row, above)
-                for x in range(max(first, width >> 3) * TILE_PX, min(end * TILE_PX, width)):
-                    above[x] = image[y, x] > of_row[(x >> 3) + 1]
-                count = _append_runs(words, y, first, end, width, runs, count)
+                _thresholds_of_row(of_tiles, y, first, end, of_row)
+                _compare(image, y, first, end, of_row, above)
+                count = _append_runs(words, first, end, width, flat, count)
             for run in range(start, count):
-                levels[run] = of_row[(runs[run, 1] >> 3) + 1]
+                runs[run, 0], levels[run] = y, of_row[(runs[run, 1] >> 3) + 1]
             labels = _link_runs(runs, previous_start, previous_end, start, count, parent, areas, labels)
             previous_start, previous_end = start, count
     component, kept = _gather(parent, areas, labels, least)
     sums = np.zeros((kept, _SUMS))
-    for run in range(count):
+    _add_runs(image, runs[:count], levels, parent, areas, component, most, sums)
+    return sums, runs[:count]
+
+
+@njit(**BARE)
+def _add_runs(image, runs, levels, parent, areas, component, most, sums):
+    """Set the runs' components, and add them up where these are not too large."""
+    for run in range(len(runs)):
         label = runs[run, 3]
         number = component[label]
         runs[run, 3] = number
@@ -98,7 +104,6 @@ def label_components(image, threshold, active, least, most, most_runs):
                 sums[number, AREA] = area
             else:
                 _add_run(image, runs, run, levels[run], sums)
-    return sums, runs[:count]
 
 
 @njit(**BARE)
@@ -118,51 +123,65 @@ def _find_spans(active, spans):
 
 
 @njit(**BARE)
-def _threshold_of_row(threshold, y, first, end, of_row):
+def _thresholds_of_tiles(dark, contrast, level, tile_row, spans, of_tiles):
+    """Thresholds of the tiles in and beside the spans: those above, of and below a row of tiles; tile k is at k + 1."""
+    rows, columns = dark.shape
+    for line in range(3):
+        row = min(max(tile_row + line - 1, 0), rows - 1)
+        for span in range(len(spans)):
+            for k in range(max(spans[span, 0] - 1, 0), min(spans[span, 1] + 1, columns)):
+                of_tiles[line, k + 1] = dark[row, k] + level * contrast[row, k]
+        of_tiles[line, 0], of_tiles[line, columns + 1] = of_tiles[line, 1], of_tiles[line, columns]
+
+
+@njit(**BARE)
+def _thresholds_of_row(of_tiles, y, first, end, of_row):
     """Thresholds in row y at the middles of the tiles first - 1 to end, into `of_row`, where tile k is at k + 1."""
-    rows, columns = threshold.shape
-    row = y >> 3
-    part = np.float32((y - row * 8 - 3.5) / 8)
-    other = min(max(row + 1 if part > 0 else row - 1, 0), rows - 1)
+    part = np.float32(((y & 7) - 3.5) / 8)
+    other = 2 if part > 0 else 0
     part = abs(part)
-    for k in range(first - 1, end + 1):
-        column = min(max(k, 0), columns - 1)
-        of_row[k + 1] = threshold[row, column] * (1 - part) + threshold[other, column] * part
+    for k in range(first, end + 2):
+        of_row[k] = of_tiles[1, k] * (1 - part) + of_tiles[other, k] * part
 
 
 @njit(**BARE)
-def _compare_tile(image, y, column, of_row, above):
-    """Compare the 8 px of a tile's row with the threshold, linear between the centres of tiles."""
-    middle = of_row[column + 1]
-    left, right = (middle - of_row[column]) / 8, (of_row[column + 2] - middle) / 8
-    x0 = column * 8
-    for k in range(4):
-        above[x0 + k] = image[y, x0 + k] > middle + left * np.float32(k - 3.5)
-    for k in range(4, 8):
-        above[x0 + k] = image[y, x0 + k] > middle + right * np.float32(k - 3.5)
+def _compare(image, y, first, end, of_row, above):
+    """Compare a row of pixels in some tiles with the threshold, linear between the centres of tiles."""
+    whole = image.shape[1] >> 3
+    for column in range(first, min(end, whole)):
+        middle = of_row[column + 1]
+        left, right = (middle - of_row[column]) / 8, (of_row[column + 2] - middle) / 8
+        x0 = column * 8
+        for k in range(4):
+            above[x0 + k] = image[y, x0 + k] > middle + left * np.float32(k - 3.5)
+        for k in range(4, 8):
+            above[x0 + k] = image[y, x0 + k] > middle + right * np.float32(k - 3.5)
+    for x in range(max(first, whole) * TILE_PX, min(end * TILE_PX, image.shape[1])):
+        above[x] = image[y, x] > of_row[(x >> 3) + 1]
 
 
 @njit(**BARE)
-def _append_runs(words, y, first_tile, end_tile, width, runs, count):
-    """Add the runs of pixels above the threshold in a span of tiles; tiles of one kind are passed over whole."""
-    inside = 0  # whether a run is open
-    for tile in range(first_tile, end_tile):
-        word = words[tile]
-        if word == (_ALL if inside else _NONE):
-            continue
-        bits = np.int64((word * _PACK) >> _TOP_BYTE)
-        changes = _CHANGES[(bits ^ ((bits << 1) | inside)) & 0xFF]
-        for k in range(changes[8]):
-            if inside:
-                runs[count, 2] = tile * 8 + changes[k]
-                count += 1
-            else:
-                runs[count, 0], runs[count, 1] = y, tile * 8 + changes[k]
-            inside = 1 - inside
-    if inside:
-        runs[count, 2] = min(end_tile * 8, width)
-        count += 1
-    return count
+def _append_runs(words, first_tile, end_tile, width, flat, count):
+    """Add where the runs of pixels above the threshold in a span of tiles begin and end; 64 px at once.
+
+    `flat`: the runs, of which each takes four places, the second and third for this.
+    """
+    edges, inside = 2 * count, _ONE - _ONE
+    for tile in range(first_tile, end_tile, 8):
+        bits = _ONE - _ONE
+        for k in range(min(end_tile - tile, 8)):
+            bits |= ((words[tile + k] * _PACK) >> _TOP_BYTE) << np.uint64(8 * k)
+        changes = bits ^ ((bits << _ONE) | inside)
+        inside = bits >> _LAST_BIT
+        while changes:
+            lowest = changes & (~changes + _ONE)
+            changes ^= lowest
+            flat[(edges >> 1) * 4 + 1 + (edges & 1)] = tile * 8 + _WHICH[(lowest * _TIMES) >> _TOP_SIX]
+            edges += 1
+    if edges & 1:
+        flat[(edges >> 1) * 4 + 2] = min(end_tile * 8, width)
+        edges += 1
+    return edges >> 1
 
 
 @njit(**BARE)

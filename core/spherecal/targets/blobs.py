@@ -54,6 +54,8 @@ _LEAST_DOME = 0.75  # height over the threshold at the centroid / peak; two join
 _HALF_SCALE, _HALF_SHIFT = np.array([2.0, 2.0, 4.0, 4.0, 4.0, 4.0, 1.0]), np.array([0.5, 0.5, 0, 0, 0, 0, 0])
 _SMALLEST_IMAGE_PX = 2 * TILE_PX  # two tiles; no sticker fits in less
 
+_ONE, _ALL, _EVEN = np.uint64(1), np.uint64(0xFF), np.uint64(0x55)  # pixels of a tile's row as bits
+
 # what a component is: too low or small for anything, one dot, something that higher levels may take apart, or one dot
 # that is too large for this size of the image
 _NOTHING, _DOT, _COMPOUND, _LARGE = 0, 1, 2, 3
@@ -225,8 +227,8 @@ def _mark(runs, state, rest, larger, taken, dots, halvings):
                     larger[row >> 3, column] = True
             if of_run != _COMPOUND:
                 of_kind = dots[1 if of_run == _LARGE else 0, (row << halvings) >> 3]
-                for x in range(runs[run, 1], runs[run, 2]):
-                    of_kind[(x << halvings) >> 3] |= _bit(row << halvings, x << halvings)
+                for tile in range(runs[run, 1] << halvings >> 3, ((runs[run, 2] - 1) << halvings >> 3) + 1):
+                    of_kind[tile] |= _bits(row, runs[run, 1], runs[run, 2], tile, halvings)
 
 
 @njit(**KERNEL)
@@ -260,19 +262,21 @@ def _known(runs, taken, dots, halvings, labels):
             continue
         row, start, end = runs[run, 0], runs[run, 1], runs[run, 2]
         if not known[runs[run, 3]] and (taken[row >> 3, start >> 3] or taken[row >> 3, (end - 1) >> 3]):
-            for x in range(start, end):
-                tile_row, column = (row << halvings) >> 3, (x << halvings) >> 3
-                marked = dots[0, tile_row, column] | (dots[1, tile_row, column] if halvings == 0 else np.uint64(0))
-                if marked & _bit(row << halvings, x << halvings):
+            tile_row = (row << halvings) >> 3
+            for tile in range(start << halvings >> 3, ((end - 1) << halvings >> 3) + 1):
+                marked = dots[0, tile_row, tile] | (dots[1, tile_row, tile] if halvings == 0 else np.uint64(0))
+                if marked & _bits(row, start, end, tile, halvings):
                     known[runs[run, 3]] = True
                     break
     return known
 
 
 @njit(**BARE)
-def _bit(row, x):
-    """The bit of a pixel in its tile."""
-    return np.uint64(1) << np.uint64((row & 7) << 3 | x & 7)
+def _bits(row, start, end, tile, halvings):
+    """The bits in a tile of the pixels of a run, of every other one where these are those of the image halved."""
+    first, last = max((start << halvings) - tile * TILE_PX, 0), min((end << halvings) - tile * TILE_PX, TILE_PX)
+    bits = ((_ONE << np.uint64(last)) - (_ONE << np.uint64(first))) & (_EVEN if halvings else _ALL)
+    return bits << np.uint64(((row << halvings) & 7) << 3)
 
 
 @njit(**BARE)

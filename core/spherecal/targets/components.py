@@ -16,6 +16,7 @@ LONGEST_RUN = 48  # px; a component with a longer run is none of dots
 # brightest pixel; threshold (of its first run)
 AREA, X, Y, XX, XY, YY, LIGHT, LIGHT_X, LIGHT_Y, PEAK, THRESHOLD = range(11)
 _SUMS = 11
+_SQUARES = np.append(0.0, np.cumsum(np.arange(LONGEST_RUN) ** 2.0))  # of 0 to n - 1
 _VAST = 1 << 28  # px: the area of a component with a longer run
 _TOP_BYTE = np.uint64(56)
 _PACK = np.uint64(0x0102040810204080)  # times eight bytes of 0 or 1: their bits, the first pixel the lowest, on top
@@ -23,7 +24,7 @@ _PACK = np.uint64(0x0102040810204080)  # times eight bytes of 0 or 1: their bits
 _SEQUENCE, _TOP_SIX = 0x022FDD63CC95386D, np.uint64(58)
 _WHICH = np.zeros(64, np.int64)
 _WHICH[[(_SEQUENCE << bit & 2**64 - 1) >> 58 for bit in range(64)]] = np.arange(64)
-_TIMES, _ONE, _LAST_BIT = np.uint64(_SEQUENCE), np.uint64(1), np.uint64(63)
+_TIMES, _NONE, _ONE, _LAST_BIT = np.uint64(_SEQUENCE), np.uint64(0), np.uint64(1), np.uint64(63)
 
 
 @njit(**KERNEL)
@@ -59,30 +60,29 @@ def label_components(image, dark, contrast, level, active, least, most, most_run
 
     `image`: grey image, (h, w); `dark`, `contrast`, `level`: the threshold of a tile is dark + level * contrast.
     """
-    height, width = image.shape
+    height = len(image)
     tile_rows, columns = active.shape
     parent, areas = np.empty(most_runs, np.int32), np.empty(most_runs, np.int32)
     runs = np.empty((most_runs, 4), np.int32)  # memory that is never touched costs nothing
-    levels = np.empty(most_runs, np.float32)
+    flat, levels = runs.reshape(most_runs * 4), np.empty(2 * most_runs, np.float32)
+    tiles, places = np.empty(columns + 2, np.int64), np.empty(columns, np.int64)
     of_tiles, of_row = np.empty((3, columns + 2), np.float32), np.empty(columns + 2, np.float32)
-    above = np.zeros(columns * TILE_PX, np.bool_)
-    words, flat = above.view(np.uint64), runs.reshape(most_runs * 4)  # a word for the row of a tile
-    spans = np.empty((columns, 2), np.int64)
+    above = np.empty((columns + 2) * TILE_PX, np.bool_)
+    words = above.view(np.uint64)  # one for the row of a tile
     previous_start, previous_end, count, labels = 0, 0, 0, 0
     for tile_row in range(tile_rows):
-        many = _find_spans(active[tile_row], spans)
+        entries, many = _find_tiles(active[tile_row], tiles, places)
         if many == 0:
             continue
-        _thresholds_of_tiles(dark, contrast, np.float32(level), tile_row, spans[:many], of_tiles)
+        _thresholds_of_tiles(dark, contrast, np.float32(level), tile_row, tiles[:entries], of_tiles)
+        words[:entries] = _NONE
         for y in range(tile_row * TILE_PX, min(tile_row * TILE_PX + TILE_PX, height)):
             start = count
-            for span in range(many):
-                first, end = spans[span]
-                _thresholds_of_row(of_tiles, y, first, end, of_row)
-                _compare(image, y, first, end, of_row, above)
-                count = _append_runs(words, first, end, width, flat, count)
+            _thresholds_of_row(of_tiles, y, entries, of_row)
+            _compare(image[y], tiles, places[:many], of_row, above)
+            count = _append_runs(words[:entries], tiles, of_row, flat, levels, count)
             for run in range(start, count):
-                runs[run, 0], levels[run] = y, of_row[(runs[run, 1] >> 3) + 1]
+                runs[run, 0] = y
             labels = _link_runs(runs, previous_start, previous_end, start, count, parent, areas, labels)
             previous_start, previous_end = start, count
     component, kept = _gather(parent, areas, labels, least)
@@ -103,84 +103,89 @@ def _add_runs(image, runs, levels, parent, areas, component, most, sums):
             if area > most:
                 sums[number, AREA] = area
             else:
-                _add_run(image, runs, run, levels[run], sums)
+                _add_run(image, runs, run, levels[2 * run], sums)
 
 
 @njit(**BARE)
-def _find_spans(active, spans):
-    """First tile and end of the spans of active tiles in a row of tiles, into `spans`; returns their number."""
-    count, column, columns = 0, 0, len(active)
-    while column < columns:
-        if not active[column]:
-            column += 1
-            continue
-        spans[count, 0] = column
-        while column < columns and active[column]:
-            column += 1
-        spans[count, 1] = column
-        count += 1
-    return count
+def _find_tiles(active, tiles, places):
+    """The active tiles of a row of tiles and those beside them, into `tiles`, and which of them are active.
+
+    Returns the numbers of both. The first and the last may be beyond the image. Rows of pixels are worked on in one go,
+    not by spans of tiles: most have fewer than five tiles.
+    """
+    entries, many, columns = 0, 0, len(active)
+    for column in range(-1, columns + 1):
+        inside = 0 <= column < columns and active[column]
+        if inside:
+            places[many] = entries
+            many += 1
+        if inside or (column + 1 < columns and active[column + 1]) or (column > 0 and active[column - 1]):
+            tiles[entries] = column
+            entries += 1
+    return entries, many
 
 
 @njit(**BARE)
-def _thresholds_of_tiles(dark, contrast, level, tile_row, spans, of_tiles):
-    """Thresholds of the tiles in and beside the spans: those above, of and below a row of tiles; tile k is at k + 1."""
+def _thresholds_of_tiles(dark, contrast, level, tile_row, tiles, of_tiles):
+    """Thresholds of some tiles of a row of tiles, of those above and of those below them, (3, n)."""
     rows, columns = dark.shape
     for line in range(3):
         row = min(max(tile_row + line - 1, 0), rows - 1)
-        for span in range(len(spans)):
-            for k in range(max(spans[span, 0] - 1, 0), min(spans[span, 1] + 1, columns)):
-                of_tiles[line, k + 1] = dark[row, k] + level * contrast[row, k]
-        of_tiles[line, 0], of_tiles[line, columns + 1] = of_tiles[line, 1], of_tiles[line, columns]
+        for k in range(len(tiles)):
+            column = min(max(tiles[k], 0), columns - 1)
+            of_tiles[line, k] = dark[row, column] + level * contrast[row, column]
 
 
 @njit(**BARE)
-def _thresholds_of_row(of_tiles, y, first, end, of_row):
-    """Thresholds in row y at the middles of the tiles first - 1 to end, into `of_row`, where tile k is at k + 1."""
+def _thresholds_of_row(of_tiles, y, entries, of_row):
+    """Thresholds in row y at the middles of tiles."""
     part = np.float32(((y & 7) - 3.5) / 8)
     other = 2 if part > 0 else 0
     part = abs(part)
-    for k in range(first, end + 2):
+    for k in range(entries):
         of_row[k] = of_tiles[1, k] * (1 - part) + of_tiles[other, k] * part
 
 
 @njit(**BARE)
-def _compare(image, y, first, end, of_row, above):
-    """Compare a row of pixels in some tiles with the threshold, linear between the centres of tiles."""
-    whole = image.shape[1] >> 3
-    for column in range(first, min(end, whole)):
-        middle = of_row[column + 1]
-        left, right = (middle - of_row[column]) / 8, (of_row[column + 2] - middle) / 8
-        x0 = column * 8
-        for k in range(4):
-            above[x0 + k] = image[y, x0 + k] > middle + left * np.float32(k - 3.5)
-        for k in range(4, 8):
-            above[x0 + k] = image[y, x0 + k] > middle + right * np.float32(k - 3.5)
-    for x in range(max(first, whole) * TILE_PX, min(end * TILE_PX, image.shape[1])):
-        above[x] = image[y, x] > of_row[(x >> 3) + 1]
+def _compare(line, tiles, places, of_row, above):
+    """Compare a row of pixels in the active tiles with the threshold, linear between the centres of tiles."""
+    many, whole = len(places), len(line) >> 3
+    last = places[many - 1]
+    if tiles[last] == whole:  # a part of a tile
+        many -= 1
+        for x in range(whole * TILE_PX, len(line)):
+            above[last * TILE_PX + (x & 7)] = line[x] > of_row[last]
+    for n in range(many):
+        k = places[n]
+        middle = of_row[k]
+        left, right = (middle - of_row[k - 1]) / 8, (of_row[k + 1] - middle) / 8
+        pixels, out = line[tiles[k] * 8 : tiles[k] * 8 + 8], above[k * 8 : k * 8 + 8]
+        for x in range(4):
+            out[x] = pixels[x] > middle + left * np.float32(x - 3.5)
+        for x in range(4, 8):
+            out[x] = pixels[x] > middle + right * np.float32(x - 3.5)
 
 
 @njit(**BARE)
-def _append_runs(words, first_tile, end_tile, width, flat, count):
-    """Add where the runs of pixels above the threshold in a span of tiles begin and end; 64 px at once.
+def _append_runs(words, tiles, of_row, flat, levels, count):
+    """Add where the runs of pixels above the threshold begin and end, and their levels; 64 px at once.
 
-    `flat`: the runs, of which each takes four places, the second and third for this.
+    `flat`: the runs, of which each takes four places, the second and third for this; `levels` two for each run.
     """
-    edges, inside = 2 * count, _ONE - _ONE
-    for tile in range(first_tile, end_tile, 8):
-        bits = _ONE - _ONE
-        for k in range(min(end_tile - tile, 8)):
-            bits |= ((words[tile + k] * _PACK) >> _TOP_BYTE) << np.uint64(8 * k)
+    edges, inside = 2 * count, _NONE
+    for first in range(0, len(words), 8):
+        bits = _NONE
+        for k in range(first, min(first + 8, len(words))):
+            bits |= ((words[k] * _PACK) >> _TOP_BYTE) << np.uint64(8 * (k - first))
         changes = bits ^ ((bits << _ONE) | inside)
         inside = bits >> _LAST_BIT
         while changes:
             lowest = changes & (~changes + _ONE)
             changes ^= lowest
-            flat[(edges >> 1) * 4 + 1 + (edges & 1)] = tile * 8 + _WHICH[(lowest * _TIMES) >> _TOP_SIX]
+            bit = _WHICH[(lowest * _TIMES) >> _TOP_SIX]
+            tile = first + (bit >> 3)
+            flat[(edges >> 1) * 4 + 1 + (edges & 1)], levels[edges] = tiles[tile] * 8 + (bit & 7), of_row[tile]
             edges += 1
-    if edges & 1:
-        flat[(edges >> 1) * 4 + 2] = min(end_tile * 8, width)
-        edges += 1
     return edges >> 1
 
 
@@ -239,19 +244,13 @@ def _add_run(image, runs, run, threshold, sums):
     sums[label, AREA] += pixels
     sums[label, X] += x_sum
     sums[label, Y] += pixels * y
-    sums[label, XX] += _sum_of_squares(end) - _sum_of_squares(first)
+    sums[label, XX] += pixels * first * (end - 1.0) + _SQUARES[pixels]
     sums[label, XY] += x_sum * y
     sums[label, YY] += pixels * y * y
     sums[label, LIGHT] += light
     sums[label, LIGHT_X] += light_x + light * first
     sums[label, LIGHT_Y] += light * y
     sums[label, PEAK] = max(sums[label, PEAK], peak)
-
-
-@njit(**BARE)
-def _sum_of_squares(n):
-    """0^2 + 1^2 + ... + (n - 1)^2."""
-    return (n - 1) * n * (2.0 * n - 1) / 6
 
 
 @njit(**KERNEL)

@@ -28,6 +28,12 @@ _V3 = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "xsave"}
 
 Forms = dict[Any, Callable[..., Any]]
 
+# As most kernels are compiled: released from Python's global lock, and cached on disk after the first call. "numpy":
+# dividing by zero gives infinity, as in numpy, and no exception.
+KERNEL: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy"}
+# The same of kernels that make no array, without numba's run time: see spherecal/adjust/kernel.py.
+BARE: dict[str, Any] = KERNEL | {"_nrt": False}
+
 
 def _processor_flags() -> set[str]:
     try:

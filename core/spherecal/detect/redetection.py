@@ -90,12 +90,13 @@ def _jobs(
     session: Session, observations: Observations, first: Located, table: CodeTable, points: FloatArray
 ) -> Iterator[_Job]:
     for p, placement in enumerate(session.placements):
+        faces = _faces(points[p])
         for c, spec in enumerate(session.cameras):
             camera, path = first.cameras.get(spec.id), placement.images.get(spec.id)
             if camera is None or path is None:
                 continue
             known, known_uv = _seen(observations, p, c)
-            missed = _facing(camera, points[p]) & ~np.isin(table.ids, known)
+            missed = _facing(camera, *faces) & ~np.isin(table.ids, known)
             uv = _predict(camera, points[p][missed])
             inside = _inside(uv, camera) & ~masked(uv, spec.ignore).any(axis=1)
             if inside.any():
@@ -112,21 +113,25 @@ def _seen(observations: Observations, placement: int, camera: int):
     return ids, uv
 
 
-def _facing(camera: RigCamera, points: FloatArray) -> BoolArray:
-    """Targets (n,) with enough reconstructed dots whose face the camera sees at a fair angle."""
+def _faces(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middles and outward normals (n, 3) of the targets of a placement, NaN where too few dots are reconstructed."""
     known = np.isfinite(points[..., 0])
-    enough = known.sum(axis=1) >= LEAST_DOTS
     middle = np.full((len(points), 3), np.nan)
     normal = np.full((len(points), 3), np.nan)
-    for n in np.flatnonzero(enough):
+    for n in np.flatnonzero(known.sum(axis=1) >= LEAST_DOTS):
         dots = points[n][known[n]]
         middle[n] = dots.mean(axis=0)
         normal[n] = np.linalg.svd(dots - middle[n])[2][2]
-    outward = np.where(((normal * (middle - np.nanmean(middle, axis=0))).sum(axis=1) < 0)[:, None], -normal, normal)
+    inward = (normal * (middle - np.nanmean(middle, axis=0))).sum(axis=1) < 0
+    return middle, np.where(inward[:, None], -normal, normal)
+
+
+def _facing(camera: RigCamera, middle: FloatArray, outward: FloatArray) -> BoolArray:
+    """Targets (n,) whose face the camera sees at a fair angle."""
     sight = camera.centre_mm - middle
     with np.errstate(invalid="ignore"):
         cosine = (outward * sight).sum(axis=1) / np.linalg.norm(sight, axis=1)
-        return enough & (cosine > np.cos(np.deg2rad(MOST_VIEW_DEG)))
+        return cosine > np.cos(np.deg2rad(MOST_VIEW_DEG))
 
 
 def _predict(camera: RigCamera, points: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ import math
 import numpy as np
 from scipy.special import ndtr
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, njit
 
 # F and f from a table, rows value and difference to the next of either; linear interpolation errs by less than 1e-5
 _PER_UNIT = 64
@@ -36,7 +36,7 @@ MOST_STRIPS = 256
 _WIDE, _BLUNT = 3.0, 2.0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def normal(z):
     """The normal distribution and its density at z; beyond 4 standard deviations 0 or 1, and 0."""
     if z <= -_REACH:
@@ -49,7 +49,7 @@ def normal(z):
     return _NORMAL[index, 0] + part * _NORMAL[index, 2], _NORMAL[index, 1] + part * _NORMAL[index, 3]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def cut_strips(long_px, short_px, blur_px, strips, k):
     """Cut ellipse k into strips across its long axis; returns their number n, at most `MOST_STRIPS`."""
     count = min(max(math.ceil(math.pi * long_px / (_STRIP * blur_px)), 6), MOST_STRIPS)
@@ -60,13 +60,13 @@ def cut_strips(long_px, short_px, blur_px, strips, k):
     return count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def needs_strips(long_px, short_px, blur_px):
     """Whether an ellipse is too narrow, or its tips too pointed, for `light_at_edge`."""
     return short_px <= _WIDE * blur_px or short_px * short_px <= _BLUNT * blur_px * long_px
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def light_at(strips, k, count, per_blur, growth, p, q):
     """Light m at a place in the blurred ellipse, and its derivatives by p, q, blur and the growth of the ellipse.
 
@@ -95,7 +95,7 @@ def light_at(strips, k, count, per_blur, growth, p, q):
     return m, m_p, m_q, curved * per_blur, -(curved + p * m_p + q * m_q) / growth
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def distance_inside(per_long, per_short, p, q):
     """Distance in px of a place from the edge of an ellipse along the ray from its centre, negative outside."""
     along, across = p * per_long, q * per_short
@@ -104,7 +104,7 @@ def distance_inside(per_long, per_short, p, q):
     return (math.sqrt(squared) - squared) / math.sqrt(steepness) if steepness > 1e-12 else 1 / per_short
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def light_at_edge(per_long, per_short, blur, per_blur, growth, p, q):
     """What `light_at` returns, for an ellipse wide against the blur.
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.sticker_view import fit_view, place_of
 
@@ -47,13 +47,13 @@ _A_E_BY_B_C_MM2, _ROUGH_AREA = 400.0, 1.5
 RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE = range(5)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def tolerance(view, millimetres):
     """A tolerance in mm with the noise of blob centres, as seen along the tilt, added."""
     return millimetres + _CENTRE_NOISE_PX / (view[sv.SCALE] * view[sv.COSINE])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def fits_view(blobs, dots, places, with_sag, camera, exactness, view):
     """Whether blobs are where a view of a sticker puts its dots, and look like its dots there.
 
@@ -82,7 +82,7 @@ def fits_view(blobs, dots, places, with_sag, camera, exactness, view):
     return exactness[SMALLEST] < ratio < exactness[LARGEST] and skew < exactness[SHAPE]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def may_be_template(blobs, near, pivot, a, along, across, limits):
     """Whether an affine view with dots at given places of the image may be a sticker's; a quick look before the fit.
 
@@ -110,7 +110,7 @@ def may_be_template(blobs, near, pivot, a, along, across, limits):
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def is_on_sheet(view, u, v):
     """Whether a place in the image is one on the sticker, so that a blob there is a dot of it.
 
@@ -120,7 +120,7 @@ def is_on_sheet(view, u, v):
     return max(abs(x), abs(y)) <= _SHEET_MM
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def read_code(uv, near, five, view, places, reach_mm):
     """The number of blobs on the sticker other than its template dots (-1: no code), their places, and these blobs.
 
@@ -152,7 +152,7 @@ def read_code(uv, near, five, view, places, reach_mm):
     return hits, code, blobs
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def fits_layout(blobs, five, code_blobs, target, lookup, exactness, row, view):
     """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it.
 

@@ -7,7 +7,7 @@ their moments need.
 
 import numpy as np
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 
 TILE_PX = 8
 LONGEST_RUN = 48  # px; a component with a longer run is none of dots
@@ -16,16 +16,18 @@ LONGEST_RUN = 48  # px; a component with a longer run is none of dots
 # brightest pixel; threshold (of its first run)
 AREA, X, Y, XX, XY, YY, LIGHT, LIGHT_X, LIGHT_Y, PEAK, THRESHOLD = range(11)
 _SUMS = 11
+_SQUARES = np.append(0.0, np.cumsum(np.arange(LONGEST_RUN) ** 2.0))  # of 0 to n - 1
 _VAST = 1 << 28  # px: the area of a component with a longer run
-_NONE, _ALL = np.uint64(0), np.uint64(0x0101010101010101)  # none and all of eight pixels above the threshold
 _TOP_BYTE = np.uint64(56)
 _PACK = np.uint64(0x0102040810204080)  # times eight bytes of 0 or 1: their bits, the first pixel the lowest, on top
-# at which of a tile's eight pixels bits are set, and how many
-_SET = [[k for k in range(8) if bits >> k & 1] for bits in range(256)]
-_CHANGES = np.array([[*places, *[0] * (8 - len(places)), len(places)] for places in _SET], dtype=np.uint8)
+# Which bit of 64 is the only one set: its product with a sequence of de Bruijn has a number of its own in its top bits.
+_SEQUENCE, _TOP_SIX = 0x022FDD63CC95386D, np.uint64(58)
+_WHICH = np.zeros(64, np.int64)
+_WHICH[[(_SEQUENCE << bit & 2**64 - 1) >> 58 for bit in range(64)]] = np.arange(64)
+_TIMES, _NONE, _ONE, _LAST_BIT = np.uint64(_SEQUENCE), np.uint64(0), np.uint64(1), np.uint64(63)
 
 
-@njit(nogil=True, cache=True)
+@njit(**KERNEL)
 def tile_extremes(image):
     """Darkest and brightest pixel of every tile, two arrays of the image's type."""
     height, width = image.shape
@@ -50,45 +52,49 @@ def tile_extremes(image):
     return darkest, brightest
 
 
-@njit(nogil=True, cache=True)
-def label_components(image, threshold, active, least, most, most_runs):
+@njit(**KERNEL)
+def label_components(image, dark, contrast, level, active, least, most, most_runs):
     """Components above a threshold in the active tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
 
     Most of a textured image is in components that are too small or too large. Of these little or nothing is kept.
 
-    `image`: grey image, (h, w).
+    `image`: grey image, (h, w); `dark`, `contrast`, `level`: the threshold of a tile is dark + level * contrast.
     """
-    height, width = image.shape
-    tile_rows, columns = threshold.shape
+    height = len(image)
+    tile_rows, columns = active.shape
     parent, areas = np.empty(most_runs, np.int32), np.empty(most_runs, np.int32)
     runs = np.empty((most_runs, 4), np.int32)  # memory that is never touched costs nothing
-    levels = np.empty(most_runs, np.float32)
-    of_row = np.empty(columns + 2, np.float32)
-    above = np.zeros(columns * TILE_PX, np.bool_)
+    flat, levels = runs.reshape(most_runs * 4), np.empty(2 * most_runs, np.float32)
+    tiles, places = np.empty(columns + 2, np.int64), np.empty(columns, np.int64)
+    of_tiles, of_row = np.empty((3, columns + 2), np.float32), np.empty(columns + 2, np.float32)
+    above = np.empty((columns + 2) * TILE_PX, np.bool_)
     words = above.view(np.uint64)  # one for the row of a tile
-    spans = np.empty((columns, 2), np.int64)
     previous_start, previous_end, count, labels = 0, 0, 0, 0
     for tile_row in range(tile_rows):
-        many = _find_spans(active[tile_row], spans)
+        entries, many = _find_tiles(active[tile_row], tiles, places)
         if many == 0:
             continue
+        _thresholds_of_tiles(dark, contrast, np.float32(level), tile_row, tiles[:entries], of_tiles)
+        words[:entries] = _NONE
         for y in range(tile_row * TILE_PX, min(tile_row * TILE_PX + TILE_PX, height)):
             start = count
-            for span in range(many):
-                first, end = spans[span]
-                _threshold_of_row(threshold, y, first, end, of_row)
-                for column in range(first, min(end, width >> 3)):
-                    _compare_tile(image, y, column, of_row, above)
-                for x in range(max(first, width >> 3) * TILE_PX, min(end * TILE_PX, width)):
-                    above[x] = image[y, x] > of_row[(x >> 3) + 1]
-                count = _append_runs(words, y, first, end, width, runs, count)
+            _thresholds_of_row(of_tiles, y, entries, of_row)
+            _compare(image[y], tiles, places[:many], of_row, above)
+            count = _append_runs(words[:entries], tiles, of_row, flat, levels, count)
             for run in range(start, count):
-                levels[run] = of_row[(runs[run, 1] >> 3) + 1]
+                runs[run, 0] = y
             labels = _link_runs(runs, previous_start, previous_end, start, count, parent, areas, labels)
             previous_start, previous_end = start, count
     component, kept = _gather(parent, areas, labels, least)
     sums = np.zeros((kept, _SUMS))
-    for run in range(count):
+    _add_runs(image, runs[:count], levels, parent, areas, component, most, sums)
+    return sums, runs[:count]
+
+
+@njit(**BARE)
+def _add_runs(image, runs, levels, parent, areas, component, most, sums):
+    """Set the runs' components, and add them up where these are not too large."""
+    for run in range(len(runs)):
         label = runs[run, 3]
         number = component[label]
         runs[run, 3] = number
@@ -97,75 +103,93 @@ def label_components(image, threshold, active, least, most, most_runs):
             if area > most:
                 sums[number, AREA] = area
             else:
-                _add_run(image, runs, run, levels[run], sums)
-    return sums, runs[:count]
+                _add_run(image, runs, run, levels[2 * run], sums)
 
 
-@njit(nogil=True, cache=True)
-def _find_spans(active, spans):
-    """First tile and end of the spans of active tiles in a row of tiles, into `spans`; returns their number."""
-    count, column, columns = 0, 0, len(active)
-    while column < columns:
-        if not active[column]:
-            column += 1
-            continue
-        spans[count, 0] = column
-        while column < columns and active[column]:
-            column += 1
-        spans[count, 1] = column
-        count += 1
-    return count
+@njit(**BARE)
+def _find_tiles(active, tiles, places):
+    """The active tiles of a row of tiles and those beside them, into `tiles`, and which of them are active.
+
+    Returns the numbers of both. The first and the last may be beyond the image. Rows of pixels are worked on in one go,
+    not by spans of tiles: most have fewer than five tiles.
+    """
+    entries, many, columns = 0, 0, len(active)
+    for column in range(-1, columns + 1):
+        inside = 0 <= column < columns and active[column]
+        if inside:
+            places[many] = entries
+            many += 1
+        if inside or (column + 1 < columns and active[column + 1]) or (column > 0 and active[column - 1]):
+            tiles[entries] = column
+            entries += 1
+    return entries, many
 
 
-@njit(nogil=True, cache=True)
-def _threshold_of_row(threshold, y, first, end, of_row):
-    """Thresholds in row y at the middles of the tiles first - 1 to end, into `of_row`, where tile k is at k + 1."""
-    rows, columns = threshold.shape
-    row = y >> 3
-    part = np.float32((y - row * 8 - 3.5) / 8)
-    other = min(max(row + 1 if part > 0 else row - 1, 0), rows - 1)
+@njit(**BARE)
+def _thresholds_of_tiles(dark, contrast, level, tile_row, tiles, of_tiles):
+    """Thresholds of some tiles of a row of tiles, of those above and of those below them, (3, n)."""
+    rows, columns = dark.shape
+    for line in range(3):
+        row = min(max(tile_row + line - 1, 0), rows - 1)
+        for k in range(len(tiles)):
+            column = min(max(tiles[k], 0), columns - 1)
+            of_tiles[line, k] = dark[row, column] + level * contrast[row, column]
+
+
+@njit(**BARE)
+def _thresholds_of_row(of_tiles, y, entries, of_row):
+    """Thresholds in row y at the middles of tiles."""
+    part = np.float32(((y & 7) - 3.5) / 8)
+    other = 2 if part > 0 else 0
     part = abs(part)
-    for k in range(first - 1, end + 1):
-        column = min(max(k, 0), columns - 1)
-        of_row[k + 1] = threshold[row, column] * (1 - part) + threshold[other, column] * part
+    for k in range(entries):
+        of_row[k] = of_tiles[1, k] * (1 - part) + of_tiles[other, k] * part
 
 
-@njit(nogil=True, cache=True)
-def _compare_tile(image, y, column, of_row, above):
-    """Compare the 8 px of a tile's row with the threshold, linear between the centres of tiles."""
-    middle = of_row[column + 1]
-    left, right = (middle - of_row[column]) / 8, (of_row[column + 2] - middle) / 8
-    x0 = column * 8
-    for k in range(4):
-        above[x0 + k] = image[y, x0 + k] > middle + left * np.float32(k - 3.5)
-    for k in range(4, 8):
-        above[x0 + k] = image[y, x0 + k] > middle + right * np.float32(k - 3.5)
+@njit(**BARE)
+def _compare(line, tiles, places, of_row, above):
+    """Compare a row of pixels in the active tiles with the threshold, linear between the centres of tiles."""
+    many, whole = len(places), len(line) >> 3
+    last = places[many - 1]
+    if tiles[last] == whole:  # a part of a tile
+        many -= 1
+        for x in range(whole * TILE_PX, len(line)):
+            above[last * TILE_PX + (x & 7)] = line[x] > of_row[last]
+    for n in range(many):
+        k = places[n]
+        middle = of_row[k]
+        left, right = (middle - of_row[k - 1]) / 8, (of_row[k + 1] - middle) / 8
+        pixels, out = line[tiles[k] * 8 : tiles[k] * 8 + 8], above[k * 8 : k * 8 + 8]
+        for x in range(4):
+            out[x] = pixels[x] > middle + left * np.float32(x - 3.5)
+        for x in range(4, 8):
+            out[x] = pixels[x] > middle + right * np.float32(x - 3.5)
 
 
-@njit(nogil=True, cache=True)
-def _append_runs(words, y, first_tile, end_tile, width, runs, count):
-    """Add the runs of pixels above the threshold in a span of tiles; tiles of one kind are passed over whole."""
-    inside = 0  # whether a run is open
-    for tile in range(first_tile, end_tile):
-        word = words[tile]
-        if word == (_ALL if inside else _NONE):
-            continue
-        bits = np.int64((word * _PACK) >> _TOP_BYTE)
-        changes = _CHANGES[(bits ^ ((bits << 1) | inside)) & 0xFF]
-        for k in range(changes[8]):
-            if inside:
-                runs[count, 2] = tile * 8 + changes[k]
-                count += 1
-            else:
-                runs[count, 0], runs[count, 1] = y, tile * 8 + changes[k]
-            inside = 1 - inside
-    if inside:
-        runs[count, 2] = min(end_tile * 8, width)
-        count += 1
-    return count
+@njit(**BARE)
+def _append_runs(words, tiles, of_row, flat, levels, count):
+    """Add where the runs of pixels above the threshold begin and end, and their levels; 64 px at once.
+
+    `flat`: the runs, of which each takes four places, the second and third for this; `levels` two for each run.
+    """
+    edges, inside = 2 * count, _NONE
+    for first in range(0, len(words), 8):
+        bits = _NONE
+        for k in range(first, min(first + 8, len(words))):
+            bits |= ((words[k] * _PACK) >> _TOP_BYTE) << np.uint64(8 * (k - first))
+        changes = bits ^ ((bits << _ONE) | inside)
+        inside = bits >> _LAST_BIT
+        while changes:
+            lowest = changes & (~changes + _ONE)
+            changes ^= lowest
+            bit = _WHICH[(lowest * _TIMES) >> _TOP_SIX]
+            tile = first + (bit >> 3)
+            flat[(edges >> 1) * 4 + 1 + (edges & 1)], levels[edges] = tiles[tile] * 8 + (bit & 7), of_row[tile]
+            edges += 1
+    return edges >> 1
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _root(parent, label):
     while parent[label] != label:
         parent[label] = parent[parent[label]]
@@ -173,7 +197,7 @@ def _root(parent, label):
     return label
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _link_runs(runs, previous, previous_end, start, end, parent, areas, labels):
     """Give the runs start..end the labels of the runs of the row before that they overlap; returns the labels used."""
     if start == end:
@@ -204,7 +228,7 @@ def _link_runs(runs, previous, previous_end, start, end, parent, areas, labels):
     return labels
 
 
-@njit(nogil=True, cache=True)
+@njit(**BARE)
 def _add_run(image, runs, run, threshold, sums):
     y, first, end, label = runs[run, 0], runs[run, 1], runs[run, 2], runs[run, 3]
     pixels = end - first
@@ -220,7 +244,7 @@ def _add_run(image, runs, run, threshold, sums):
     sums[label, AREA] += pixels
     sums[label, X] += x_sum
     sums[label, Y] += pixels * y
-    sums[label, XX] += _sum_of_squares(end) - _sum_of_squares(first)
+    sums[label, XX] += pixels * first * (end - 1.0) + _SQUARES[pixels]
     sums[label, XY] += x_sum * y
     sums[label, YY] += pixels * y * y
     sums[label, LIGHT] += light
@@ -229,13 +253,7 @@ def _add_run(image, runs, run, threshold, sums):
     sums[label, PEAK] = max(sums[label, PEAK], peak)
 
 
-@njit(nogil=True, cache=True)
-def _sum_of_squares(n):
-    """0^2 + 1^2 + ... + (n - 1)^2."""
-    return (n - 1) * n * (2.0 * n - 1) / 6
-
-
-@njit(nogil=True, cache=True)
+@njit(**KERNEL)
 def _gather(parent, areas, labels, least):
     """Add every joined label to its root and flatten `parent`; components of the labels, and how many are kept."""
     for label in range(labels):

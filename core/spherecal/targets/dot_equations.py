@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 
 ROW = 8  # of a pixel: derivatives by six unknowns, the right side, and the weight
 RIGHT, WEIGHT = 6, 7
@@ -17,7 +17,7 @@ _BLUR_LIMITS_PX = (0.3, 6.0)
 _GROWTH_LIMITS = (0.6, 1.6)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def solve_step(equations, present, prior, pull, dots, shared):
     """One step of all unknowns, applied to `dots` and `shared`; returns the largest change of a centre or the blur, px.
 
@@ -54,7 +54,7 @@ def solve_step(equations, present, prior, pull, dots, shared):
     return largest
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _factor(equations, k):
     """Cholesky factor of dot k's own block, in place; False if it is not positive definite."""
     for i in range(_OWN):
@@ -71,7 +71,7 @@ def _factor(equations, k):
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _reduce(equations, k, reduced):
     for c in range(3):
         for i in range(_OWN):
@@ -81,7 +81,7 @@ def _reduce(equations, k, reduced):
             reduced[k, c, i] = value / equations[k, i, i]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _move(equations, k, reduced, blur, growth, dots):
     """Apply the step of dot k's own unknowns; returns the move of its centre."""
     step = np.empty(_OWN)
@@ -95,7 +95,7 @@ def _move(equations, k, reduced, blur, growth, dots):
     return math.hypot(step[0], step[1])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def set_covariance(equations, k, factor, covariance):
     """Covariance uu uv vv of the centre of dot k, times `factor`, px^2: the leading block of (L L')^-1.
 
@@ -113,7 +113,7 @@ def set_covariance(equations, k, factor, covariance):
     covariance[k, 2] = factor * (columns[1] * columns[1]).sum()
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def light_variances(equations, k):
     """Variances of dot k's amplitude and background from its factor L: elements (2, 2) and (3, 3) of (L L')^-1."""
     of_background = 1 / equations[k, 3, 3] ** 2

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 from spherecal.targets import blurred_ellipse as ellipse
 from spherecal.targets.dot_equations import RIGHT, ROW, WEIGHT, light_variances, set_covariance, solve_step
 from spherecal.targets.sheet_edge import leak, near_sides
@@ -47,7 +47,7 @@ _PERFECT = 0.86  # mean square of the residuals over their noise, with Cauchy's 
 _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than misfit
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through all steps
     image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins
 ):
@@ -107,7 +107,7 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _set_shape(view, x, y, radius, shapes, k):
     """The ellipse of dot k from the derivatives of the view at its place."""
     uu, uv, vu, vv = local_affine(view, x, y)
@@ -121,7 +121,7 @@ def _set_shape(view, x, y, radius, shapes, k):
     shapes[k, _HALF_U], shapes[k, _HALF_V] = radius * math.sqrt(a), radius * math.sqrt(c)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _fit_plane(dots, column, present, weights, plane):
     """Weighted plane through amplitudes or backgrounds over the image: mean u, v, value, slopes per px in `plane` (5,).
 
@@ -146,7 +146,7 @@ def _fit_plane(dots, column, present, weights, plane):
         plane[3], plane[4] = (vv * ua - uv * va) / det, (uu * va - uv * ua) / det
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _hold_to_plane(dots, k, column, plane, sd, equations):
     """Add to dot k's equations that its amplitude or background is on the plane within `sd`."""
     expected = plane[2] + plane[3] * (dots[k, CU] - plane[0]) + plane[4] * (dots[k, CV] - plane[1])
@@ -154,7 +154,7 @@ def _hold_to_plane(dots, k, column, plane, sd, equations):
     equations[k, column, RIGHT] += (expected - dots[k, column]) / (sd * sd)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _cut_dots(shapes, present, shared, strips, counts):
     """Strips of the dots that are narrow against the blur; none for wide ones."""
     for k in range(8):
@@ -164,7 +164,7 @@ def _cut_dots(shapes, present, shared, strips, counts):
             counts[k] = ellipse.cut_strips(long, short, shared[BLUR], strips, k) if narrow else 0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _find_neighbours(shapes, k, present, dots, reach, near):
     """Dots whose light or pixels may meet those of dot k, into `near` (8,); returns their number."""
     count = 0
@@ -180,7 +180,7 @@ def _find_neighbours(shapes, k, present, dots, reach, near):
     return count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, counts, u, v, own):
     """Whether no other dot is nearer to a pixel than `own` (px inside the edge), and the light of the others there."""
     light = 0.0
@@ -202,7 +202,7 @@ def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, coun
     return True, light
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
@@ -272,15 +272,27 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
     return total, pixels
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _add_products(rows, equations):
-    """Add the weighted products of pixels' rows (n, ROW) to the equations of a dot (6, ROW); sums stay in registers."""
-    for i in range(6):
-        a, b, c, d, e, f, right = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for row in rows:
-            part = row[WEIGHT] * row[i]
-            a, b, c, d = a + part * row[0], b + part * row[1], c + part * row[2], d + part * row[3]
-            e, f, right = e + part * row[4], f + part * row[5], right + part * row[RIGHT]
-        sums = equations[i]
-        sums[0], sums[1], sums[2], sums[3] = sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d
-        sums[4], sums[5], sums[RIGHT] = sums[4] + e, sums[5] + f, sums[RIGHT] + right
+    """Add the weighted products of pixels' rows (n, ROW) to the equations of a dot (6, ROW); sums stay in registers.
+
+    With all eight columns, the last one for nothing, and two unknowns at once the compiler adds them by vectors.
+    """
+    for i in range(0, 6, 2):
+        a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        s, t, u, v, w, x, y, z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for n in range(len(rows)):
+            row = rows[n]
+            one, two = row[WEIGHT] * row[i], row[WEIGHT] * row[i + 1]
+            a, b, c, d = a + one * row[0], b + one * row[1], c + one * row[2], d + one * row[3]
+            e, f, g, h = e + one * row[4], f + one * row[5], g + one * row[6], h + one * row[7]
+            s, t, u, v = s + two * row[0], t + two * row[1], u + two * row[2], v + two * row[3]
+            w, x, y, z = w + two * row[4], x + two * row[5], y + two * row[6], z + two * row[7]
+        _add_row(equations[i], a, b, c, d, e, f, g, h)
+        _add_row(equations[i + 1], s, t, u, v, w, x, y, z)
+
+
+@njit(**BARE)
+def _add_row(sums, a, b, c, d, e, f, g, h):
+    sums[0], sums[1], sums[2], sums[3] = sums[0] + a, sums[1] + b, sums[2] + c, sums[3] + d
+    sums[4], sums[5], sums[6], sums[7] = sums[4] + e, sums[5] + f, sums[6] + g, sums[7] + h

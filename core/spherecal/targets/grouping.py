@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import KERNEL, njit
 from spherecal.targets import code_reading as reading
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
@@ -88,7 +88,7 @@ def _without_conflicts(rows: IntArray, rms: FloatArray) -> IntArray:
     return np.array([i for i in keep if i not in refuted], dtype=np.int64)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _search(blobs, lookup):
     """Rows (target, eight blobs) of all complete groups, with their views."""
     rows = np.empty((len(blobs.uv), 9), np.int64)
@@ -102,7 +102,7 @@ def _search(blobs, lookup):
     return rows[:found], views[:found]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _best_reading(blobs, near, d, lookup, row, view):
     """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none."""
     uv, scale, best = blobs.uv, blobs.scales[d], np.inf
@@ -146,7 +146,7 @@ def _best_reading(blobs, near, d, lookup, row, view):
     return best < np.inf
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _reads(blobs, near, five, lookup, row, view):
     """Whether the five template dots, with exactly three more blobs on their sticker, are a target."""
     if not reading.fits_view(blobs, five, lookup.template, True, lookup.camera, _EXACTNESS, view):

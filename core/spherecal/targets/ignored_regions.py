@@ -3,7 +3,7 @@
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import KERNEL, njit
 from spherecal.targets.looks import Looks
 from spherecal.targets.neighbours import neighbours, sorted_blobs
 
@@ -27,7 +27,7 @@ def sticker_regions(rows: FloatArray, looks: Looks, shape: tuple[int, ...], leas
     return region
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _set_regions(blobs, least, region):
     near, uv = np.empty(least, np.int64), blobs.uv
     for d in range(len(uv)):

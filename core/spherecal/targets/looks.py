@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 
 _RING = 3.4, 1.0  # of the ellipse's standard deviations (2 are its rim), and px: in the gap to the next dot
 # How alike dots of one sticker are at least: ratios of areas (perspective, and levels at which blurred dots were found)
@@ -60,7 +60,7 @@ def joined(parts: Sequence[Looks]) -> Looks:
     return Looks(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def are_alike(looks, i, d, likeness):
     """Whether blobs i and d may be dots of one sticker.
 
@@ -78,7 +78,7 @@ def are_alike(looks, i, d, likeness):
     return abs(looks.ground[i] - looks.ground[d]) <= likeness[GROUND] * max(looks.contrast[i], looks.contrast[d])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _rings(image, uv, moments):
     """Median and fourth brightest of 16 pixels around each blob, clear of its own light: (n,) and (n,)."""
     ground, bright = np.empty(len(uv)), np.empty(len(uv))

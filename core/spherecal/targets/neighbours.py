@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, njit
 from spherecal.targets.looks import Looks, are_alike
 
 _CELL_PX = 32
@@ -46,7 +46,7 @@ def sorted_blobs(uv: FloatArray, moments: FloatArray, looks: Looks) -> SortedBlo
     return SortedBlobs(uv, moments, looks, 2 * np.sqrt(half + root) / _RADIUS_MM, start, order)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def metric_of(moments, pivot, metric):
     """Write to `metric` what makes squared mm on the sticker of squared px, if blob `pivot` is a dot.
 
@@ -58,7 +58,7 @@ def metric_of(moments, pivot, metric):
     metric[0], metric[1], metric[2] = part * yy, -part * xy, part * xx
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def may_be_apart(metric, du, dv, millimetres):
     """Whether two places of the image may be `millimetres` apart on the sticker.
 
@@ -68,7 +68,7 @@ def may_be_apart(metric, du, dv, millimetres):
     return (NEAREST * millimetres) ** 2 < squared < (FARTHEST * millimetres) ** 2
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def may_be_within(metric, du, dv, millimetres):
     """Whether two places of the image may be less than `millimetres` apart on the sticker.
 
@@ -78,7 +78,7 @@ def may_be_within(metric, du, dv, millimetres):
     return squared < (FARTHEST * millimetres) ** 2
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def neighbours(blobs, d, reach_mm, likeness, near):
     """Number of blobs like blob d within reach of it, if it is a dot; at most as many as `near` takes."""
     uv, start, reach = blobs.uv, blobs.start, blobs.scales[d] * reach_mm

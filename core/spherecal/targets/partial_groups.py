@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 from spherecal.targets import code_reading as reading
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.code_reading import MISSING, CodeLookup
@@ -102,7 +102,7 @@ def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
     return np.array(sorted(keep.values()), dtype=np.int64)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _search(blobs, readings):
     near, far = np.empty(reading.MOST_NEIGHBOURS, np.int64), np.empty(reading.MOST_NEIGHBOURS, np.int64)
     found, metric = 0, np.empty(3)
@@ -129,7 +129,7 @@ def _search(blobs, readings):
     return readings.rows[:found][alone], readings.views[:found][alone]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _within(uv, free, pivot, metric, reach_mm, some, near):
     """Those of some blobs that no complete target has and that may be within reach of the pivot; returns their number.
 
@@ -143,7 +143,7 @@ def _within(uv, free, pivot, metric, reach_mm, some, near):
     return left
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _agreeing(looks, pivot, some):
     """Those of some blobs with the ring of a dot and much like the pivot come first; returns their number."""
     left = 0
@@ -154,7 +154,7 @@ def _agreeing(looks, pivot, some):
     return left
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _is_alone(blobs, readings, row, view):
     """Whether no other blob that might be a dot of it is on the sticker, but where the missing dot should be."""
     near, gap = np.empty(reading.MOST_NEIGHBOURS, np.int64), readings.lookup.layouts[row[0], np.argmin(row[1:])]
@@ -172,7 +172,7 @@ def _is_alone(blobs, readings, row, view):
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _read_along_line(blobs, near, d, readings, found):
     """Readings with blob d as D between A and E: B, C or a code dot missing; returns the number of rows."""
     uv, scale, five, metric = blobs.uv, blobs.scales[d], np.empty(5, np.int64), np.empty(3)
@@ -209,7 +209,7 @@ def _read_along_line(blobs, near, d, readings, found):
     return found
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _read_across_line(blobs, near, pivot, missing, readings, found):
     """Readings with A, D or E missing, by the middle of B and C on the line of the other two; the pivot is D, or A."""
     uv, scale, five, metric = blobs.uv, blobs.scales[pivot], np.empty(5, np.int64), np.empty(3)
@@ -246,32 +246,32 @@ def _read_across_line(blobs, near, pivot, missing, readings, found):
     return found
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _is_plausible(length_px, length_mm, scale):
     """Whether two dots this far apart may be so in the image; the scale is that of a blurred dot, too large by half."""
     return 0.1 * length_mm * scale < length_px < 1.15 * length_mm * scale
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _slack(a_e_px):
     """Square of the distance by which a dot may miss its prediction from others, given the distance of A and E."""
     return (_PREDICTION[0] * a_e_px + _PREDICTION[1]) ** 2
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _is_middle(uv, b, c, mu, mv, slack):
     """Whether the middle of two blobs is at (mu, mv); twice its distance is what C misses its prediction by."""
     return (uv[b, 0] + uv[c, 0] - 2 * mu) ** 2 + (uv[b, 1] + uv[c, 1] - 2 * mv) ** 2 < slack
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _is_left(uv, a, e, b):
     """Whether b is to the left of A-E as printed, y being down."""
     eu, ev = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
     return eu * (uv[b, 1] - uv[a, 1]) - ev * (uv[b, 0] - uv[a, 0]) < 0
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _try(blobs, near, five, readings, found):
     """Add the reading with these five template dots, one of which may be missing, if it holds; returns the rows."""
     if found == len(readings.rows):

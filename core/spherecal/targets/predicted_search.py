@@ -57,7 +57,8 @@ def detect_predicted(image: GreyImage, expected: ExpectedTargets, table: CodeTab
     if not (usable & new).any():
         return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 8, 2)), np.zeros((0, 8, 2)))
     rows = np.flatnonzero(usable)
-    dots = refine(image, uv[rows], layouts[rows], table.dot_radius, views[rows], _FOCAL_ERROR)
+    looked_for = np.flatnonzero(new[rows])
+    dots = refine(image, uv[rows], layouts[rows], table.dot_radius, views[rows], _FOCAL_ERROR, looked_for)
     with np.errstate(invalid="ignore"):
         near = (np.linalg.norm(dots.uv - uv[rows], axis=2) <= MOST_OFF_PX) & (dots.sigma <= MOST_SIGMA_PX).all(axis=2)
     # all dots that were expected must be there: a target half covered is left alone

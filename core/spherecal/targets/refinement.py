@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.base.arrays import FloatArray
-from spherecal.base.kernels import njit
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.kernels import KERNEL, njit
 from spherecal.targets import dot_fit as df
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage
@@ -50,11 +50,13 @@ class RefinedDots:
 
 
 def refine(
-    image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float, views: FloatArray, focal_error: float
-) -> RefinedDots:
+    image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float, views: FloatArray, focal_error: float,
+    wanted: IntArray | None = None,
+) -> RefinedDots:  # fmt: skip
     """The dots of n targets, fitted to the image; a target whose fit fails has no dots.
 
-    Dots may be brighter or darker than their background.
+    Dots may be brighter or darker than their background. Where some are `wanted`, the others only tell the image's
+    noise and blur.
 
     `image`: grey image, (h, w); `uv`: where to start, (n, 8, 2) px, NaN where a dot is to be left out; `layouts`,
     `radius`: places (n, 8, 2) and radius of the dots, in the unit of the views.
@@ -73,15 +75,14 @@ def refine(
     largest, times = _largest_value(image)
     top, clip = float(largest), float(largest) if times >= _CLIPPED_PIXELS else np.inf
     first = np.argsort(-views[:, sv.COSINE], kind="stable")[:_FIRST_PASS]
-    for chosen, prior in ((first, _START_PRIOR), (np.arange(n), _PRIOR)):
+    for chosen, prior in ((first, _START_PRIOR), (np.arange(n) if wanted is None else wanted, _PRIOR)):
         bins = np.zeros((BINS, 3))
         _fit_all(
             image, layouts, radius, views, present, top, clip, noise, np.array(prior), chosen, dots, shared, covariance,
             ok, bins,
         )  # fmt: skip
-        noise = _fit_noise(bins, noise)
         if chosen is first and ok[first].any():
-            known = first[ok[first]]
+            noise, known = _fit_noise(bins, noise), first[ok[first]]
             shared[:, df.BLUR], shared[:, df.GROWTH] = np.median(shared[known][:, [df.BLUR, df.GROWTH]], axis=0)
     shift = _eccentricities(layouts, radius, views)
     good = present & ok[:, None]
@@ -90,7 +91,7 @@ def refine(
     return RefinedDots(found, sigma, shared[:, df.MISFIT], shared[:, df.BLUR], shared[:, df.GROWTH])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _largest_value(image):
     """The largest grey value, and how many pixels of an image have it."""
     height, width = image.shape
@@ -108,7 +109,7 @@ def _largest_value(image):
     return largest, count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _fit_all(
     image, layouts, radius, views, present, top, clip, noise, prior, chosen, dots, shared, covariance, ok, bins
 ):
@@ -120,7 +121,7 @@ def _fit_all(
             )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _start(image, layouts, radius, views, present, dots):
     """Background and amplitude to start from: the median on a ring around each dot, and the light at its centre.
 
@@ -167,7 +168,7 @@ def _fit_noise(bins: FloatArray, before: FloatArray) -> FloatArray:
     return np.array([constant, gain, least])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _eccentricities(layouts, radius, views):
     """From the centres of the ellipses to the images of the circles' centres, (n, 8, 2) px."""
     shift = np.empty((len(layouts), 8, 2))

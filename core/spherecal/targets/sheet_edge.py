@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 from spherecal.targets.blurred_ellipse import normal
 
 _HALF_SHEET_MM = 14.0
@@ -21,7 +21,7 @@ _ALONG_MM = (-2.0, -1.0, 0.0, 1.0, 2.0)
 _INSIDE, _PER_U, _PER_V, _LIGHT = range(4)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
     """Number of sides of the sheet whose light may reach the pixels near a dot.
 
@@ -53,7 +53,7 @@ def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
     return count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def leak(sides, count, background, du, dv):
     """Light in excess of the background at a pixel, and its least distance from an edge in blurs, at most 3.
 

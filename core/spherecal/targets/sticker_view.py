@@ -10,7 +10,7 @@ A view is a vector of numbers, named below; kernels fill it. `camera` is (focal 
 
 import numpy as np
 
-from spherecal.base.kernels import njit
+from spherecal.base.kernels import BARE, KERNEL, njit
 
 # image of the sticker's origin; affine map, px/mm; tilt of the sticker's axes and inward normal to the line of sight,
 # in mm/mm: a point (x, y) is TILT_X x + TILT_Y y farther away than the origin; what these lack of the tilt along the
@@ -25,7 +25,7 @@ _UNTILTED = 0.9998  # cosine: below one degree neither sag nor perspective shift
 _STEPS = 2  # the sag changes the affine map and so the tilt; a third step changes dots by less than 1e-3 mm
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def fit_view(places, image_points, camera, with_sag, view):
     """Fit a view to the dots of a sticker; False where they are degenerate.
 
@@ -57,7 +57,7 @@ def fit_view(places, image_points, camera, with_sag, view):
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def project_place(view, x, y):
     """Image point (u, v) px of a place on the sticker."""
     sag = view[CURVATURE] * (x * x + y * y)
@@ -68,7 +68,7 @@ def project_place(view, x, y):
     return u, v
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def place_of(view, u, v):
     """Place (x, y) mm on the sticker of an image point; the inverse of `project_place` to 1e-3 mm."""
     det = view[XX] * view[YY] - view[XY] * view[YX]
@@ -80,7 +80,7 @@ def place_of(view, u, v):
     return x, y
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def local_affine(view, x, y):
     """Derivatives (du/dx, du/dy, dv/dx, dv/dy) in px/mm of the image point at a place on the sticker."""
     step = 0.5  # mm; the map is quadratic to 1e-4, so that central differences are exact
@@ -91,7 +91,7 @@ def local_affine(view, x, y):
     return right_u - left_u, down_u - up_u, right_v - left_v, down_v - up_v
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def eccentricity(view, x, y, radius):
     """From the centre of the ellipse that a circle on the sticker shows as to the image of its centre, (du, dv) px.
 
@@ -106,7 +106,7 @@ def eccentricity(view, x, y, radius):
     return shift * (uu * px + uv * py), shift * (vu * px + vv * py)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _invert_moments(places, inverse):
     """Inverse of sum (x, y, 1)(x, y, 1)'; False for places on a line."""
     xx, xy, yy, x, y, n = 0.0, 0.0, 0.0, 0.0, 0.0, float(len(places))
@@ -123,7 +123,7 @@ def _invert_moments(places, inverse):
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _affine_row(places, values, axis, inverse):
     """Coefficients (of x, of y, constant) of the least-squares affine function through one column of `values`."""
     sx, sy, s = 0.0, 0.0, 0.0
@@ -137,13 +137,13 @@ def _affine_row(places, values, axis, inverse):
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _fit_affine(places, image_points, inverse, view):
     view[XX], view[XY], view[U] = _affine_row(places, image_points, 0, inverse)
     view[YX], view[YY], view[V] = _affine_row(places, image_points, 1, inverse)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _remove_affine(places, values, inverse):
     for axis in range(2):
         a, b, c = _affine_row(places, values, axis, inverse)
@@ -151,7 +151,7 @@ def _remove_affine(places, values, inverse):
             values[i, axis] -= a * places[i, 0] + b * places[i, 1] + c
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _set_tilt(view, camera):
     """Tilt, normal, distance and scale of the affine map; the tilt keeps the sign it has. False for a mirrored map.
 
@@ -189,7 +189,7 @@ def _set_tilt(view, camera):
     return True
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**KERNEL)
 def _fit_sag(places, image_points, inverse, view, shifts):
     """Sign of the tilt and curvature that fit best.
 
@@ -232,7 +232,7 @@ def _fit_sag(places, image_points, inverse, view, shifts):
                 shifts[0, i, axis], shifts[1, i, axis] = -shifts[0, i, axis], -shifts[1, i, axis]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(**BARE)
 def _misfit(places, image_points, view):
     """Sum of the squared distances of the dots from the view, in mm^2 on the sticker."""
     det = view[XX] * view[YY] - view[XY] * view[YX]

@@ -16,7 +16,6 @@ from spherecal.base.errors import InputError
 from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.own_png import read_own_png
 from spherecal.targets.pnm import read_pnm
 
 LARGEST_MEGAPIXELS = 160  # the largest industrial sensors have 152
@@ -60,7 +59,7 @@ def read_image(path: Path) -> GreyImage:
         with opened(io.BytesIO(data)) as image:
             _check_size(path, *image.size)
             deep_colour = ";16" in str(image.tile) and image.mode in ("RGB", "RGBA", "LA")
-            pixels = read_pnm(data) if image.format == "PPM" else read_own_png(data)
+            pixels = read_pnm(data) if image.format == "PPM" else None
             if pixels is None:
                 image.load()
                 pixels = _decode_deep_colour(data) if deep_colour else _decode(image)

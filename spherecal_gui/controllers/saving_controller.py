@@ -50,10 +50,6 @@ class SavingController(ControllerPart):
 
         return self._save(work, translate("Save", "The report is in {what}."))
 
-    def set_note(self, note: str) -> None:
-        """What the operator has written on the calibration; it goes into the profile and the report."""
-        self.main.change(note=note)
-
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
         """Add the calibration to a rig profile's history; whether that was begun."""
         message = translate("Save", "Saved in the rig's profile as calibration {what}.")

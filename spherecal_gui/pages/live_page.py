@@ -16,7 +16,6 @@ from spherecal_gui.languages import moved_text, translate
 from spherecal_gui.pages.connect_dialogs import MOST_GAIN_DB
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import (
-    Expected,
     TileState,
     figures_text,
     summary,
@@ -88,14 +87,13 @@ class LivePage(Page):
         statuses = connection.source.statuses()
         by_some = self.some_are_enough or (self.project is not None and self.project.by_board)
         usual = usual_light(sight for serial in self.wall.tiles if (sight := live.sight(serial)) is not None)
-        expected = Expected(self.wants_dots, by_some, usual)
         states = []
         for serial, tile in self.wall.tiles.items():
-            frame, sight = live.frame(serial), live.sight(serial)
-            state = tile_state(tile.name, statuses.get(serial), sight, expected, frame, live.watch.bumped.get(serial))
-            exposure_us = self.controller.tuning.settings_of(serial).exposure_us
-            state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))
-            states.append(state)
+            frame, sight, status = live.frame(serial), live.sight(serial), statuses.get(serial)
+            bumped = live.watch.bumped.get(serial)
+            state = tile_state(tile.name, status, sight, frame, bumped, usual, self.wants_dots, by_some)
+            figures = figures_text(serial, status, self.controller.tuning.settings_of(serial).exposure_us)
+            states.append(state := replace(state, figures=figures))
             if frame is not None and self.isVisible():
                 tile.show_image(frame.image, frame.bits, frame.arrived_s)
             if not tile.isVisible():

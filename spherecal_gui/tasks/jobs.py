@@ -326,15 +326,11 @@ def _word(verdict: str) -> Verdict:
     return words.get(verdict, "not valid")
 
 
-@dataclass
-class ObservedBars:
-    """The check bars' session with what was found in its images: another limit needs no image."""
+def verify(project: Project, context: Context, seen: "Session | None") -> "tuple[Verdict, Session]":
+    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`; the bars' session.
 
-    session: "Session | None" = None
-
-
-def verify(project: Project, context: Context, seen: ObservedBars) -> Verdict:
-    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`; `seen` is kept."""
+    It is `seen` the next time, with what was found in its images: another limit needs no image.
+    """
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
@@ -349,16 +345,15 @@ def verify(project: Project, context: Context, seen: ObservedBars) -> Verdict:
     check_folders(project.folder)
     context.report("reading the session", 0.0)
     rig, session = read_rig(result / "rig.json"), read_session(project.verification_folder)
-    if seen.session is None or seen.session.input_sha256 != session.input_sha256:
-        seen.session = observed(session, context, bar_poses_only=True)
-    session = seen.session
+    if seen is None or seen.input_sha256 != session.input_sha256:
+        seen = observed(session, context, bar_poses_only=True)
     box = points_box(result / "points.csv")
     corners = None if box is None else (np.array(box[0]), np.array(box[1]))
     settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners)
-    write_verification(run(session, rig, context, settings), result, result / "rig.json")
+    write_verification(run(seen, rig, context, settings), result, result / "rig.json")
     report = read_bar_report(result)
     assert report is not None
-    return _verified_word(report)
+    return _verified_word(report), seen
 
 
 def _verified_word(bars: "BarReport") -> Verdict:

@@ -99,7 +99,6 @@ class WindowFrame(QMainWindow):
         self.start = StartPage(self.projects)
         self.header.validity.clicked.connect(self.start.show_profile)
         self.header.training.connect(self.start.train)
-        self.header.studies.triggered.connect(self.start.show_studies)
         self.stack.addWidget(self.start)
         self.footer = Footer()
         self.title, self.task = label("", "title", wrap=False), label("", "task")

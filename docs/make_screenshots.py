@@ -235,7 +235,7 @@ def walk(p: Photographer) -> None:
     window.show_start()
     window.new_project("simulated:demo")
     p.wait()
-    p.wait(lambda: all(one.has_image for one in window.page.pictures()))
+    p.wait(lambda: all(one.image is not None for one in window.page.pictures()))
     p.take("connect")
     _camera(p)
     _bench(p)

@@ -20,7 +20,6 @@ if TYPE_CHECKING:  # results need scipy, for which the window does not wait
     from spherecal.data.session import Session
     from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
-    from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
 
 
@@ -161,7 +160,7 @@ class ComputationController(ControllerPart):
 class CheckController(ControllerPart):
     """The check of the open project: what it `found`, and what it finds `after` a repair."""
 
-    found: "Check | CheckSummary | None" = None
+    found: "Check | None" = None
     after: "Check | None" = None  # the same check with the repaired rig
 
     def load(self, project: Project) -> None:

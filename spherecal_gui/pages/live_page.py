@@ -291,7 +291,7 @@ class LookPage(LivePage):
     def says(self) -> Said:
         """Whether the images are good."""
         state, moved = self.state, self.controller.cameras.moved()
-        images = bool(self._states) and all(tile.has_image for tile in self.wall.tiles.values())
+        images = bool(self._states) and all(tile.image is not None for tile in self.wall.tiles.values())
         text: tuple[str, Level] = summary(self._states, images) if self._states else ("", "none")
         searched = bool(self._states) and not any(one.level == "none" for one in self._states)
         accepted = state is not None and state.status is Status.DONE

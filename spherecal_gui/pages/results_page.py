@@ -200,9 +200,8 @@ class ResultsPage(Page):
         self._show_image(self.image.currentData())
 
     def _selected(self) -> None:
-        rows = self.table.selectionModel().selectedRows()
-        if rows:
-            self.show_camera(self.table.name_of(rows[0].row()))
+        if (camera := self.table.chosen) is not None:
+            self.show_camera(camera)
 
     def _do(self, kind: str, target: str) -> None:
         if kind == "add placement":

@@ -336,7 +336,7 @@ def verify(project: Project, context: Context, seen: "Session | None") -> "tuple
     from spherecal_files.rig_file import read_rig
     from spherecal_files.write_verification import write_verification
     from spherecal_rigs.result_folder import read_bar_report
-    from spherecal_rigs.save_entry import points_box
+    from spherecal_rigs.rig_source import corners_beside
     from spherecal_verify.limit import parse_limit
     from spherecal_verify.verify_bars import VerifySettings
     from spherecal_verify.verify_bars import verify as run
@@ -347,9 +347,7 @@ def verify(project: Project, context: Context, seen: "Session | None") -> "tuple
     rig, session = read_rig(result / "rig.json"), read_session(project.verification_folder)
     if seen is None or seen.input_sha256 != session.input_sha256:
         seen = observed(session, context, bar_poses_only=True)
-    box = points_box(result / "points.csv")
-    corners = None if box is None else (np.array(box[0]), np.array(box[1]))
-    settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners)
+    settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners_beside(result))
     write_verification(run(seen, rig, context, settings), result, result / "rig.json")
     report = read_bar_report(result)
     assert report is not None

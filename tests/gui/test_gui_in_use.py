@@ -96,7 +96,7 @@ def test_what_is_not_valid_is_never_put_to_use(profile, qtbot, monkeypatch):
     assert not dialog.use.isEnabled() and "not valid" in dialog.why_not.text()
     path.write_text(json.dumps(document | {"verification": None}))
     dialog._fill()
-    assert dialog.chosen == "0002", "what was chosen stays chosen"
+    assert dialog.table.chosen == "0002", "what was chosen stays chosen"
     assert dialog.use.isEnabled()
     monkeypatch.setattr(QInputDialog, "getText", lambda *_: ("", True))
     dialog.use.click()

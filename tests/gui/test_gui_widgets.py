@@ -115,7 +115,7 @@ def test_a_tile_draws_image_and_dots(qtbot):
     tile = CameraTile("S1", "C01")
     qtbot.addWidget(tile)
     tile.resize(400, 300)
-    assert not tile.has_image
+    assert tile.image is None
     tile.show_image(np.full((100, 200), 90, np.uint8), 8, 1.0)
     tile.show_state(replace(tile.state, level="good", dots=3), np.array([[50.0, 50.0], [100.0, 20.0], [150.0, 80.0]]))
     image = tile.grab().toImage()

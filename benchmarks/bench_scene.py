@@ -114,9 +114,9 @@ def _turn(application: Any, view: Any, seconds: float, count: Callable[[], int])
 
 def painted(application: Any, seconds: float) -> dict[str, float]:
     """The view of Qt alone."""
-    from spherecal_gui.widgets.painted_scene import PaintedScene
+    from spherecal_gui.widgets.scene_view import SceneView
 
-    class Counted(PaintedScene):
+    class Counted(SceneView):
         painted = 0
 
         def paintEvent(self, _: Any) -> None:
@@ -136,11 +136,11 @@ def painted(application: Any, seconds: float) -> dict[str, float]:
 
 def rendered(application: Any, seconds: float) -> dict[str, float]:
     """pyvista's, in its own process."""
-    from spherecal_gui.widgets.rendered_scene import RenderedScene
+    from spherecal_gui.widgets.scene_view import SceneView
 
     before = _rss_mb()
     beat = Heartbeat(application)
-    view = _shown(RenderedScene())
+    view = _shown(SceneView())
     _until(application, lambda: view.rendered or view._broken)
     if view._broken:
         raise SystemExit("OpenGL does not work here.")

@@ -198,9 +198,9 @@ def _faults(window: Any) -> list[str]:
 
 def _scenes(window: Any) -> list[Any]:
     """The scenes that are on the screen."""
-    from spherecal_gui.widgets.rendered_scene import RenderedScene
+    from spherecal_gui.widgets.scene_view import SceneView
 
-    return [one for one in window.findChildren(RenderedScene) if one.isVisible()]
+    return [one for one in window.findChildren(SceneView) if one.isVisible()]
 
 
 def _bench(p: Photographer) -> None:

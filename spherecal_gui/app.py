@@ -134,7 +134,7 @@ class Program(QObject):
 
     def _make(self) -> WizardWindow:
         window = make_window(self._projects)
-        window.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
+        window.header.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
         window.show_compiling(self._percent)
         window.show()
         return window

@@ -28,7 +28,7 @@ from spherecal_gui.rig_scenes import LiveParts, in_scene, live_ball, rig_in_use,
 from spherecal_gui.standing import Level, Said
 from spherecal_gui.widgets.basic import add, button, enable, label, named, plain, say
 from spherecal_gui.widgets.fields import number_field
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
@@ -128,7 +128,7 @@ class RigSpace:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self.view = RenderedScene()
+        self.view = SceneView()
         self.view.hide()
         self._shown: object = None
         self._asked_for: tuple[str, ...] | None = None

@@ -42,7 +42,7 @@ from spherecal_gui.widgets.basic import (
     option,
     say,
 )
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.workflow import Status, Step
 
 
@@ -59,7 +59,7 @@ class SavePage(Page):
         self._opens = False  # the report, once it is written
         self._opened: bool | None = None
         self._for_the_desk = self._commands()
-        self.scene = RenderedScene()
+        self.scene = SceneView()
         self.scene.setMinimumHeight(0)
         self._drawn: object = None
         self._room = QWidget()  # in its place, where there is nothing to show

@@ -327,10 +327,7 @@ def _word(verdict: str) -> Verdict:
 
 
 def verify(project: Project, context: Context, seen: "Session | None") -> "tuple[Verdict, Session]":
-    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`; the bars' session.
-
-    It is `seen` the next time, with what was found in its images: another limit needs no image.
-    """
+    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT`; another limit needs no image if `seen`."""
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig

@@ -34,10 +34,9 @@ from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.scene.shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.rig_scenes import items_of
-from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.scene_overlay import Overlay
 from spherecal_gui.widgets.scene_panel import ScenePanel
+from spherecal_gui.widgets.scene_view import SceneView
 
 STYLE = SceneStyle(
     True, (18, 23, 28), (55, 66, 77), (232, 237, 242), (116, 180, 230), (99, 207, 152), (238, 180, 87), (255, 140, 130)
@@ -215,7 +214,7 @@ def test_what_is_said_of_a_camera_a_dot_and_a_place_of_the_map(data: SceneData) 
 
 
 def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+    view = shown(qtbot, SceneView(), data)
     for name, (x, y) in view.on_screen().items():
         assert view.item_at(QPointF(x, y)).name == name
     view.look_from("top")
@@ -226,7 +225,7 @@ def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, data: SceneData) -> None
     assert view.item_at(QPointF(2, 2)) is None
 
 
-def shown(qtbot: QtBot, view: PaintedScene, data: SceneData) -> PaintedScene:
+def shown(qtbot: QtBot, view: SceneView, data: SceneData) -> SceneView:
     qtbot.addWidget(view)
     view.resize(640, 480)
     view.show_scene(data)
@@ -235,7 +234,7 @@ def shown(qtbot: QtBot, view: PaintedScene, data: SceneData) -> PaintedScene:
 
 
 def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+    view = shown(qtbot, SceneView(), data)
     before = view.on_screen()
     view.look_from("top")
     from_above = view.on_screen()
@@ -249,7 +248,7 @@ def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, data: SceneData) -> 
 
 
 def test_names_legend_and_layers_change_the_picture(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+    view = shown(qtbot, SceneView(), data)
     pictures = [view.grab().toImage()]
     for layer in ("map", "ellipsoids", "links"):
         view.set_layers(SHOWN_AT_FIRST | {layer})
@@ -265,7 +264,7 @@ def test_a_scene_without_residuals_has_no_legend_of_them(data: SceneData) -> Non
 
 
 def test_keys_turn_and_show_everything_again(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+    view = shown(qtbot, SceneView(), data)
     before = view.on_screen()
     for key in (Qt.Key.Key_Left, Qt.Key.Key_Up, Qt.Key.Key_Plus):
         qtbot.keyClick(view, key)
@@ -347,7 +346,7 @@ def test_pyvista_renders_what_is_painted(qtbot: QtBot, data: SceneData, monkeypa
     """In a process of its own; the picture arrives, and another one after the view was turned."""
     pytest.importorskip("pyvista", reason="pyvista is not installed")
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
-    view = RenderedScene()
+    view = SceneView()
     shown(qtbot, view, data)
     assert not view.rendered, "painted until the first picture is there"
     qtbot.waitUntil(lambda: view.rendered or view._broken, timeout=120_000)
@@ -395,7 +394,7 @@ def test_images_of_any_type_become_bytes(data: SceneData) -> None:
 def test_a_scene_without_axes_or_reference_is_shown(qtbot: QtBot) -> None:
     one = camera("C01", (500.0, 0.0, 300.0))
     rig = SimpleNamespace(cameras=(SimpleNamespace(id="C01", centre=one.centre, corners=one.corners),), placements=())
-    view = shown(qtbot, PaintedScene(), SceneData(rig, np.empty((0, 3)), np.empty(0)))
+    view = shown(qtbot, SceneView(), SceneData(rig, np.empty((0, 3)), np.empty(0)))
     assert not view.grab().toImage().isNull()
 
 

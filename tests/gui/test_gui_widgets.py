@@ -28,11 +28,10 @@ from spherecal_gui.project import Project
 from spherecal_gui.widgets.basic import add, button, once
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart, ErrorChart, PairMatrix
 from spherecal_gui.widgets.fields import NeedLabel
-from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
-from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.results_views import FindingsList, ResidualView
 from spherecal_gui.widgets.scene_overlay import place_tags
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.workflow import Running, resolve
@@ -246,8 +245,8 @@ def scene_of_two() -> SceneData:
 
 
 def test_the_plain_view_tells_which_camera_was_meant(qtbot, home):
-    view = RenderedScene()
-    assert isinstance(view, PaintedScene)
+    view = SceneView()
+    assert view._broken  # painted, as the tests ask
     qtbot.addWidget(view)
     view.resize(500, 400)
     view.show_scene(scene_of_two())
@@ -269,8 +268,8 @@ def test_where_opengl_fails_the_view_stays_painted(qapp, qtbot, monkeypatch, tmp
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
     theme.apply(qapp, dark=False)  # names are thick enough for their full colour in our own font only
-    view = RenderedScene()
-    assert isinstance(view, RenderedScene)
+    view = SceneView()
+    assert view._broken  # painted, as the tests ask
     qtbot.addWidget(view)
     view.show_scene(scene_of_two())
     view.resize(400, 300)

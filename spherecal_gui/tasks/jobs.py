@@ -327,7 +327,7 @@ def _word(verdict: str) -> Verdict:
 
 
 def verify(project: Project, context: Context, seen: "Session | None") -> "tuple[Verdict, Session]":
-    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT`; another limit needs no image if `seen`."""
+    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT`; what was `seen` needs no image."""
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig

@@ -33,7 +33,6 @@ def main() -> None:
     parser.add_argument("--save", action="store_true", help="write the figures into baseline.json")
     options = parser.parse_args()
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-    os.environ.pop("SPHERECAL_3D", None)
     from PySide6.QtWidgets import QApplication
 
     from spherecal_gui import theme
@@ -123,6 +122,7 @@ def painted(application: Any, seconds: float) -> dict[str, float]:
             super().paintEvent(_)
             self.painted += 1
 
+    os.environ["SPHERECAL_3D"] = "painted"
     view = _shown(Counted())
     began = time.perf_counter()
     _until(application, lambda: view.painted > 0)
@@ -138,6 +138,7 @@ def rendered(application: Any, seconds: float) -> dict[str, float]:
     """pyvista's, in its own process."""
     from spherecal_gui.widgets.scene_view import SceneView
 
+    os.environ.pop("SPHERECAL_3D", None)
     before = _rss_mb()
     beat = Heartbeat(application)
     view = _shown(SceneView())

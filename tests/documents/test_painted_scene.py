@@ -31,7 +31,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
 
 
 @pytest.fixture
-def view(qtbot: QtBot, data: SceneData) -> SceneView:
+def view(qtbot: QtBot, data: SceneData, monkeypatch: pytest.MonkeyPatch) -> SceneView:
+    monkeypatch.setenv("SPHERECAL_3D", "painted")
     view = SceneView()
     qtbot.addWidget(view)
     view.resize(640, 480)

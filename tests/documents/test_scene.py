@@ -213,8 +213,8 @@ def test_what_is_said_of_a_camera_a_dot_and_a_place_of_the_map(data: SceneData) 
     assert place.lines() == ["500 mm at this place", "Uncertainty 0.090 mm (95 %)"]
 
 
-def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, SceneView(), data)
+def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     for name, (x, y) in view.on_screen().items():
         assert view.item_at(QPointF(x, y)).name == name
     view.look_from("top")
@@ -225,6 +225,13 @@ def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, data: SceneData) -> None
     assert view.item_at(QPointF(2, 2)) is None
 
 
+@pytest.fixture
+def plain(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> SceneView:
+    """A view that is painted: no process renders for it."""
+    monkeypatch.setenv("SPHERECAL_3D", "painted")
+    return SceneView()
+
+
 def shown(qtbot: QtBot, view: SceneView, data: SceneData) -> SceneView:
     qtbot.addWidget(view)
     view.resize(640, 480)
@@ -233,8 +240,8 @@ def shown(qtbot: QtBot, view: SceneView, data: SceneData) -> SceneView:
     return view
 
 
-def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, SceneView(), data)
+def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     before = view.on_screen()
     view.look_from("top")
     from_above = view.on_screen()
@@ -247,8 +254,8 @@ def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, data: SceneData) -> 
     assert view.on_screen() == from_above
 
 
-def test_names_legend_and_layers_change_the_picture(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, SceneView(), data)
+def test_names_legend_and_layers_change_the_picture(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     pictures = [view.grab().toImage()]
     for layer in ("map", "ellipsoids", "links"):
         view.set_layers(SHOWN_AT_FIRST | {layer})
@@ -263,8 +270,8 @@ def test_a_scene_without_residuals_has_no_legend_of_them(data: SceneData) -> Non
     assert Overlay._bar_title(replace(data, most_px=0.0), frozenset({"dots"})) is None
 
 
-def test_keys_turn_and_show_everything_again(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, SceneView(), data)
+def test_keys_turn_and_show_everything_again(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     before = view.on_screen()
     for key in (Qt.Key.Key_Left, Qt.Key.Key_Up, Qt.Key.Key_Plus):
         qtbot.keyClick(view, key)
@@ -391,10 +398,10 @@ def test_images_of_any_type_become_bytes(data: SceneData) -> None:
     assert made.images["C01"].dtype == np.uint8
 
 
-def test_a_scene_without_axes_or_reference_is_shown(qtbot: QtBot) -> None:
+def test_a_scene_without_axes_or_reference_is_shown(qtbot: QtBot, plain: SceneView) -> None:
     one = camera("C01", (500.0, 0.0, 300.0))
     rig = SimpleNamespace(cameras=(SimpleNamespace(id="C01", centre=one.centre, corners=one.corners),), placements=())
-    view = shown(qtbot, SceneView(), SceneData(rig, np.empty((0, 3)), np.empty(0)))
+    view = shown(qtbot, plain, SceneData(rig, np.empty((0, 3)), np.empty(0)))
     assert not view.grab().toImage().isNull()
 
 

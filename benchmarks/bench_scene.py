@@ -33,7 +33,6 @@ def main() -> None:
     parser.add_argument("--save", action="store_true", help="write the figures into baseline.json")
     options = parser.parse_args()
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-    os.environ.pop("SPHERECAL_3D", None)
     from PySide6.QtWidgets import QApplication
 
     from spherecal_gui import theme
@@ -114,15 +113,16 @@ def _turn(application: Any, view: Any, seconds: float, count: Callable[[], int])
 
 def painted(application: Any, seconds: float) -> dict[str, float]:
     """The view of Qt alone."""
-    from spherecal_gui.widgets.painted_scene import PaintedScene
+    from spherecal_gui.widgets.scene_view import SceneView
 
-    class Counted(PaintedScene):
+    class Counted(SceneView):
         painted = 0
 
         def paintEvent(self, _: Any) -> None:
             super().paintEvent(_)
             self.painted += 1
 
+    os.environ["SPHERECAL_3D"] = "painted"
     view = _shown(Counted())
     began = time.perf_counter()
     _until(application, lambda: view.painted > 0)
@@ -136,11 +136,12 @@ def painted(application: Any, seconds: float) -> dict[str, float]:
 
 def rendered(application: Any, seconds: float) -> dict[str, float]:
     """pyvista's, in its own process."""
-    from spherecal_gui.widgets.rendered_scene import RenderedScene
+    from spherecal_gui.widgets.scene_view import SceneView
 
+    os.environ.pop("SPHERECAL_3D", None)
     before = _rss_mb()
     beat = Heartbeat(application)
-    view = _shown(RenderedScene())
+    view = _shown(SceneView())
     _until(application, lambda: view.rendered or view._broken)
     if view._broken:
         raise SystemExit("OpenGL does not work here.")

@@ -87,7 +87,7 @@ def live_pictures() -> list[int]:
 
 
 def _is_live(thumbnail: QWidget) -> bool:
-    return bool(getattr(thumbnail, "has_image", False)) and not getattr(thumbnail, "past", False)
+    return getattr(thumbnail, "image", None) is not None and not getattr(thumbnail, "past", False)
 
 
 if __name__ == "__main__":

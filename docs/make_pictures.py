@@ -44,13 +44,12 @@ def scene_picture(result: Path, session: Path, path: Path) -> Path:
     from spherecal_gui import theme
     from spherecal_gui.rig_scenes import outcome_scene
     from spherecal_gui.tasks.outcome import read_outcome
-    from spherecal_gui.widgets.rendered_scene import RenderedScene
-    from spherecal_gui.widgets.scene_view import png_of
+    from spherecal_gui.widgets.scene_view import SceneView, png_of
 
     application = QApplication.instance() or QApplication(["pictures"])
     assert isinstance(application, QApplication)
     theme.apply(application, dark=True)
-    view = RenderedScene()
+    view = SceneView()
     view.resize(1280, 800)
     view.show_scene(outcome_scene(read_outcome(result, session, result, (), Context())))
     view.show()

@@ -198,9 +198,9 @@ def _faults(window: Any) -> list[str]:
 
 def _scenes(window: Any) -> list[Any]:
     """The scenes that are on the screen."""
-    from spherecal_gui.widgets.rendered_scene import RenderedScene
+    from spherecal_gui.widgets.scene_view import SceneView
 
-    return [one for one in window.findChildren(RenderedScene) if one.isVisible()]
+    return [one for one in window.findChildren(SceneView) if one.isVisible()]
 
 
 def _bench(p: Photographer) -> None:
@@ -235,7 +235,7 @@ def walk(p: Photographer) -> None:
     window.show_start()
     window.new_project("simulated:demo")
     p.wait()
-    p.wait(lambda: all(one.has_image for one in window.page.pictures()))
+    p.wait(lambda: all(one.image is not None for one in window.page.pictures()))
     p.take("connect")
     _camera(p)
     _bench(p)
@@ -433,13 +433,13 @@ def verifying(p: Photographer) -> None:
     certificate = controller.project.verification_folder / "session.json"
     right = certificate.read_text(encoding="utf-8")
     certificate.write_text(_longer(right, 1.004), encoding="utf-8")
-    controller.computation.seen_bars = type(controller.computation.seen_bars)()
+    controller.computation.seen_bars = None
     controller.computation.verify()
     p.wait()
     p.take("verify-inconsistent")
     certificate.write_text(right, encoding="utf-8")
     controller.bars.set_limit("")
-    controller.computation.seen_bars = type(controller.computation.seen_bars)()
+    controller.computation.seen_bars = None
     controller.computation.verify()
     p.wait()
 

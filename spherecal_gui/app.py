@@ -6,7 +6,6 @@ import logging
 import multiprocessing
 import os
 import signal
-import socket
 import sys
 import threading
 import traceback
@@ -15,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-from PySide6.QtCore import QObject, QProcess, QSocketNotifier, Qt, QTimer, Signal, Slot
+from PySide6.QtCore import QObject, QProcess, Qt, QTimer, Signal, Slot
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication, QMessageBox
 
@@ -135,7 +134,7 @@ class Program(QObject):
 
     def _make(self) -> WizardWindow:
         window = make_window(self._projects)
-        window.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
+        window.header.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
         window.show_compiling(self._percent)
         window.show()
         return window
@@ -180,19 +179,8 @@ class Ending(QObject):
     def __init__(self, close: Callable[[], bool], quit_now: Callable[[], None], parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._close, self._quit, self._times = close, quit_now, 0
-        self._reader, self._writer = socket.socketpair()
-        for one in (self._reader, self._writer):
-            one.setblocking(False)
-        signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: None)  # Python wakes the socket; Qt hears it there
-        self._notifier = QSocketNotifier(self._reader.fileno(), QSocketNotifier.Type.Read, self)
-        self._notifier.activated.connect(self._heard)
-
-    def _heard(self) -> None:
-        numbers = self._reader.recv(64)
-        if signal.SIGTERM in numbers or signal.SIGINT in numbers:
-            self._end()
+        for number in (signal.SIGTERM, signal.SIGINT):  # Python hears them at the next tick of the collector's timer
+            signal.signal(number, lambda *_: QTimer.singleShot(0, self._end))
 
     def _end(self) -> None:
         self._times += 1

@@ -146,11 +146,9 @@ def islands(common: IntArray) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class CameraNeed:
-    """One camera over all placements: its dots, its share of covered cells, and what it lacks."""
+    """What one camera lacks over all placements."""
 
     camera: str
-    dots: int
-    covered: float
     need: Need
     level: Level
 
@@ -174,11 +172,10 @@ def board_needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraN
 
 def _need(camera: str, images: Sequence[Dots], lacks: Level) -> CameraNeed:
     """What a camera needs that lacks dots as badly as this, or none (`none`): then these may be badly spread."""
-    dots, covered = sum(len(image) for image in images), coverage(images)
     if lacks != "none":
-        return CameraNeed(camera, dots, covered, "more", lacks)
-    spread = covered >= LITTLE_COVERAGE
-    return CameraNeed(camera, dots, covered, "enough" if spread else "spread", "good" if spread else "caution")
+        return CameraNeed(camera, "more", lacks)
+    spread = coverage(images) >= LITTLE_COVERAGE
+    return CameraNeed(camera, "enough" if spread else "spread", "good" if spread else "caution")
 
 
 def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:

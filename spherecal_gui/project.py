@@ -11,11 +11,7 @@ _DIGITS = 32  # of the SHA-256: two contents never share them by chance
 
 
 def fingerprint(content: object) -> str:
-    """A short text (hexadecimal) that is equal for equal content.
-
-    Dataclasses count by the names and values of their fields. A field that has its default does not count, so that a
-    field that a later version adds changes no fingerprint of what was saved before.
-    """
+    """A short text (hexadecimal) that is equal for equal content."""
     text = json.dumps(_plain(content), sort_keys=True, ensure_ascii=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
@@ -23,6 +19,7 @@ def fingerprint(content: object) -> str:
 def _plain(content: object) -> object:
     if is_dataclass(content) and not isinstance(content, type):
         values = ((one, getattr(content, one.name)) for one in fields(content))
+        # without those that have their default: one that a later version adds changes no fingerprint of before
         return {one.name: _plain(value) for one, value in values if value != _default(one)}
     if isinstance(content, Mapping):
         return {str(key): _plain(value) for key, value in content.items()}

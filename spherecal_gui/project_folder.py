@@ -60,14 +60,6 @@ _MOST_BYTES = 64 << 20
 Document = dict[str, Any]  # a JSON object, such as session.json: json itself gives Any
 
 
-def _purpose(text: str) -> Purpose:
-    return next((one for one in get_args(Purpose) if one == text), "calibrate")
-
-
-def _method(text: str) -> str:
-    return text if text == "tao2021" else ""
-
-
 _ARTEFACTS = record(
     "What somebody has confirmed: words for people, and the bars.",
     Artefacts,
@@ -141,6 +133,7 @@ def _arguments(values: Mapping[str, object]) -> str:
 
 
 _PURPOSES = "`calibrate`, `check` or `verify`; anything else counts as `calibrate`."
+_METHODS = "`tao2021`: the paper's method; anything else counts as our own."
 WIZARD = FileFormat(
     "spherecal/wizard",
     FILE,
@@ -150,7 +143,7 @@ WIZARD = FileFormat(
         partial(Project, Path()),
         field("source", text("Where images come from.")),
         optional("bench", prose("The file that describes targets, ball and bars.")),
-        optional("purpose", prose(_PURPOSES).mapped(_purpose)),
+        optional("purpose", prose(_PURPOSES).mapped(lambda text: text if text in get_args(Purpose) else "calibrate")),
         field("step", text("The step.")),
         field("cameras", items("Serial numbers of the chosen cameras.", text(""))),
         field("looked", items("Those that were looked at.", text(""))),
@@ -171,7 +164,7 @@ WIZARD = FileFormat(
         optional("bar_celsius", number("Temperature of the bars in degrees Celsius.", -100, 200, "degrees Celsius")),
         optional("pose_bars", items("Which bar a pose is of.", _PAIR)),
         optional("note", prose("What the operator has written.")),
-        optional("method", prose("`tao2021`: the paper's method; anything else counts as our own.").mapped(_method)),
+        optional("method", prose(_METHODS).mapped(lambda text: text if text == "tao2021" else "")),
         optional("flaws", items("What is wrong with a set.", _FLAW)),
     ),
     version=2,

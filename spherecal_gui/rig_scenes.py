@@ -19,7 +19,6 @@ if TYPE_CHECKING:  # imports scipy and OpenCV, for which the window does not wai
 
     from spherecal.data.rig import PlacedSphere, Rig
     from spherecal_gui.tasks.ghost import Ghost, Lying
-    from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_gui.tasks.outcome import Outcome
     from spherecal_rigs.check_rig import Check
 
@@ -117,7 +116,7 @@ def live_ball(data: SceneData, ghost: "Ghost", lying: "Lying | None") -> tuple[F
     return centre, top, body.radius_mm
 
 
-def check_scene(rig: "Rig", found: "Check | CheckSummary") -> SceneData | None:
+def check_scene(rig: "Rig", found: "Check") -> SceneData | None:
     """The calibration in use, and those cameras that a check found moved where they are now."""
     from spherecal.geometry.rotation import exp_rotation  # imports scipy
 

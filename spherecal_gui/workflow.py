@@ -93,10 +93,7 @@ class WorkflowState:
 
     def of(self, step_id: str) -> StepState:
         """The state of a step; KeyError where there is none."""
-        for state in self.steps:
-            if state.step.id == step_id:
-                return state
-        raise KeyError(step_id)
+        return {state.step.id: state for state in self.steps}[step_id]
 
     @property
     def now(self) -> StepState:

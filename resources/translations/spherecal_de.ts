@@ -1629,10 +1629,6 @@ px</translation>
         <translation>Grenzwerte</translation>
     </message>
     <message>
-        <source>Compare methods</source>
-        <translation>Verfahren vergleichen</translation>
-    </message>
-    <message>
         <source>Save a support bundle</source>
         <translation>Support-Paket speichern</translation>
     </message>
@@ -3680,45 +3676,6 @@ mm</translation>
     <message>
         <source>{gone}, about {left} min left</source>
         <translation>{gone}, noch etwa {left} min</translation>
-    </message>
-</context>
-<context>
-    <name>StudiesDialog</name>
-    <message>
-        <source>Compare methods</source>
-        <translation>Verfahren vergleichen</translation>
-    </message>
-    <message>
-        <source>Each study repeats an experiment of the paper on simulated rigs; it takes minutes. Stopped ones go on.</source>
-        <translation>Jede Studie wiederholt einen Versuch der Veröffentlichung an simulierten Aufbauten; das dauert Minuten. Angehaltene gehen weiter.</translation>
-    </message>
-    <message>
-        <source>Run</source>
-        <translation>Ausführen</translation>
-    </message>
-    <message>
-        <source>Read</source>
-        <translation>Lesen</translation>
-    </message>
-    <message>
-        <source>Cancel</source>
-        <translation>Abbrechen</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>Es wird gearbeitet.</translation>
-    </message>
-    <message>
-        <source>It was not run yet.</source>
-        <translation>Noch nicht ausgeführt.</translation>
-    </message>
-    <message>
-        <source>The page is {path}.</source>
-        <translation>Die Seite ist {path}.</translation>
-    </message>
-    <message>
-        <source>Stopped; what was computed is kept.</source>
-        <translation>Angehalten; was gerechnet ist, bleibt erhalten.</translation>
     </message>
 </context>
 <context>

@@ -1629,10 +1629,6 @@ px</translation>
         <translation>限值</translation>
     </message>
     <message>
-        <source>Compare methods</source>
-        <translation>比较方法</translation>
-    </message>
-    <message>
         <source>Save a support bundle</source>
         <translation>保存支持包</translation>
     </message>
@@ -3680,45 +3676,6 @@ mm</translation>
     <message>
         <source>{gone}, about {left} min left</source>
         <translation>{gone}，约剩 {left} 分钟</translation>
-    </message>
-</context>
-<context>
-    <name>StudiesDialog</name>
-    <message>
-        <source>Compare methods</source>
-        <translation>比较方法</translation>
-    </message>
-    <message>
-        <source>Each study repeats an experiment of the paper on simulated rigs; it takes minutes. Stopped ones go on.</source>
-        <translation>每项研究在仿真系统上重复论文中的一个实验，需要数分钟。中断后可继续。</translation>
-    </message>
-    <message>
-        <source>Run</source>
-        <translation>运行</translation>
-    </message>
-    <message>
-        <source>Read</source>
-        <translation>阅读</translation>
-    </message>
-    <message>
-        <source>Cancel</source>
-        <translation>取消</translation>
-    </message>
-    <message>
-        <source>Work is running.</source>
-        <translation>正在运行。</translation>
-    </message>
-    <message>
-        <source>It was not run yet.</source>
-        <translation>尚未运行。</translation>
-    </message>
-    <message>
-        <source>The page is {path}.</source>
-        <translation>页面位于 {path}。</translation>
-    </message>
-    <message>
-        <source>Stopped; what was computed is kept.</source>
-        <translation>已停止；已计算的内容保留。</translation>
     </message>
 </context>
 <context>

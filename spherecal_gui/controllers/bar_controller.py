@@ -135,23 +135,17 @@ class StagingController(ControllerPart):
         return pose in poses or (bool(poses) and self.main.bars.planned_pose(pose) is not None)
 
     def show_pose(self, pose: str) -> None:
-        """Show a pose; a guided one is laid as the plan asks."""
+        """Show a pose: a guided one is laid as the plan asks, others as the rig was simulated or recorded with."""
         planned, stage, result = self.main.bars.planned_pose(pose), self._stage, self.main.result
-        if planned is None or result is None or stage is None:
-            self._show_own(pose)
-            return
-        lay_bar(stage, result.rig, planned, self.main.bars.bar(planned.bar))
-        self._forget_sights()
-
-    def _show_own(self, pose: str) -> None:
-        """Show a pose that the rig was simulated or recorded with."""
         source, poses = self.main.cameras.staged, self.main.cameras.staged_poses
-        if source is None or not poses:
+        if planned is not None and result is not None and stage is not None:
+            lay_bar(stage, result.rig, planned, self.main.bars.bar(planned.bar))
+        elif source is None or not poses:
             return
-        if pose in poses:
+        elif pose in poses:
             if source.shown != pose:
                 source.show(pose)
-        elif (stage := self._stage) is not None:  # one more placement than the rig was simulated with
+        elif stage is not None:  # one more placement than the rig was simulated with
             placed = [one for one in poses if one in stage.truth.placements]
             number = int(pose[1:]) if pose[1:].isdecimal() else 1
             source.show(placed[number % len(placed)])

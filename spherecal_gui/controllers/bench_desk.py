@@ -69,6 +69,7 @@ class BenchDesk:
         self._saved = self.draft
         self.past: list[tuple[str, BenchDraft]] = []  # what was changed, and the draft before
         self.future: list[tuple[str, BenchDraft]] = []  # what was undone
+        self.on_change: Callable[[], None] = lambda: None  # who shows the draft
 
     def _read(self, read: Callable[[], T], otherwise: T) -> T:
         try:
@@ -80,14 +81,14 @@ class BenchDesk:
     # --- changes -----------------------------------------------------------------------------------------------------
 
     def change(self, what: str, draft: BenchDraft) -> None:
-        """Another draft."""
-        if draft == self.draft and draft.ball.own is self.draft.ball.own:
-            return
-        if not (what and self.past and self.past[-1][0] == what):
-            self.past.append((what, self.draft))
-            del self.past[:-_MOST_STEPS]
-        self.future.clear()
-        self.draft = draft
+        """Another draft; changes of the same `what` in a row are one step."""
+        if draft != self.draft or draft.ball.own is not self.draft.ball.own:
+            if not (what and self.past and self.past[-1][0] == what):
+                self.past.append((what, self.draft))
+                del self.past[:-_MOST_STEPS]
+            self.future.clear()
+            self.draft = draft
+        self.on_change()
 
     def undo(self) -> None:
         """One step back."""
@@ -102,6 +103,7 @@ class BenchDesk:
             what, draft = steps.pop()
             others.append((what, self.draft))
             self.draft = draft
+            self.on_change()
 
     @property
     def changed(self) -> bool:
@@ -127,10 +129,9 @@ class BenchDesk:
         """Numbers and width again."""
         self.change("", replace(self.draft, ball=replace(self.draft.ball, own=None, own_file="")))
 
-    def add_bar(self) -> int:
-        """One more bar; its place."""
+    def add_bar(self) -> None:
+        """One more bar, behind the others."""
         self.change("", replace(self.draft, bars=(*self.draft.bars, BarDraft(role="check"))))
-        return len(self.draft.bars) - 1
 
     def remove_bar(self, number: int) -> None:
         """Take a bar out of the library; it can be undone until the end, and is on disk until it is saved."""

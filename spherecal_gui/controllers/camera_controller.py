@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -282,23 +283,17 @@ class CameraController(ControllerPart):
                 live.stop()
             return work(context)
 
-        def succeeded(found: _Found) -> None:
-            self._resume_live()
-            done(found)
+        def live_again(then: Callable[..., None]) -> Callable[..., None]:
+            def ended(*found: object) -> None:
+                if self.live is not None:
+                    self.live.start(self.live_hz)
+                then(*found)
 
-        def failed(error: BaseException) -> None:
-            self._resume_live()
-            self.main.failed(step)(error)
+            return ended
 
-        def cancelled() -> None:
-            self._resume_live()
-            self.main.tell("info", translate("Calibrate", "Cancelled. What was captured is kept."))
-
-        return self.runner.start(step, run, succeeded, failed, cancelled)
-
-    def _resume_live(self) -> None:
-        if self.live is not None:
-            self.live.start(self.live_hz)
+        cancelled = partial(self.main.tell, "info", translate("Calibrate", "Cancelled. What was captured is kept."))
+        ends = done, self.main.failed(step), cancelled
+        return self.runner.start(step, run, *map(live_again, ends))
 
     # --- simulated and recorded ones ---------------------------------------------------------------------------------
 

@@ -1,6 +1,7 @@
 """Calibrating, verifying, checking and repairing; cancelled at any moment; what was taken stays."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,9 +17,9 @@ from spherecal_gui.tasks.outcome import Outcome, read_outcome
 from spherecal_gui.tasks.task import BackgroundTask
 
 if TYPE_CHECKING:  # results need scipy, for which the window does not wait
+    from spherecal.data.session import Session
     from spherecal_gui.controllers.controller import Controller
     from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
-    from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
 
 
@@ -29,14 +30,14 @@ class ComputationController(ControllerPart):
         super().__init__(main)
         self.course: CourseOfWork | None = None  # of the last calibration
         self._task: BackgroundTask | None = None  # whose course it is
-        self.seen_bars = jobs.ObservedBars()
+        self.seen_bars: Session | None = None  # that of the check bars, with what was found in its images
         self._reference_of: tuple[Path | None, str | None] = (None, None)  # the project that it was looked up for
         main.cameras.connected.connect(self._read_result)
 
     def close(self) -> None:
         """Forget what was computed; all is on disk already."""
-        self.course = self._task = None
-        self.seen_bars, self._reference_of = jobs.ObservedBars(), (None, None)
+        self.course = self._task = self.seen_bars = None
+        self._reference_of = (None, None)
 
     def _read_result(self) -> None:
         """The result on disk, after a project was opened."""
@@ -141,7 +142,7 @@ class ComputationController(ControllerPart):
         read = self._reading(project)
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            verdict = jobs.verify(project, context, self.seen_bars)
+            verdict, self.seen_bars = jobs.verify(project, context, self.seen_bars)
             jobs.keep_if_in_use(profile_of(project), project.result_folder, verdict)
             return verdict, read(context)
 
@@ -159,7 +160,7 @@ class ComputationController(ControllerPart):
 class CheckController(ControllerPart):
     """The check of the open project: what it `found`, and what it finds `after` a repair."""
 
-    found: "Check | CheckSummary | None" = None
+    found: "Check | None" = None
     after: "Check | None" = None  # the same check with the repaired rig
 
     def load(self, project: Project) -> None:
@@ -179,11 +180,7 @@ class CheckController(ControllerPart):
         project, profile = self.project, self.main.profile_folder
         if project is None or profile is None:
             return False
-
-        def work(context: Context) -> "Check":
-            return jobs.check(project, profile, context)
-
-        return self.main.cameras.start_alone("check", work, self._checked)
+        return self.main.cameras.start_alone("check", partial(jobs.check, project, profile), self._checked)
 
     def _checked(self, found: "Check") -> None:
         self.found, self.after = found, None
@@ -197,10 +194,7 @@ class CheckController(ControllerPart):
         project, profile, found = self.project, self.main.profile_folder, self.found
         if project is None or profile is None or found is None or not found.to_repair:
             return False
-
-        def work(context: Context) -> "tuple[changes.Verdict, Check]":
-            return jobs.repair(project, profile, found.to_repair, context)
-
+        work = partial(jobs.repair, project, profile, found.to_repair)
         return self.main.cameras.start_alone("check", work, self._repaired)
 
     def _repaired(self, done: "tuple[changes.Verdict, Check]") -> None:
@@ -223,8 +217,5 @@ class CheckController(ControllerPart):
 
         repaired = languages.listed(self.found.to_repair if self.found is not None else ())
         note = translate("Check", "repaired after a check: {cameras}").format(cameras=repaired)
-
-        def work(context: Context) -> str:
-            return jobs.save_profile(project.repair_folder, project.folder, profile, True, note, context)
-
+        work = partial(jobs.save_profile, project.repair_folder, project.folder, profile, True, note)
         return self.runner.start("check", work, done, self.main.failed("check"))

@@ -40,7 +40,7 @@ class RecordingController(ControllerPart):
         self._small: dict[str, Mapping[str, NDArray[np.uint8]]] = {}  # of placements, since it was opened
         self._left: dict[str, list[Rectangle]] = {}  # spots that somebody wants to leave as they are
         self.spots: dict[str, tuple[Rectangle, ...]] = {}  # proposed as masks, by camera
-        main.cameras.connected.connect(self._take_up)
+        main.cameras.connected.connect(self._open_folders)
 
     def load(self, project: Project) -> None:
         """Take up the dots that are kept with a project."""
@@ -68,15 +68,10 @@ class RecordingController(ControllerPart):
         self.main.change(artefacts=artefacts)
         self._open_folders()
 
-    def _take_up(self) -> None:
-        """The cameras are connected: go on with the folders of a bench that was confirmed before."""
-        if self.project is not None and self.project.artefacts is not None:
-            self._open_folders()
-
     def _open_folders(self) -> None:
-        """Make or take up the two session folders: of the calibration, and of the check bars."""
+        """Make or take up the session folders of the calibration and of the check bars, of a confirmed bench."""
         project, connection = self.project, self.main.cameras.connection
-        if project is None or connection is None:
+        if project is None or connection is None or project.artefacts is None:
             return
         try:
             self.session = _session_of(project, connection)

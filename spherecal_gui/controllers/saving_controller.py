@@ -50,10 +50,6 @@ class SavingController(ControllerPart):
 
         return self._save(work, translate("Save", "The report is in {what}."))
 
-    def set_note(self, note: str) -> None:
-        """What the operator has written on the calibration; it goes into the profile and the report."""
-        self.main.change(note=note)
-
     def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
         """Add the calibration to a rig profile's history; whether that was begun."""
         message = translate("Save", "Saved in the rig's profile as calibration {what}.")
@@ -118,11 +114,6 @@ class FrameController(ControllerPart):
         main.changed.connect(self._renew_frame)
         main.result_changed.connect(self._renew_frame)
 
-    @property
-    def file(self) -> Path | None:
-        """Where the project keeps its frame."""
-        return self.project.folder / _FILE if self.project is not None else None
-
     def _renew_frame(self) -> None:
         """The project's frame with the result that is there now: its numbers are made from its definition again."""
         made_for = None if self.project is None else (self.project.folder, self.main.outcome)
@@ -173,12 +164,12 @@ class FrameController(ControllerPart):
 
     def choose(self, definition: "FrameDefinition") -> bool:
         """Give exports in this frame from now on; the reference camera's own needs no file, unless the rig has one."""
-        path = self.file
-        if path is None or self.project is None or self.main.outcome is None or self.runner.running:
+        if self.project is None or self.main.outcome is None or self.runner.running:
             return False
         from spherecal_rigs.framed_rig import frame_of, write_frame  # needs scipy
         from spherecal_rigs.user_frame import FrameDefinition
 
+        path = self.project.folder / _FILE
         if definition == FrameDefinition() and not (profile_of(self.project) / _FILE).is_file():
             done = self.main.attempt(lambda: remove_below(path.parent, path.name))
         else:
@@ -193,7 +184,7 @@ class FrameController(ControllerPart):
         if self.frame is None or self.project is None or self.definition is None:
             return ()
         definition = self.frame.definition
-        words = ["spherecal", "frame", str(self.project.result_folder), "-o", str(self.file)]
+        words = ["spherecal", "frame", str(self.project.result_folder), "-o", str(self.project.folder / _FILE)]
         for option, name in zip(("--origin", "--x", "--xy"), definition.places, strict=False):
             words += [option, name]
         if any(definition.offset_mm):

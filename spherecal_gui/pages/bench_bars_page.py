@@ -36,7 +36,7 @@ from spherecal_gui.widgets.basic import (
     say,
     spaced,
 )
-from spherecal_gui.widgets.fields import TextField
+from spherecal_gui.widgets.fields import TextField, show_fields
 
 _COLUMNS = tuple(one.name for one in fields(LengthDraft))
 _LIST_PX = 330
@@ -46,7 +46,6 @@ _MARK_PX, _STICKER_PX = 64, 76
 class BarsTab(QWidget):
     """A list on the left, the chosen bar on the right."""
 
-    touched = Signal()
     said = Signal(str, str)  # text, level
 
     def __init__(self, desk: BenchDesk) -> None:
@@ -133,7 +132,6 @@ class BarsTab(QWidget):
             bars = list(self.desk.draft.bars)
             bars[self.chosen] = replace(self.bar, **changes)
             self.desk.change(f"bar.{self.chosen}.{what}" if what else "", replace(self.desk.draft, bars=tuple(bars)))
-            self.touched.emit()
 
     def _length_edited(self, number: int, key: str, text: str) -> None:
         if self.bar is not None:
@@ -154,15 +152,14 @@ class BarsTab(QWidget):
 
     def add_bar(self) -> None:
         """A new bar, to be filled in."""
-        self.chosen = self.desk.add_bar()
-        self.touched.emit()
+        self.chosen = len(self.desk.draft.bars)
+        self.desk.add_bar()
         self.fields["serial"].line.setFocus()
 
     def _remove(self) -> None:
         if self.bar is not None:
-            self.desk.remove_bar(self.chosen)
-            self.chosen = max(self.chosen - 1, 0)
-            self.touched.emit()
+            gone, self.chosen = self.chosen, max(self.chosen - 1, 0)
+            self.desk.remove_bar(gone)
 
     def _import(self) -> None:
         path, _ = QFileDialog.getOpenFileName(self, self.tr("A table of bars"), "", "CSV (*.csv *.txt *.tsv)")
@@ -172,28 +169,24 @@ class BarsTab(QWidget):
     def import_table(self, path: Path) -> None:
         """Take over the bars of a table, and say what became of each line."""
         found = self.desk.import_table(path)
-        self.touched.emit()
         if isinstance(found, str):
             self.said.emit(found, "bad")
             return
-        serials = [one.serial for one in self.desk.draft.bars]
         if found.entered:
-            self.chosen = serials.index(found.entered[0])
-            self.touched.emit()
+            self._choose([one.serial for one in self.desk.draft.bars].index(found.entered[0]))
         self.said.emit(found.text, "caution" if found.lines or found.other else "good")
 
     def _export(self) -> None:
         path, _ = QFileDialog.getSaveFileName(self, self.tr("A table of bars"), "bars.csv", "CSV (*.csv)")
         if path:
             problem = self.desk.export_table(Path(path))
-            self.said.emit(
-                problem or self.tr("The table is in {file}.").format(file=path), "bad" if problem else "good"
-            )
+            text = problem or self.tr("The table is in {file}.").format(file=path)
+            self.said.emit(text, "bad" if problem else "good")
 
     def _choose(self, row: int) -> None:
         if row >= 0 and row != self.chosen:
             self.chosen = row
-            self.touched.emit()
+            self.desk.on_change()
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
@@ -208,9 +201,7 @@ class BarsTab(QWidget):
         if bar is None:
             return
         place = f"bar.{self.chosen}."
-        for key, one in self.fields.items():
-            one.show_text(getattr(bar, key))
-            one.show_problem(problems.get(f"{place}{key}", ""))
+        show_fields(self.fields, bar, problems, place)
         self.role.setCurrentIndex(self.role.findData(bar.role))
         say(self.role_problem, problems.get(f"{place}role", ""), "bad")
         self._show_lengths(bar, problems, place)

@@ -26,13 +26,11 @@ from spherecal_gui.languages import translate
 from spherecal_gui.pages.bench_bars_page import BarsTab
 from spherecal_gui.presenters.bench_presenter import Problems, print_text, warnings
 from spherecal_gui.widgets.basic import Downwards, add, button, enable, label, named, say, spaced
-from spherecal_gui.widgets.fields import TextField
+from spherecal_gui.widgets.fields import TextField, show_fields
 
 
 class BallTab(QWidget):
     """One ball of the library, or a new one."""
-
-    touched = Signal()
 
     def __init__(self, desk: BenchDesk) -> None:
         super().__init__()
@@ -59,7 +57,8 @@ class BallTab(QWidget):
         title = label(self.tr("Printed scale"), "big", wrap=False)
         message = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
         self.library = named(QComboBox(), "ball-library", self.tr("Ball of the library"))
-        self.library.activated.connect(self._chosen)
+        # the one that was typed is one step back
+        self.library.activated.connect(lambda _: desk.take_ball(str(self.library.currentData())))
         which = add(QHBoxLayout(), label(self.tr("Which ball?"), "big", wrap=False), (self.library, 1), None)
         column = add(spaced(QVBoxLayout(inner), 12), which, grid, self._own(), title, self.print_said, line)
         add(column, label(message, "soft"), None)
@@ -71,17 +70,8 @@ class BallTab(QWidget):
         """Targets that are not simply numbered."""
         self.own = label("", "soft")
         self.from_file = button(self.tr("Targets from a file"), "targets-file", act=self._choose_targets)
-        self.by_number = button(self.tr("By number and width"), "targets-number", act=self._number_targets)
+        self.by_number = button(self.tr("By number and width"), "targets-number", act=self.desk.own_targets)
         return add(QHBoxLayout(), self.from_file, self.by_number, (self.own, 1))
-
-    def _number_targets(self) -> None:
-        self.desk.own_targets()
-        self.touched.emit()
-
-    def _chosen(self) -> None:
-        """Another ball of the library; the one that was typed is one step back."""
-        self.desk.take_ball(str(self.library.currentData()))
-        self.touched.emit()
 
     def _choose_targets(self) -> None:
         path, _ = QFileDialog.getOpenFileName(self, self.tr("Target set"), "", "targets.json (*.json)")
@@ -90,22 +80,17 @@ class BallTab(QWidget):
 
     def take_targets(self, path: Path) -> None:
         """The target set of a file."""
-        problem = self.desk.take_targets(path)
-        self.touched.emit()
-        if problem:
+        if problem := self.desk.take_targets(path):
             say(self.own, problem, "bad", hides=False)
 
     def _edited(self, key: str, text: str) -> None:
         draft = self.desk.draft
         self.desk.change(f"ball.{key}", replace(draft, ball=replace(draft.ball, **{key: text})))
-        self.touched.emit()
 
     def show_draft(self, problems: Problems) -> None:
         """What the draft has, and what is wrong with it."""
         ball = self.desk.draft.ball
-        for key, one in self.fields.items():
-            one.show_text(getattr(ball, key))
-            one.show_problem(problems.get(f"ball.{key}", ""))
+        show_fields(self.fields, ball, problems, "ball.")
         for key in ("first", "last", "width"):
             self.fields[key].line.setEnabled(ball.own is None)
         say(self.own, ball.own_file, hides=False)
@@ -123,9 +108,6 @@ class BallTab(QWidget):
 class RigTab(QWidget):
     """How many placements, the bars' temperature, the limits."""
 
-    touched = Signal()
-    limits_wanted = Signal()
-
     def __init__(self, desk: BenchDesk) -> None:
         super().__init__()
         self.desk = desk
@@ -138,20 +120,17 @@ class RigTab(QWidget):
             one.line.textEdited.connect(partial(self._edited, key))
         row = add(QHBoxLayout(), *((one, 1) for one in self.fields.values()), None)
         self.limit = label("")
-        self.open_limits = button(self.tr("Open the limits"), "open-limits", act=self.limits_wanted)
+        self.open_limits = button(self.tr("Open the limits"), "open-limits")
         line = add(QHBoxLayout(), self.open_limits, None)
         title = label(self.tr("Limits"), "big", wrap=False)
         add(spaced(QVBoxLayout(self), 12), row, title, self.limit, line, None)
 
     def _edited(self, key: str, text: str) -> None:
         self.desk.change(key, replace(self.desk.draft, **{key: text}))
-        self.touched.emit()
 
     def show_draft(self, problems: Problems) -> None:
         """What the draft has."""
-        for key, one in self.fields.items():
-            one.show_text(getattr(self.desk.draft, key))
-            one.show_problem(problems.get(key, ""))
+        show_fields(self.fields, self.desk.draft, problems)
         formula = limits.now().verification_limit
         message = self.tr("Permitted length error: {limit} mm (L in mm).").format(limit=formula)
         none = self.tr("No permitted length error is set: lengths are judged by their own uncertainty.")
@@ -179,20 +158,19 @@ class BenchDialog(QDialog):
         self.tabs.addTab(self.ball, self.tr("Ball"))
         self.tabs.addTab(self.bars, self.tr("Bars"))
         self.tabs.addTab(self.rig, self.tr("Placements and limits"))
-        for tab in (self.ball, self.bars, self.rig):
-            tab.touched.connect(self.show_draft)
         self.bars.said.connect(self._tell)
-        self.rig.limits_wanted.connect(self.limits_wanted)
+        self.rig.open_limits.clicked.connect(self.limits_wanted)
         add(QVBoxLayout(self), self.message, (self.tabs, 1), self.summary, self._buttons())
         self.resize(*_SIZE)
         self._watch()
         if desk.trouble:
             self._tell(desk.trouble, "bad")
+        desk.on_change = self.show_draft
         self.show_draft()
 
     def _buttons(self) -> QHBoxLayout:
-        self.undo = button(self.tr("Undo"), "undo-bench", act=self._undo)
-        self.redo = button(self.tr("Redo"), "redo-bench", act=self._redo)
+        self.undo = button(self.tr("Undo"), "undo-bench", act=self.desk.undo)
+        self.redo = button(self.tr("Redo"), "redo-bench", act=self.desk.redo)
         self.undo.setToolTip(QKeySequence(QKeySequence.StandardKey.Undo).toString())
         self.save = button(self.tr("Save"), "save-bench", "primary", act=self.save_bench)
         self.close_button = button(self.tr("Close"), "close-bench", act=self.reject)
@@ -212,7 +190,7 @@ class BenchDialog(QDialog):
     def _heard(self, event: QKeyEvent) -> bool:
         """Whether the key means the whole dialog; it does what it means once it is pressed, not only announced."""
         keys = QKeySequence.StandardKey
-        for standard, act in ((keys.Undo, self._undo), (keys.Redo, self._redo), (keys.Save, self.save_bench)):
+        for standard, act in ((keys.Undo, self.desk.undo), (keys.Redo, self.desk.redo), (keys.Save, self.save_bench)):
             if event.matches(standard):
                 if event.type() == QEvent.Type.KeyPress:
                     act()
@@ -228,14 +206,6 @@ class BenchDialog(QDialog):
             self.focusNextChild()
         else:
             super().keyPressEvent(event)
-
-    def _undo(self) -> None:
-        self.desk.undo()
-        self.show_draft()
-
-    def _redo(self) -> None:
-        self.desk.redo()
-        self.show_draft()
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 

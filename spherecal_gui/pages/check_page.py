@@ -22,7 +22,6 @@ from spherecal_gui.presenters.step_states import CheckFacts, check_says
 from spherecal_gui.project import usable
 from spherecal_gui.rig_scenes import check_scene, rig_scene
 from spherecal_gui.standing import Level, Said
-from spherecal_gui.tasks.kept_check import CheckSummary
 from spherecal_gui.widgets.basic import Card, add, button, enable, label, say
 from spherecal_gui.widgets.scene_panel import ScenePanel, SceneSplit
 from spherecal_gui.widgets.table import Table
@@ -48,7 +47,7 @@ class CheckPage(Page):
         self.panel = ScenePanel()
         self.panel.said.connect(self.controller.tell)
         # The profile's folder, and what was found.
-        self._drawn: tuple[Path | None, Check | CheckSummary | None] = (None, None)
+        self._drawn: tuple[Path | None, Check | None] = (None, None)
         self.notes = Card()
         self.message = label("", "soft")
         self.notes.body.addWidget(self.message)
@@ -75,7 +74,7 @@ class CheckPage(Page):
     def _in_use(self) -> bool:
         return self.open_state.status is Status.DONE
 
-    def _verdict(self, found: Check | CheckSummary) -> VerdictText:
+    def _verdict(self, found: Check) -> VerdictText:
         return check_verdict(found) if self._after is None else repaired_verdict(self._after, self._in_use)
 
     def _show_mending(self, there: bool) -> None:
@@ -128,7 +127,7 @@ class CheckPage(Page):
         self._draw(found)
         self.message.setText("\n".join(check_notes(found)))
 
-    def _draw(self, found: Check | CheckSummary | None) -> None:
+    def _draw(self, found: Check | None) -> None:
         """The rig as it was calibrated, with the cameras that moved; without a check (None) as it is in use."""
         folder = self.controller.profile_folder
         if folder is None or (self._drawn[0] == folder and self._drawn[1] is found):

@@ -164,17 +164,13 @@ class DriversPanel(QWidget):
             line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)  # commands are copied
             line.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             column.addWidget(line)
-        if note.allow:
-            yes = button(self.tr("Allow this driver"), "allow-driver", act=lambda: self.allowed.emit(note.allow))
-            column.addWidget(yes, 0, Qt.AlignmentFlag.AlignLeft)
-        if note.builtin:
-            use = button(self.tr("Use the built-in driver"), "builtin-driver", act=self.builtin)
-            column.addWidget(use, 0, Qt.AlignmentFlag.AlignLeft)
-        if note.cure:
-            cure = button(
-                self.tr("Do it now"), "apply-cure", act=lambda: self.cured.emit(note.cure), tip=plain(note.cure)
-            )
-            column.addWidget(cure, 0, Qt.AlignmentFlag.AlignLeft)
+        for offered, text, key, act, tip in (
+            (note.allow, self.tr("Allow this driver"), "allow-driver", lambda: self.allowed.emit(note.allow), ""),
+            (note.builtin, self.tr("Use the built-in driver"), "builtin-driver", self.builtin, ""),
+            (note.cure, self.tr("Do it now"), "apply-cure", lambda: self.cured.emit(note.cure), plain(note.cure)),
+        ):
+            if offered:
+                column.addWidget(button(text, key, act=act, tip=tip), 0, Qt.AlignmentFlag.AlignLeft)
         if note.details:
             said = label(note.details, "soft")
             column.addWidget(details_button(said), 0, Qt.AlignmentFlag.AlignLeft)

@@ -14,14 +14,14 @@ from spherecal_gui import theme
 from spherecal_gui.presenters.frame_presenter import FrameChoice, Role, turn_word
 from spherecal_gui.widgets.basic import add, button, enable, ink, label, named, say
 from spherecal_gui.widgets.fields import number_field
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_rigs.user_frame import TURNS
 
 _MOST_MM = 100_000.0
 _ROLES: tuple[Role, ...] = get_args(Role)
 
 
-class FrameScene(RenderedScene):
+class FrameScene(SceneView):
     """The rig with the user's axes and the places that define them."""
 
     def __init__(self, choice: FrameChoice) -> None:

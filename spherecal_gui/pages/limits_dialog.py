@@ -18,8 +18,9 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import theme
-from spherecal_gui.presenters.limits_presenter import LimitField, LimitsDesk, limit_fields, limit_problems, value_text
-from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, say, spaced
+from spherecal_gui.languages import word
+from spherecal_gui.presenters.limits_presenter import SPANS, LimitsDesk, limit_problems, value_text
+from spherecal_gui.widgets.basic import Downwards, WheelGuard, add, button, enable, label, named, say, spaced
 from spherecal_gui.widgets.fields import number_field
 from spherecal_rigs.limits_file import Limits
 
@@ -56,35 +57,34 @@ class LimitsDialog(QDialog):
         grid = QGridLayout()
         grid.setColumnStretch(0, 1)
         grid.setHorizontalSpacing(18)
-        for row, field in enumerate(limit_fields()):
-            self._add_field(grid, 2 * row, field)
+        for row, name in enumerate(SPANS):
+            self._add_field(grid, 2 * row, name)
         self.profile = label("", level="caution")
         add(column, grid, self.profile, None)
         return Downwards(inner)
 
-    def _add_field(self, grid: QGridLayout, row: int, field: LimitField) -> None:
-        title = label(field.title)
-        control = self._control(field)
-        control.setObjectName(f"limit-{field.name}")
-        control.setAccessibleName(f"{field.title} {field.unit}".strip())
+    def _add_field(self, grid: QGridLayout, row: int, name: str) -> None:
+        title, control = label(word("limits", name)), self._control(name)
+        named(control, f"limit-{name}", f"{title.text()} {word('limit-units', name)}".strip())
         control.setMinimumWidth(round(theme.pt(150)))
         title.setBuddy(control)
         problem = label("", level="bad", hidden=True)
         grid.addWidget(title, row, 0)
         grid.addWidget(control, row, 1)
         grid.addWidget(problem, row + 1, 0, 1, 2)
-        self.fields[field.name], self.problems[field.name] = control, problem
+        self.fields[name], self.problems[name] = control, problem
 
-    def _control(self, field: LimitField) -> QDoubleSpinBox | QLineEdit | QCheckBox:
-        if field.span is not None:
-            number = number_field("", "", field.span, field.unit, field.digits)
+    def _control(self, name: str) -> QDoubleSpinBox | QLineEdit | QCheckBox:
+        span, digits = SPANS[name]
+        if span is not None:
+            number = number_field("", "", span, word("limit-units", name), digits)
             number.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             number.installEventFilter(self._guard)
             number.valueChanged.connect(self._edited)
             return number
-        if isinstance(getattr(Limits(), field.name), bool):
-            box = QCheckBox(value_text(field.name, False))
-            box.toggled.connect(lambda on: box.setText(value_text(field.name, on)))
+        if isinstance(getattr(Limits(), name), bool):
+            box = QCheckBox(value_text(name, False))
+            box.toggled.connect(lambda on: box.setText(value_text(name, on)))
             box.toggled.connect(self._edited)
             return box
         line = QLineEdit(placeholderText="0.03+L/20000", maxLength=60)
@@ -133,7 +133,7 @@ class LimitsDialog(QDialog):
         problems = limit_problems(self.limits)
         for name, shown in self.problems.items():
             say(shown, problems.get(name, ""), "bad")
-            self.fields[name].setAccessibleDescription(problems.get(name) or self._whys[name])
+            self.fields[name].setAccessibleDescription(problems.get(name) or self._why(name))
         unsaved = self.limits != self.desk.kept
         news = unsaved or bool(self.desk.profile_text())
         why = self.desk.damage or next(iter(problems.values()), "") or self.tr("Nothing was changed.")
@@ -141,18 +141,16 @@ class LimitsDialog(QDialog):
         self.close_button.setText(self.tr("Close without saving") if unsaved else self.tr("Close"))
         self.close_button.setAccessibleName(self.close_button.text())
 
-    @property
-    def _whys(self) -> dict[str, str]:
-        return {field.name: f"{field.why} {self.desk.damage}".strip() for field in limit_fields()}
+    def _why(self, name: str) -> str:
+        return f"{word('limit-reasons', name)} {self.desk.damage}".strip()
 
     def _refresh(self) -> None:
         """As the file is: saved, or damaged."""
         desk = self.desk
         say(self.state, desk.state_text(), "bad" if desk.damage else "none")
-        whys = self._whys
         for name, field in self.fields.items():
             field.setEnabled(not desk.damage)
-            field.setToolTip(f"<qt>{escape(whys[name])}</qt>")  # so that it is folded into lines
+            field.setToolTip(f"<qt>{escape(self._why(name))}</qt>")  # so that it is folded into lines
         enable(self.delivered, not desk.damage, desk.damage)
         say(self.profile, desk.profile_text(), "caution")
         self._edited()

@@ -16,7 +16,6 @@ from spherecal_gui.languages import moved_text, translate
 from spherecal_gui.pages.connect_dialogs import MOST_GAIN_DB
 from spherecal_gui.pages.wizard_page import Page
 from spherecal_gui.presenters.look_presenter import (
-    Expected,
     TileState,
     figures_text,
     summary,
@@ -29,7 +28,7 @@ from spherecal_gui.rig_scenes import LiveParts, in_scene, live_ball, rig_in_use,
 from spherecal_gui.standing import Level, Said
 from spherecal_gui.widgets.basic import add, button, enable, label, named, plain, say
 from spherecal_gui.widgets.fields import number_field
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Status, Step
 
@@ -88,14 +87,13 @@ class LivePage(Page):
         statuses = connection.source.statuses()
         by_some = self.some_are_enough or (self.project is not None and self.project.by_board)
         usual = usual_light(sight for serial in self.wall.tiles if (sight := live.sight(serial)) is not None)
-        expected = Expected(self.wants_dots, by_some, usual)
         states = []
         for serial, tile in self.wall.tiles.items():
-            frame, sight = live.frame(serial), live.sight(serial)
-            state = tile_state(tile.name, statuses.get(serial), sight, expected, frame, live.watch.bumped.get(serial))
-            exposure_us = self.controller.tuning.settings_of(serial).exposure_us
-            state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))
-            states.append(state)
+            frame, sight, status = live.frame(serial), live.sight(serial), statuses.get(serial)
+            bumped = live.watch.bumped.get(serial)
+            state = tile_state(tile.name, status, sight, frame, bumped, usual, self.wants_dots, by_some)
+            figures = figures_text(serial, status, self.controller.tuning.settings_of(serial).exposure_us)
+            states.append(state := replace(state, figures=figures))
             if frame is not None and self.isVisible():
                 tile.show_image(frame.image, frame.bits, frame.arrived_s)
             if not tile.isVisible():
@@ -130,7 +128,7 @@ class RigSpace:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self.view = RenderedScene()
+        self.view = SceneView()
         self.view.hide()
         self._shown: object = None
         self._asked_for: tuple[str, ...] | None = None
@@ -293,7 +291,7 @@ class LookPage(LivePage):
     def says(self) -> Said:
         """Whether the images are good."""
         state, moved = self.state, self.controller.cameras.moved()
-        images = bool(self._states) and all(tile.has_image for tile in self.wall.tiles.values())
+        images = bool(self._states) and all(tile.image is not None for tile in self.wall.tiles.values())
         text: tuple[str, Level] = summary(self._states, images) if self._states else ("", "none")
         searched = bool(self._states) and not any(one.level == "none" for one in self._states)
         accepted = state is not None and state.status is Status.DONE

@@ -32,7 +32,7 @@ from spherecal_gui.standing import Level, Said
 from spherecal_gui.tasks.measuring_loop import LiveMeasurement
 from spherecal_gui.widgets.basic import Card, add, label, named, say
 from spherecal_gui.widgets.charts import Chart
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.workflow import Step
 from spherecal_measuring.measured_sets import MeasuredSet
@@ -72,7 +72,7 @@ class MeasurePage(Page):
         self._trust: tuple[str, Level] = ("", "none")
         self.headline = self.trust = label("", "big")
         self.pace, self.recording = label("", "soft"), label("", "soft")
-        self.space = RenderedScene()
+        self.space = SceneView()
         self._rig: object = None  # the result whose rig the scene shows
         self.points = named(QListWidget(), "measured-points", self.tr("Points that are seen now"))
         self.points.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)

@@ -33,7 +33,7 @@ from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import add, button, label, named, option, say, set_level, spaced
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.fields import NeedLabel
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.workflow import Step
 
@@ -124,7 +124,7 @@ class PlacementPage(LivePage):
         self.tabs.addTab(self._paired, self.tr("Pairs"))
         self._next_title = self.tr("In space")
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
-        self.space = RenderedScene()
+        self.space = SceneView()
         self.space.setMinimumSize(200, 90)  # the words below it need room under an instruction of three lines
         self.guide_key = label(self.tr("Expected error on 500 mm (95 %)."), "soft")
         add(QVBoxLayout(self.guidance), self.guide_text, (self.space, 1), self.now, self.then, self.guide_key)

@@ -53,7 +53,7 @@ class ProfileDialog(QDialog):
         self._fill()
 
     def _fill(self) -> None:
-        chosen = self.chosen  # stays chosen: a second click must not hit another one
+        chosen = self.table.chosen  # stays chosen: a second click must not hit another one
         word, level, details = validity_of(self._folder)
         self.chip.show_state(word, level, details)
         self.details.setText(details)
@@ -70,14 +70,8 @@ class ProfileDialog(QDialog):
             self.table.selectRow(0)
         self._selected()
 
-    @property
-    def chosen(self) -> str | None:
-        """The number of the calibration that is selected."""
-        rows = self.table.selectionModel().selectedRows()
-        return self.table.name_of(rows[0].row()) if rows else None
-
     def _selected(self) -> None:
-        row = self._rows.get(self.chosen or "")
+        row = self._rows.get(self.table.chosen or "")
         other = row is not None and not row.in_use
         enable(self.compare, other and self._active is not None, self.tr("Choose one that is not in use."))
         forbidden = ""
@@ -97,7 +91,7 @@ class ProfileDialog(QDialog):
             say(self.message, error_line(error), "bad", hides=False)
 
     def _show_change(self) -> None:
-        kept, number = open_profile(self._folder), str(self.chosen)
+        kept, number = open_profile(self._folder), str(self.table.chosen)
         before = kept.rig(number)
         volume = entry_volume(kept.entry(number)) or seen_volume(before)
         _, metric = compare(before, kept.rig(), volume)
@@ -105,7 +99,7 @@ class ProfileDialog(QDialog):
         say(self.message, *compared_text(Compared(number, made, metric)), hides=False)
 
     def _apply(self) -> None:
-        kept, number = open_profile(self._folder), str(self.chosen)
+        kept, number = open_profile(self._folder), str(self.table.chosen)
         care, note, asked = kept.entry(number).care, "", ""
         if care:
             asked = "\n".join([care, self.tr("It is to be used with care. Why may it be put to use?")])

@@ -54,7 +54,7 @@ class ResultsPage(Page):
     def _left(self) -> QWidget:
         self.panel = ScenePanel()
         self.scene = self.panel.view
-        self.panel.camera_chosen.connect(self.show_camera)
+        self.scene.camera_chosen.connect(self.show_camera)
         self.panel.said.connect(self.controller.tell)
         self.map, self.links = self.panel.layers["map"], self.panel.layers["links"]
         return self.panel
@@ -135,7 +135,7 @@ class ResultsPage(Page):
 
     def dress(self) -> None:
         """Draw in the new colours."""
-        self.panel.view.dress()
+        self.panel.view.scene_changed()
         self.histogram.setVisible(not theme.is_far())
         if self.controller.result is not None and self._shown is not None:
             camera, placement = self._camera, self.image.currentData()
@@ -167,7 +167,7 @@ class ResultsPage(Page):
             self.histogram.show_values(used, limit)
         if self.scene.marked != camera:
             self.scene.mark(camera)
-        if self.sender() is self.panel:
+        if self.sender() is self.scene:
             self.table.select_name(camera)
             self.tabs.setCurrentIndex(2)
         self._show_repairs(shown)
@@ -200,9 +200,8 @@ class ResultsPage(Page):
         self._show_image(self.image.currentData())
 
     def _selected(self) -> None:
-        rows = self.table.selectionModel().selectedRows()
-        if rows:
-            self.show_camera(self.table.name_of(rows[0].row()))
+        if (camera := self.table.chosen) is not None:
+            self.show_camera(camera)
 
     def _do(self, kind: str, target: str) -> None:
         if kind == "add placement":

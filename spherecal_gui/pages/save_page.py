@@ -42,7 +42,7 @@ from spherecal_gui.widgets.basic import (
     option,
     say,
 )
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.workflow import Status, Step
 
 
@@ -59,7 +59,7 @@ class SavePage(Page):
         self._opens = False  # the report, once it is written
         self._opened: bool | None = None
         self._for_the_desk = self._commands()
-        self.scene = RenderedScene()
+        self.scene = SceneView()
         self.scene.setMinimumHeight(0)
         self._drawn: object = None
         self._room = QWidget()  # in its place, where there is nothing to show
@@ -77,7 +77,7 @@ class SavePage(Page):
         says = self.tr("Note: by whom, and why")
         self.note = named(QLineEdit(placeholderText=says), "note", says)
         self.note.textChanged.connect(self._enable)
-        self.note.editingFinished.connect(lambda: self.controller.saving.set_note(self.note.text().strip()))
+        self.note.editingFinished.connect(self._keep_note)
         self.apply.toggled.connect(self._enable)
         tip = self.tr("The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.")
         self.discard = button(self.tr("Discard"), "discard", act=self.controller.discard, tip=tip)
@@ -247,9 +247,13 @@ class SavePage(Page):
         self.scene.setVisible(shown)
         self._room.setVisible(not shown)
 
+    def _keep_note(self) -> None:
+        """What the operator has written goes into the profile and the report."""
+        self.controller.change(note=self.note.text().strip())
+
     def _save_profile(self) -> None:
-        self.controller.saving.set_note(self.note.text().strip())
-        self.controller.saving.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
+        self._keep_note()
+        self.controller.saving.save_profile(self.profile_path, self.apply.isChecked(), self.open_project.note)
 
     def _export(self) -> None:
         name = self.form.currentText()
@@ -310,5 +314,5 @@ class SavePage(Page):
 
     def _write_report(self) -> None:
         self._opens = True
-        self.controller.saving.set_note(self.note.text().strip())
+        self._keep_note()
         self.controller.saving.write_report(self.report_path)

@@ -18,10 +18,9 @@ from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_be
 from spherecal_gui.widgets.basic import Card, Chip, add, bare, button, clear, enable, label, plain, say, spaced
 from spherecal_gui.widgets.icons import Drawing
 
-if TYPE_CHECKING:  # dialogs that need scipy or matplotlib; imported when they are first shown
+if TYPE_CHECKING:  # dialogs that need scipy; imported when they are first shown
     from spherecal_gui.pages.images_dialogs import BoardDialog
     from spherecal_gui.pages.profile_dialog import ProfileDialog
-    from spherecal_gui.pages.studies_dialog import StudiesDialog
 
 _PICTURE_PX = (160, 120)
 _WIDEST_PX = 2000
@@ -43,7 +42,6 @@ class StartPage(QWidget):
         super().__init__()
         self.projects = projects
         self._lines: list[ProjectLine] = []
-        self._studies: StudiesDialog | None = None
         self.board_dialog: BoardDialog | None = None
         self._profile: ProfileDialog | None = None
         middle = QWidget()
@@ -222,16 +220,3 @@ class StartPage(QWidget):
 
     def _profile_closed(self) -> None:
         self._profile = None
-
-    def show_studies(self) -> None:
-        """The studies that compare methods."""
-        if self._studies is None:
-            from spherecal_gui.pages.studies_dialog import StudiesDialog  # needs matplotlib and the calibration
-
-            self._studies = StudiesDialog(self.projects / "studies", self)
-        self._studies.show()
-        self._studies.raise_()
-
-    def close_work(self) -> bool:
-        """Stop a study that runs; whether it has ended."""
-        return self._studies is None or self._studies.close_work()

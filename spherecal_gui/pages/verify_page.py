@@ -21,7 +21,7 @@ from spherecal_gui.standing import Part, Said
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.basic import MARKS, add, bare, button, clear, enable, label, named, option, plain, say
 from spherecal_gui.widgets.fields import number_field
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.widgets.verification_view import VerificationView
 from spherecal_gui.workflow import Status, Step, StepState
 
@@ -48,7 +48,7 @@ class VerifyPage(ScalePage):
         self.grid = bare(QGridLayout(self.pose_box))
         add(self.poses, self.pose_box, None)
         self.tabs = QTabWidget()
-        self.view = RenderedScene()
+        self.view = SceneView()
         self._rig: object = None  # the result whose rig the scene shows
         self.tabs.addTab(self.view, self.tr("In space"))
         self.tabs.addTab(self.wall, self.tr("Images"))

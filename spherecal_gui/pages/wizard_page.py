@@ -56,7 +56,7 @@ class Page(QWidget):
     def dress(self) -> None:
         """The palette has changed."""
         for view in self.findChildren(SceneView):
-            view.dress()
+            view.scene_changed()
         self.refresh()
 
     def close_page(self) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # imports scipy
     from spherecal.data.session import Bar, Certificate
     from spherecal_files.bar_registry import RegisteredBar
     from spherecal_files.verification_file import BarReport
-    from spherecal_rigs.pose_plan import PlannedPose, PoseAnswer
+    from spherecal_rigs.pose_plan import PlannedPose
     from spherecal_verify.limit import Acceptance
 
 
@@ -139,29 +139,23 @@ class BarGuide:
 
 def bar_guide(planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, still: bool | None) -> BarGuide:
     """What to do about a pose, first and last mark of the bar being at `ends_mm` (2, 3); None: not found."""
-    from spherecal_rigs.pose_plan import judge_pose  # imports scipy
+    from spherecal_rigs.pose_plan import ACCEPT_MM, judge_pose  # imports scipy
 
     answer = judge_pose(pose, ends_mm)
-    text, level = _text(planes, pose, ends_mm, answer, still)
-    return BarGuide(pose.id, answer.accepted, text, level)
-
-
-def _text(
-    planes: RigPlanes, pose: "PlannedPose", ends_mm: FloatArray | None, answer: "PoseAnswer", still: bool | None
-) -> tuple[str, Level]:
-    from spherecal_rigs.pose_plan import ACCEPT_MM  # imports scipy
-
+    level: Level = "caution"
     if ends_mm is None or not np.isfinite(ends_mm).all():
-        return lay_text(pose), "caution"
-    if answer.off_mm > ACCEPT_MM:
+        text = lay_text(pose)
+    elif answer.off_mm > ACCEPT_MM:
         way = (pose.start_mm + pose.end_mm) / 2 - ends_mm.mean(axis=0)
-        return _move_text(planes, pose.bar, way, ends_mm.mean(axis=0)), "caution"
-    if not answer.accepted:
+        text = _move_text(planes, pose.bar, way, ends_mm.mean(axis=0))
+    elif not answer.accepted:
         text = translate("Bars", "Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}")
-        return text.format(bar=pose.bar, deg=answer.off_deg, first=pose.near[0], last=pose.near[1]), "caution"
-    if not still:
-        return translate("Bars", "It is in place. Wait until it is at rest"), "caution"
-    return translate("Bars", "Ready: press space"), "good"
+        text = text.format(bar=pose.bar, deg=answer.off_deg, first=pose.near[0], last=pose.near[1])
+    elif not still:
+        text = translate("Bars", "It is in place. Wait until it is at rest")
+    else:
+        text, level = translate("Bars", "Ready: press space"), "good"
+    return BarGuide(pose.id, answer.accepted, text, level)
 
 
 def lay_text(pose: "PlannedPose") -> str:

@@ -10,18 +10,17 @@ from spherecal_gui.languages import Cell, figure, translate, word
 from spherecal_gui.presenters.results_presenter import VerdictText
 
 if TYPE_CHECKING:  # imports scipy and OpenCV
-    from spherecal_gui.tasks.kept_check import CheckSummary
     from spherecal_rigs.check_rig import Check
 
 _LEVELS: dict[str, Level] = {"ok": "good", "watch": "caution", "recalibrate": "bad"}
 
 
-def check_verdict(found: "Check | CheckSummary") -> VerdictText:
+def check_verdict(found: "Check") -> VerdictText:
     """The verdict of a check (check.check)."""
     return VerdictText(word("checks", found.verdict), _LEVELS[found.verdict], _sentence(found))
 
 
-def repaired_verdict(after: "Check | CheckSummary", in_use: bool) -> VerdictText:
+def repaired_verdict(after: "Check", in_use: bool) -> VerdictText:
     """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet."""
     message = check_verdict(after)
     if in_use:
@@ -30,7 +29,7 @@ def repaired_verdict(after: "Check | CheckSummary", in_use: bool) -> VerdictText
     return VerdictText(word, "caution", unused if after.verdict == "ok" else f"{unused} {message.sentence}")
 
 
-def _sentence(found: "Check | CheckSummary") -> str:
+def _sentence(found: "Check") -> str:
     if found.verdict == "ok":
         if not found.cameras:
             return translate(
@@ -53,7 +52,7 @@ def _sentence(found: "Check | CheckSummary") -> str:
     return " ".join(dict.fromkeys(parts))
 
 
-def check_cells(found: "Check | CheckSummary") -> list[list[tuple[str, Cell, str]]]:
+def check_cells(found: "Check") -> list[list[tuple[str, Cell, str]]]:
     """The cameras, worst first: state, image, point and pose by which each is off, residuals now and then."""
     rows = []
     for one in found.cameras:
@@ -66,7 +65,7 @@ def check_cells(found: "Check | CheckSummary") -> list[list[tuple[str, Cell, str
     return rows
 
 
-def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", in_use: bool) -> tuple[str, Level]:
+def repaired_text(found: "Check", after: "Check", in_use: bool) -> tuple[str, Level]:
     """What a repair has done: by how much a point was off before and after, worst camera of those that moved."""
     moved = set(found.to_repair)
     before = max((float(one.test.point_mm) for one in found.cameras if one.test.id in moved), default=0.0)
@@ -78,7 +77,7 @@ def repaired_text(found: "Check | CheckSummary", after: "Check | CheckSummary", 
     return text.format(cameras=names, before=before, now=now), "good" if after.verdict == "ok" else "caution"
 
 
-def check_notes(found: "Check | CheckSummary") -> list[str]:
+def check_notes(found: "Check") -> list[str]:
     """What else is to be known: the tolerance, cameras that were not tested, the balls."""
     notes = []
     if found.tolerance_mm is not None:

@@ -253,9 +253,11 @@ def drawn_bench(connection: "Connection | None") -> DrawnBench:
     targets = connection.plan.target_set if connection is not None else None
     if connection is None or targets is None:
         return DrawnBench()
+    from spherecal_rigs.pose_plan import BarMarks  # imports scipy
+
     plan = connection.plan
     on_bars = {mark.target for bar in plan.bars for mark in bar.marks.values()}
-    bars = tuple((bar.id, places) for bar in plan.bars if len(places := mark_places(bar)) > 1)
+    bars = tuple((bar.id, tuple(BarMarks.of(bar.id, bar.lengths).along_mm.tolist())) for bar in plan.bars)
     diameter = plan.fields.get("sphere", {}).get("nominal_diameter_mm")
     count, scale = len(set(targets.layouts) - on_bars), plan.fields.get("scale") or {}
     if scale.get("kind") != "target_spacing":
@@ -263,19 +265,6 @@ def drawn_bench(connection: "Connection | None") -> DrawnBench:
     layout = next(iter(targets.layouts.values()))
     sticker = tuple((name, float(place[0]), float(place[1])) for name, place in layout.items())
     return DrawnBench(diameter, count, bars, sticker, (str(scale["from"]), str(scale["to"])))
-
-
-def mark_places(bar: Bar) -> tuple[float, ...]:
-    """Where a bar's marks lie, mm from the first along the bar, as its lengths say."""
-    longest = max(bar.lengths, key=lambda one: one.length_mm)
-    places = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
-    for one in bar.lengths:
-        if one.from_mark in places:
-            places.setdefault(one.to_mark, places[one.from_mark] + one.length_mm)
-        elif one.to_mark in places:
-            places.setdefault(one.from_mark, places[one.to_mark] - one.length_mm)
-    least = min(places.values())
-    return tuple(sorted(one - least for one in places.values()))
 
 
 def recording_text(source: str) -> str:

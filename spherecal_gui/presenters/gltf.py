@@ -12,6 +12,7 @@ from spherecal_documents.scene.model import SceneData
 from spherecal_documents.scene.shapes import ByteArray, Lines, Mesh, Picture, SceneStyle, scene_shapes
 
 _FLOAT, _UINT32, _UINT8 = 5126, 5125, 5121
+_DTYPES = {_FLOAT: "<f4", _UINT32: "<u4", _UINT8: "u1"}
 _ARRAY, _ELEMENTS = 34962, 34963
 _TRIANGLES, _LINES = 4, 1
 _UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]) / 1000.0  # from z up in mm
@@ -29,9 +30,7 @@ def scene_glb(data: SceneData, style: SceneStyle) -> bytes:
         made.add_lines(lines)
     if shapes.picture is not None:
         made.add_picture(shapes.picture)
-    for camera in data.scene.cameras:
-        made.add_place(camera.id, camera.centre)
-    return made.whole()
+    return made.whole([{"name": one.id, "translation": (_UP @ one.centre).tolist()} for one in data.scene.cameras])
 
 
 class _Maker:
@@ -86,14 +85,12 @@ class _Maker:
         }
         self._node("images", attributes, self._indices(faces), _TRIANGLES, 2)
 
-    def add_place(self, name: str, place: FloatArray) -> None:
-        self._nodes.append({"name": name, "translation": (_UP @ place).tolist()})
-
-    def whole(self) -> bytes:
-        """Header, JSON, and the arrays."""
+    def whole(self, places: list[_Entry]) -> bytes:
+        """Header, JSON, and the arrays; `places` are nodes with nothing but a name and where they are."""
+        nodes = self._nodes + places
         document: _Entry = {
             "asset": {"version": "2.0", "generator": "SphereCal"}, "extensionsUsed": ["KHR_materials_unlit"],
-            "scene": 0, "scenes": [{"nodes": list(range(len(self._nodes)))}], "nodes": self._nodes,
+            "scene": 0, "scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes,
             "meshes": self._meshes, "accessors": self._accessors, "bufferViews": self._views,
             "materials": self._materials,
         }  # fmt: skip
@@ -113,29 +110,22 @@ class _Maker:
 
     def _places(self, places: FloatArray) -> int:
         own = (places @ _UP.T).astype("<f4")
-        index = self._accessor(own, _FLOAT, "VEC3")
-        self._accessors[index] |= {"min": own.min(axis=0).tolist(), "max": own.max(axis=0).tolist()}
-        return index
+        return self._accessor(own, _FLOAT, "VEC3", min=own.min(axis=0).tolist(), max=own.max(axis=0).tolist())
 
     def _colours(self, colours: ByteArray) -> int:
         """Linear light, as glTF asks of vertex colours, in four bytes a vertex."""
         part = np.asarray(colours, dtype=float) / 255
         linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
         every = np.column_stack([(255 * linear).round(), np.full(len(part), 255)]).astype(np.uint8)
-        index = self._accessor(every, _UINT8, "VEC4")
-        self._accessors[index]["normalized"] = True
-        return index
+        return self._accessor(every, _UINT8, "VEC4", normalized=True)
 
     def _indices(self, faces: IntArray) -> int:
-        view = self._view(np.asarray(faces, dtype="<u4").tobytes(), _ELEMENTS)
-        entry: _Entry = {"bufferView": view, "componentType": _UINT32, "count": int(np.size(faces)), "type": "SCALAR"}
-        self._accessors.append(entry)
-        return len(self._accessors) - 1
+        return self._accessor(np.ravel(faces), _UINT32, "SCALAR", _ELEMENTS)
 
-    def _accessor(self, table: ArrayLike, kind: int, shape: str) -> int:
-        data = np.asarray(table, dtype="<f4" if kind == _FLOAT else np.uint8)
-        entry: _Entry = {"bufferView": self._view(data.tobytes(), _ARRAY), "componentType": kind, "count": len(data)}
-        self._accessors.append(entry | {"type": shape})
+    def _accessor(self, table: ArrayLike, kind: int, shape: str, target: int = _ARRAY, **more: object) -> int:
+        data = np.asarray(table, dtype=_DTYPES[kind])
+        entry: _Entry = {"bufferView": self._view(data.tobytes(), target), "componentType": kind, "count": len(data)}
+        self._accessors.append(entry | {"type": shape} | more)
         return len(self._accessors) - 1
 
     def _view(self, data: bytes, target: int | None) -> int:

@@ -1,6 +1,6 @@
 """The limits as the technician sees them and the responsible person changes them: the words, the checks."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from spherecal.base.errors import InputError, SpherecalError
@@ -9,33 +9,12 @@ from spherecal_gui.languages import error_line, translate, word
 from spherecal_rigs.limits_file import DOTS, HOURS, KELVIN, PAIRS, Limits, Value, limits_path, read_limits, write_limits
 from spherecal_verify.limit import parse_limit
 
-
-@dataclass(frozen=True)
-class LimitField:
-    """One limit as it is shown: its words, its unit, why it is what it is, and how far it goes (None: no number)."""
-
-    name: str
-    title: str
-    unit: str
-    why: str
-    span: tuple[float, float] | None = None
-    digits: int = 0
-
-
-# In the order in which they are shown, with their spans and digits.
-_SPANS: dict[str, tuple[tuple[float, float] | None, int]] = {
+# The limits in the order in which they are shown: how far each goes (None: it is no number), and its digits.
+SPANS: dict[str, tuple[tuple[float, float] | None, int]] = {
     "needed_dots": (DOTS, 0), "ageing_hours": (HOURS, 1), "stale_hours": (HOURS, 1), "ageing_kelvin": (KELVIN, 1),
     "stale_kelvin": (KELVIN, 1), "verification_limit": (None, 0), "verification_limit_open": (None, 0),
     "unverified_use": (None, 0),
 }  # fmt: skip
-
-
-def limit_fields() -> list[LimitField]:
-    """All limits, in the order in which they are shown."""
-    return [
-        LimitField(name, word("limits", name), word("limit-units", name), word("limit-reasons", name), *span)
-        for name, span in _SPANS.items()
-    ]
 
 
 def limit_problems(limits: Limits) -> dict[str, str]:
@@ -52,20 +31,19 @@ def limit_problems(limits: Limits) -> dict[str, str]:
     return found
 
 
-def value_text(name: str, value: Value | None) -> str:
-    """A limit's value with its unit, for people. `value` None or empty text: no limit."""
+def value_text(name: str, value: Value) -> str:
+    """A limit's value with its unit, for people; an empty text is no limit."""
     if isinstance(value, bool):
         return translate("Limits", "yes") if value else translate("Limits", "no")
-    unit = next((one.unit for one in limit_fields() if one.name == name), "")
-    if value is None or value == "":
+    if value == "":
         return translate("Limits", "none")
-    return f"{value:g} {unit}".strip() if isinstance(value, int | float) else f"{value} {unit}".strip()
+    return f"{value if isinstance(value, str) else f'{value:g}'} {word('limit-units', name)}".strip()
 
 
 def changes_text(before: Limits, after: Limits) -> list[str]:
     """What differs, each limit on a line."""
-    pairs = [(one, getattr(before, one.name), getattr(after, one.name)) for one in limit_fields()]
-    return [f"{one.title}: {value_text(one.name, a)} → {value_text(one.name, b)}" for one, a, b in pairs if a != b]
+    values = [(name, getattr(before, name), getattr(after, name)) for name in SPANS]
+    return [f"{word('limits', n)}: {value_text(n, a)} → {value_text(n, b)}" for n, a, b in values if a != b]
 
 
 def load_limits(path: Path | None = None) -> str:

@@ -42,18 +42,6 @@ class TileState:
     lost: bool = False  # what the tile shows is its last image
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What images of all cameras should show: targets, be it `by_some` alone as with a bar; their middle brightness."""
-
-    dots: bool = False
-    by_some: bool = False
-    light: float | None = None
-
-
-NOTHING_EXPECTED = Expected()
-
-
 def figures_text(serial: str, status: "CameraStatus | None", exposure_us: float) -> str:
     """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
     parts = [serial]
@@ -69,11 +57,13 @@ def tile_state(
     name: str,
     status: "CameraStatus | None",
     sight: "Sight | None",
-    expected: Expected = NOTHING_EXPECTED,
     newest: "Frame | None" = None,
     bumped_px: float | None = None,
+    usual: float | None = None,
+    wants_dots: bool = False,
+    by_some: bool = False,
 ) -> TileState:
-    """What to say about a camera: its own trouble first, then light, then focus, then that all is well."""
+    """What to say of a camera, the worst first; `usual` brightness of all; each `wants_dots`, or only `by_some`."""
     if status is not None and not status.state.usable:
         word, details, since = camera_trouble(status), camera_details(status), since_text(newest)
         return TileState(name, "bad", word, details=details, since=since, lost=True)
@@ -83,13 +73,13 @@ def tile_state(
     if bumped_px is not None:
         word = translate("Look", "moved by {px:.0f} px, alone. Is it fixed?").format(px=bumped_px)
         return TileState(name, "bad", word, len(sight.dots))
-    level, word, summed = _light(sight, expected.light)
+    level, word, summed = _light(sight, usual)
     if level == "good":
         level, word, summed = _focus(sight)
-    if level == "good" and not len(sight.dots) and expected.by_some:
+    if level == "good" and not len(sight.dots) and by_some:
         level, word = "none", translate("Look", "not needed here")
     if level == "good" and not len(sight.dots):
-        level, word = "bad" if expected.dots else "caution", translate("Look", "no targets in sight")
+        level, word = "bad" if wants_dots else "caution", translate("Look", "no targets in sight")
     if not word and sight.blur_px is not None:
         word = translate("Look", "sharp")
     return TileState(name, level, word, len(sight.dots), summed=summed.format(camera=name))

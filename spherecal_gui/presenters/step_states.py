@@ -464,11 +464,6 @@ class SaveFacts:
     left: str = ""
     undecided: bool = False  # the bar neither verified nor contradicted it
 
-    @property
-    def saves_first(self) -> bool:
-        """Whether it is saved before the report is written."""
-        return (self.status is Status.STALE or not self.kept) and not self.why_not
-
 
 def save_says(f: SaveFacts) -> Said:
     """Save what is not in the profile yet; then the report; then the end."""
@@ -483,7 +478,7 @@ def save_says(f: SaveFacts) -> Said:
         return Said(level, text, replace(report, enabled=False, why=_busy()))
     if f.stale:
         return Said(level, text, Button(translate("State", "See what has changed"), "results"))
-    if f.saves_first:
+    if (f.status is Status.STALE or not f.kept) and not f.why_not:  # before the report is written
         words = translate("State", "Save and put to use") if f.apply else translate("State", "Save in the profile")
         return Said(level, text, Button(words, "save", accepts=f.apply))
     if f.report and f.status in (Status.DONE, Status.CARE):

@@ -326,21 +326,14 @@ def _word(verdict: str) -> Verdict:
     return words.get(verdict, "not valid")
 
 
-@dataclass
-class ObservedBars:
-    """The check bars' session with what was found in its images: another limit needs no image."""
-
-    session: "Session | None" = None
-
-
-def verify(project: Project, context: Context, seen: ObservedBars) -> Verdict:
-    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`; `seen` is kept."""
+def verify(project: Project, context: Context, seen: "Session | None") -> "tuple[Verdict, Session]":
+    """The calls of `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT`; what was `seen` needs no image."""
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
     from spherecal_files.write_verification import write_verification
     from spherecal_rigs.result_folder import read_bar_report
-    from spherecal_rigs.save_entry import points_box
+    from spherecal_rigs.rig_source import corners_beside
     from spherecal_verify.limit import parse_limit
     from spherecal_verify.verify_bars import VerifySettings
     from spherecal_verify.verify_bars import verify as run
@@ -349,16 +342,13 @@ def verify(project: Project, context: Context, seen: ObservedBars) -> Verdict:
     check_folders(project.folder)
     context.report("reading the session", 0.0)
     rig, session = read_rig(result / "rig.json"), read_session(project.verification_folder)
-    if seen.session is None or seen.session.input_sha256 != session.input_sha256:
-        seen.session = observed(session, context, bar_poses_only=True)
-    session = seen.session
-    box = points_box(result / "points.csv")
-    corners = None if box is None else (np.array(box[0]), np.array(box[1]))
-    settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners)
-    write_verification(run(session, rig, context, settings), result, result / "rig.json")
+    if seen is None or seen.input_sha256 != session.input_sha256:
+        seen = observed(session, context, bar_poses_only=True)
+    settings = VerifySettings(parse_limit(project.limit) if project.limit else None, None, corners_beside(result))
+    write_verification(run(seen, rig, context, settings), result, result / "rig.json")
     report = read_bar_report(result)
     assert report is not None
-    return _verified_word(report)
+    return _verified_word(report), seen
 
 
 def _verified_word(bars: "BarReport") -> Verdict:

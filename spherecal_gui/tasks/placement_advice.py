@@ -163,19 +163,16 @@ def _read(document: Document, target_set: TargetSet | None) -> "Session":
         return read_session(folder)
 
 
-# Imported inside functions: scipy, for which the window does not wait.
-
-
 def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "PosePlan | None":
     """The plan for the check bars among `bars`; None without a scale, a volume or such a bar."""
     from spherecal_rigs.pose_plan import BarMarks, plan_poses
-    from spherecal_rigs.save_entry import points_box
+    from spherecal_rigs.rig_source import corners_beside
 
     marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
-    box = points_box(result_folder / "points.csv")
-    if not marks or box is None or not rig.cameras or rig.scale.source == "none":
+    corners = corners_beside(result_folder)
+    if not marks or corners is None or not rig.cameras or rig.scale.source == "none":
         return None
-    plan = plan_poses(rig, marks, (np.array(box[0]), np.array(box[1])))
+    plan = plan_poses(rig, marks, corners)
     return plan if plan.poses else None
 
 

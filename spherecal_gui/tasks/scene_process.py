@@ -6,25 +6,17 @@ import multiprocessing
 import threading
 from dataclasses import dataclass
 from multiprocessing import shared_memory
-from typing import Protocol
+from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage
 
 from spherecal_documents.scene.eye import Eye
 from spherecal_documents.scene.model import SceneData
-from spherecal_documents.scene.renderer import RenderedFrame, serve
+from spherecal_documents.scene.renderer import serve
 from spherecal_documents.scene.shapes import SceneStyle
 
 log = logging.getLogger("spherecal.gui")
-
-
-class _Pipe(Protocol):
-    """Our end of the pipe to the process, once it is ready; each system has a class of its own."""
-
-    def send(self, obj: object, /) -> None: ...
-
-    def recv(self) -> tuple[str, RenderedFrame]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +96,7 @@ class SceneProcess(QObject):
         with contextlib.suppress(RuntimeError):  # the window is gone already
             self.failed.emit(reason)
 
-    def _serve(self, pipe: _Pipe) -> None:
+    def _serve(self, pipe: Any) -> None:  # of each system another class
         shown: tuple[int, int] | None = None
         while (wish := self._next()) is not None:
             if (wish.view, wish.version) != shown:

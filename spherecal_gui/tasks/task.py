@@ -4,8 +4,7 @@ import gc
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TypeVar
 
 from PySide6.QtCore import QObject, QThread, QTimer, Signal, Slot
@@ -18,20 +17,7 @@ _EVERY_MS = 25
 # holds all threads for 130 to 230 ms. Python's own 10 count where no work runs.
 _MANY = 1000
 
-_lock = threading.Lock()
-_working = [0]
-
-
-@contextmanager
-def working() -> Iterator[None]:
-    """While any work runs the collector looks at what is new, not at everything."""
-    with _lock:
-        _working[0] += 1
-    try:
-        yield
-    finally:
-        with _lock:
-            _working[0] -= 1
+_working: set[object] = set()  # tasks: while any works the collector looks at what is new, not at everything
 
 
 class Collector(QObject):
@@ -54,13 +40,10 @@ class Collector(QObject):
         gc.enable()
 
     def collect_due(self) -> None:
-        """Collect the oldest generation whose time has come.
-
-        Where libraries were loaded since, most of what is there is theirs and stays: it is never gone through again.
-        """
-        generation = due(gc.get_count(), gc.get_threshold(), _working[0] > 0)
+        """Collect the oldest generation whose time has come."""
+        generation = due(gc.get_count(), gc.get_threshold(), bool(_working))
         if generation == 2 and len(sys.modules) > self._modules:
-            self._modules = len(sys.modules)  # most of what is there is of libraries and stays: set aside
+            self._modules = len(sys.modules)  # what is there is mostly of libraries and stays: set aside
             gc.collect(1)
             gc.freeze()
         elif generation is not None:
@@ -111,15 +94,17 @@ class BackgroundTask(QThread):
 
     def run(self) -> None:
         """Do the work (called by QThread)."""
+        _working.add(self)
         try:
-            with working():
-                result = self._work(Context(self._note, self._stop.is_set, self._enough.is_set))
+            result = self._work(Context(self._note, self._stop.is_set, self._enough.is_set))
         except Cancelled:
             self.cancelled.emit()
         except Exception as error:
             self.failed.emit(error)
         else:
             self.succeeded.emit(result)
+        finally:
+            _working.discard(self)
 
     def cancel(self) -> None:
         """Ask the work to stop."""

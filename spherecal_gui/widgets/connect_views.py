@@ -61,11 +61,6 @@ class Thumbnail(QWidget):
         """How many dots are shown."""
         return len(self._dots)
 
-    @property
-    def has_image(self) -> bool:
-        """Whether there is one."""
-        return self.image is not None
-
     def sizeHint(self) -> QSize:
         """As a picture in a row."""
         return QSize(80, 64)

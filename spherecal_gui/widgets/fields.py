@@ -1,5 +1,6 @@
 """Fields of numbers and texts, with what is wrong said at once; a line of cameras to click on."""
 
+from collections.abc import Mapping
 from html import escape
 
 from PySide6.QtCore import Qt, Signal
@@ -34,15 +35,15 @@ class TextField(QWidget):
         add(column, caption, self.line, self.problem, None)
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
 
-    def show_text(self, text: str) -> None:
-        """What the draft has; the cursor stays where somebody types."""
-        if self.line.text() != text:
-            self.line.setText(text)
 
-    def show_problem(self, text: str) -> None:
-        """What is wrong, in plain words; empty where nothing is."""
-        say(self.problem, f"✕ {text}" if text else "", "bad")
-        self.line.setAccessibleDescription(text)
+def show_fields(fields: Mapping[str, TextField], draft: object, problems: Mapping[str, str], place: str = "") -> None:
+    """What a draft has, by the names of its fields, and what is wrong with it, by `place` and name."""
+    for key, one in fields.items():
+        text, problem = getattr(draft, key), problems.get(f"{place}{key}", "")
+        if one.line.text() != text:  # else the cursor leaves the place where somebody types
+            one.line.setText(text)
+        say(one.problem, f"✕ {problem}" if problem else "", "bad")
+        one.line.setAccessibleDescription(problem)
 
 
 class NeedLabel(QLabel):

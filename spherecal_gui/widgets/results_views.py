@@ -143,14 +143,10 @@ class EffectsView(QWidget):
             part.update()
 
 
-class _Picture(Canvas):
-    """Something painted of all cameras."""
+class _Maps(Canvas):
+    """The darker the accent, the farther the lens is from its model there; one scale for all."""
 
     effects: tuple[CameraEffect, ...] = ()
-
-
-class _Maps(_Picture):
-    """The darker the accent, the farther the lens is from its model there; one scale for all."""
 
     def paint(self, painter: QPainter) -> None:
         """Maps in rows, the camera's name and figure above each."""
@@ -179,8 +175,10 @@ class _Maps(_Picture):
                 painter.fillRect(QRectF(left + u * cell, top + line + v * cell, cell + 0.5, cell + 0.5), tint)
 
 
-class _Lines(_Picture):
+class _Lines(Canvas):
     """One line for each camera, its name at the end; px over the placements."""
+
+    effects: tuple[CameraEffect, ...] = ()
 
     def paint(self, painter: QPainter) -> None:
         """The lines, the worst in the colour of caution."""

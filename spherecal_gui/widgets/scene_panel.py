@@ -16,8 +16,7 @@ from spherecal_gui.languages import error_text
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.widgets.basic import add, bare, button, spaced
 from spherecal_gui.widgets.icons import menu_icon
-from spherecal_gui.widgets.rendered_scene import RenderedScene
-from spherecal_gui.widgets.scene_view import png_of
+from spherecal_gui.widgets.scene_view import SceneView, png_of
 
 _MODEL = ".glb"
 _SHARE = 2 / 3  # of what a larger screen adds: the scene grows, lines of text need little more room
@@ -47,16 +46,14 @@ class SceneSplit(QSplitter):
 
 
 class ScenePanel(QWidget):
-    """`camera_chosen` as the view's; `said` (kind, text, hint) when a file was written or could not be."""
+    """`said` (kind, text, hint) when a file was written or could not be."""
 
-    camera_chosen = Signal(str)
     said = Signal(str, str, str)
 
     def __init__(self) -> None:
         super().__init__()
         column = bare(QVBoxLayout(self), theme.SMALL)
-        self.view = RenderedScene()
-        self.view.camera_chosen.connect(self.camera_chosen)
+        self.view = SceneView()
         column.addWidget(self.view, 1)
         self.show_what = button(self.tr("Show"), "scene-layers", icon="cube")
         menu = QMenu(self)

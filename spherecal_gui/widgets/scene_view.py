@@ -1,26 +1,36 @@
-"""What all views of the rig have in common: turning, what is under the mouse, names, legend, cube (scene_overlay)."""
+"""The rig, rendered by pyvista in a process of its own; painted by Qt without it, or with SPHERECAL_3D=painted."""
+
+import itertools
+import time
+from dataclasses import replace
 
 import numpy as np
-from PySide6.QtCore import QBuffer, QPointF, Qt, Signal
+from PySide6.QtCore import QBuffer, QPointF, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QColor,
     QFocusEvent,
+    QHideEvent,
     QImage,
     QKeyEvent,
     QMouseEvent,
     QPainter,
     QPixmap,
     QResizeEvent,
+    QShowEvent,
     QWheelEvent,
 )
 
 from spherecal.base.arrays import FloatArray
 from spherecal_documents.scene.eye import Eye, View, fitting_view
 from spherecal_documents.scene.model import SceneData
+from spherecal_documents.scene.renderer import can_render
 from spherecal_documents.scene.shapes import SHOWN_AT_FIRST, SceneStyle
 from spherecal_gui import theme
 from spherecal_gui.rig_scenes import LiveParts, SceneItem, items_of
+from spherecal_gui.tasks import scene_process
+from spherecal_gui.tasks.scene_process import RequestedPicture, SceneProcess
 from spherecal_gui.widgets.basic import Canvas, ink
+from spherecal_gui.widgets.painted_scene import PaintedRig
 from spherecal_gui.widgets.scene_overlay import Overlay, paint_live
 
 _NEAR_PX, _HOVER_PX = 28.0, 14.0
@@ -29,6 +39,9 @@ _CLOSER = 1.15  # by one click of the wheel
 _MARGIN_PX = 48.0
 _CLICK_PX = 4
 _TURN_KEY_DEG = 10.0
+_LEAVE_MS = 30_000
+_REST_MS = 180  # so long after the last turn the picture is rendered with smooth edges
+_numbers = itertools.count(1)
 
 
 class SceneView(Canvas):
@@ -56,6 +69,20 @@ class SceneView(Canvas):
         self._overlay = Overlay(self)
         self._items: list[SceneItem] = []
         self._hovered: SceneItem | None = None
+        self._painted: PaintedRig | None = None
+        self._id = next(_numbers)
+        self._version = self._number = self._got = self._fine = 0
+        self._process: SceneProcess | None = None
+        self._image: QImage | None = None
+        self._image_eye: Eye | None = None
+        self._asked: dict[int, Eye] = {}
+        self._broken = not can_render()
+        self._shown_at: float | None = None
+        self.first_picture_s: float | None = None  # from being shown to the first rendered picture
+        self._rest = QTimer(self, singleShot=True, interval=_REST_MS)
+        self._rest.timeout.connect(self._ask_fine)
+        self._leave = QTimer(self, singleShot=True, interval=_LEAVE_MS)
+        self._leave.timeout.connect(self.close_view)
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
@@ -97,20 +124,89 @@ class SceneView(Canvas):
         good, caution, bad = map(theme.rgb, (c.good, c.caution, c.bad))
         return SceneStyle(c.dark, scene, border, text, accent, good, caution, bad, self.layers, self.marked)
 
-    def dress(self) -> None:
-        """Take the palette's colours."""
-        self.scene_changed()
-
     def scene_changed(self) -> None:
         """The scene, its layers or its colours are others."""
-        self.update()
+        self._painted = None
+        self._version += 1
+        self.view_changed()
 
-    def view_changed(self, settled: bool = True) -> None:
-        """It is looked at from elsewhere; `settled` where nobody is turning it."""
+    def view_changed(self) -> None:
+        """It is looked at from elsewhere: rendered without smooth edges, with them once nobody turns it any more."""
         self.update()
+        self._rest.stop()
+        self._ask(fine=False)
+
+    # --- rendered ----------------------------------------------------------------------------------------------------
+
+    @property
+    def rendered(self) -> bool:
+        """Whether the picture of pyvista is on the screen."""
+        return self._image is not None and not self._broken
+
+    @property
+    def settled(self) -> bool:
+        """Whether there is nothing to wait for: the newest picture with smooth edges, or none by pyvista at all."""
+        return self._broken or self.data is None or (self.rendered and self._got == self._number == self._fine)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Begin to render."""
+        super().showEvent(event)
+        self._leave.stop()
+        if self._process is None and not self._broken:
+            self._shown_at = time.monotonic()
+            self._process = scene_process.take()
+            self._process.rendered.connect(self._rendered)
+            self._process.failed.connect(self._failed)
+        self.view_changed()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Nobody sees it: after a while what renders is let go of, as it holds some hundred MB."""
+        self._rest.stop()
+        if self._process is not None:
+            self._leave.start()
+        super().hideEvent(event)
 
     def close_view(self) -> None:
-        """Let go of what renders."""
+        """Let go of the process."""
+        self._rest.stop()
+        self._leave.stop()
+        if self._process is not None:
+            self._process.rendered.disconnect(self._rendered)
+            self._process.failed.disconnect(self._failed)
+            self._process = None
+            scene_process.give_back()
+
+    def _ask(self, fine: bool) -> bool:
+        if self._process is None or self.data is None or not self.isVisible() or self._broken:
+            return False
+        self._number += 1
+        eye, ratio = self.eye, self.devicePixelRatioF()
+        self._asked[self._number] = eye
+        eye = replace(eye, scale=eye.scale * ratio, width=round(eye.width * ratio), height=round(eye.height * ratio))
+        self._process.want(
+            RequestedPicture(self._id, self._version, self.data, self.style_of_now(), eye, fine, self._number)
+        )
+        return True
+
+    def _ask_fine(self) -> None:
+        if self._ask(fine=True):
+            self._fine = self._number
+
+    def _rendered(self, view: int, number: int, image: QImage) -> None:
+        if view != self._id or number < self._got:
+            return
+        if self.first_picture_s is None and self._shown_at is not None:
+            self.first_picture_s = time.monotonic() - self._shown_at
+        self._got, self._image, self._image_eye = number, image, self._asked.get(number)
+        self._asked = {n: eye for n, eye in self._asked.items() if n >= number}
+        if number == self._number != self._fine:  # nothing newer is under way, and this one is not smooth
+            self._rest.start()
+        self.update()
+
+    def _failed(self, _: str) -> None:
+        self._broken = True
+        self._image = None
+        self.update()
 
     # --- from where --------------------------------------------------------------------------------------------------
 
@@ -121,8 +217,9 @@ class SceneView(Canvas):
 
     @property
     def shown_eye(self) -> Eye:
-        """The projection of what is on the screen."""
-        return self.eye
+        """The projection of the picture on the screen, so that names turn with it."""
+        there, eye = self._image_eye if self.rendered else None, self.eye
+        return there if there is not None and (there.width, there.height) == (eye.width, eye.height) else eye
 
     def look_from(self, side: str) -> None:
         """Look from one of scene_eye.SIDES, everything in sight."""
@@ -135,16 +232,16 @@ class SceneView(Canvas):
 
     def turn(self, right_px: float, down_px: float) -> None:
         """Turn the view as the mouse was dragged."""
-        self._set(self._view.turned(-DEG_PER_PX * right_px, DEG_PER_PX * down_px), settled=self._dragged is None)
+        self._set(self._view.turned(-DEG_PER_PX * right_px, DEG_PER_PX * down_px))
 
     def come_closer(self, factor: float, at: QPointF | None = None) -> None:
         """Come closer or step back; the place under the mouse keeps its place. `at` None: the middle."""
         off = QPointF(0, 0) if at is None else at - QPointF(self.width() / 2, self.height() / 2)
-        self._set(self._view.closer(factor, off.x(), off.y()), settled=False)
+        self._set(self._view.closer(factor, off.x(), off.y()))
 
-    def _set(self, view: View, settled: bool) -> None:
+    def _set(self, view: View) -> None:
         self._view, self._untouched = view, False
-        self.view_changed(settled)
+        self.view_changed()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Everything stays in sight where nobody has turned the view."""
@@ -179,7 +276,7 @@ class SceneView(Canvas):
         if not event.buttons() or (event.buttons() & Qt.MouseButton.LeftButton and not shifted):
             self.turn(moved.x(), moved.y())
         else:
-            self._set(self._view.moved(moved.x(), moved.y()), settled=False)
+            self._set(self._view.moved(moved.x(), moved.y()))
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         """End turning; a click on the cube looks from there."""
@@ -229,7 +326,7 @@ class SceneView(Canvas):
         key = Qt.Key(event.key())
         if key in turns:
             right, up = turns[key]
-            self._set(self._view.turned(_TURN_KEY_DEG * right, _TURN_KEY_DEG * up), settled=True)
+            self._set(self._view.turned(_TURN_KEY_DEG * right, _TURN_KEY_DEG * up))
         elif key in (Qt.Key.Key_Plus, Qt.Key.Key_Minus):
             self.come_closer(_CLOSER if key is Qt.Key.Key_Plus else 1 / _CLOSER)
         elif key == Qt.Key.Key_Home:
@@ -285,10 +382,20 @@ class SceneView(Canvas):
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
-        """The rig itself."""
+        """The rig itself: the picture of pyvista that is there, else painted."""
+        if self._image is not None and self.rendered:
+            painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+            painter.drawImage(QRectF(self.rect()), self._image)
+            return
+        self._painted = self._painted or PaintedRig(data, self.style_of_now())
+        self._painted.paint(painter, eye)
 
     def thumbnail(self, width: int, height: int) -> QImage:
-        """The rig without names and legend, for a picture (px) too small to read them."""
+        """The rig without names and legend, for a picture (px) too small to read them: the middle of what there is."""
+        if self._image is not None and self.rendered:
+            mode = Qt.AspectRatioMode.KeepAspectRatioByExpanding
+            small = self._image.scaled(width, height, mode, Qt.TransformationMode.SmoothTransformation)
+            return small.copy((small.width() - width) // 2, (small.height() - height) // 2, width, height)
         image = QImage(width, height, QImage.Format.Format_RGB32)
         image.fill(QColor(theme.now().scene))
         if self.data is not None:

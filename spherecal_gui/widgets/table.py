@@ -109,6 +109,12 @@ class Table(QTableWidget):
         item = self.item(row, 0)
         return item.text() if item is not None else ""
 
+    @property
+    def chosen(self) -> str | None:
+        """The name of the row that is selected."""
+        rows = self.selectionModel().selectedRows()
+        return self.name_of(rows[0].row()) if rows else None
+
     def select_name(self, name: str) -> bool:
         """Select the row of this name; whether there is one."""
         row = next((row for row in range(self.rowCount()) if self.name_of(row) == name), None)

@@ -89,11 +89,6 @@ class CameraTile(Canvas):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMinimumSize(150, 120)
 
-    @property
-    def has_image(self) -> bool:
-        """Whether there is an image."""
-        return self.image is not None
-
     def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
         """Show a newer image. `image`: grey values (height, width)."""
         if taken_s == self._shown:

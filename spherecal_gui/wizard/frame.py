@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QEvent, QObject, QSignalBlocker, QSize, Qt, Signal
+from PySide6.QtCore import QByteArray, QEvent, QObject, QSignalBlocker, QSize, Qt
 from PySide6.QtGui import QAction, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
@@ -69,7 +69,6 @@ class _PageArea(QScrollArea):
 class WindowFrame(QMainWindow):
     """All parts of the window around the page; what they do is connected by the window itself."""
 
-    language_chosen = Signal(str)
     goes_on_at_first = True  # unless the settings say otherwise
 
     def __init__(self, projects: Path | None = None) -> None:
@@ -89,7 +88,6 @@ class WindowFrame(QMainWindow):
     def _build(self) -> None:
         self.header = Header(languages.now())
         self.header.toggled.connect(self._toggled)
-        self.header.language_chosen.connect(self.language_chosen)
         self.header.about.triggered.connect(lambda: about_dialog(self))
         self.source, self.validity, self.doing = self.header.source, self.header.validity, self.header.doing
         middle = QWidget()
@@ -99,7 +97,6 @@ class WindowFrame(QMainWindow):
         self.start = StartPage(self.projects)
         self.header.validity.clicked.connect(self.start.show_profile)
         self.header.training.connect(self.start.train)
-        self.header.studies.triggered.connect(self.start.show_studies)
         self.stack.addWidget(self.start)
         self.footer = Footer()
         self.title, self.task = label("", "title", wrap=False), label("", "task")

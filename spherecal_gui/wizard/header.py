@@ -49,7 +49,6 @@ class Header(QFrame):
         self.sound_test = self._action(self.tr("Test the sound"), "volume")
         self.limits = self._action(self.tr("Limits"), "ruler-2")
         self.menu.addMenu(self._training())
-        self.studies = self._action(self.tr("Compare methods"), "chart-bar")
         self.menu.addSeparator()
         self.bundle = self._action(self.tr("Save a support bundle"), "package")
         self.about = self._action(self.tr("About SphereCal"), "info-circle")

@@ -528,7 +528,7 @@ class WizardWindow(WindowFrame):
         if self._closed:
             event.accept()
             return
-        if self._own and not (self._work_ended() and self.start.close_work()):
+        if self._own and not self._work_ended():
             self._say("info", self.tr("The computation is still stopping; close the window again in a moment."), "")
             event.ignore()
             return

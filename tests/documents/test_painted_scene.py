@@ -11,8 +11,7 @@ from PySide6.QtGui import QWheelEvent
 from pytestqt.qtbot import QtBot
 
 from spherecal_documents.scene.model import SceneData, scene_data
-from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_gui.widgets.rendered_scene import RenderedScene
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_rigs.result_folder import read_result
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session
@@ -32,8 +31,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
 
 
 @pytest.fixture
-def view(qtbot: QtBot, data: SceneData) -> PaintedScene:
-    view = PaintedScene()
+def view(qtbot: QtBot, data: SceneData, monkeypatch: pytest.MonkeyPatch) -> SceneView:
+    monkeypatch.setenv("SPHERECAL_3D", "painted")
+    view = SceneView()
     qtbot.addWidget(view)
     view.resize(640, 480)
     view.show_scene(data)
@@ -41,12 +41,12 @@ def view(qtbot: QtBot, data: SceneData) -> PaintedScene:
     return view
 
 
-def pixels(view: PaintedScene) -> np.ndarray:
+def pixels(view: SceneView) -> np.ndarray:
     image = view.grab().toImage().convertToFormat(view.grab().toImage().Format.Format_RGB888)
     return np.frombuffer(bytes(image.constBits()), np.uint8).reshape(image.height(), -1)[:, : 3 * image.width()]
 
 
-def test_all_cameras_lie_inside_the_picture_from_every_side(view: PaintedScene) -> None:
+def test_all_cameras_lie_inside_the_picture_from_every_side(view: SceneView) -> None:
     pictures = []
     for side in ("oblique", "top", "front", "side"):
         view.look_from(side)
@@ -58,7 +58,7 @@ def test_all_cameras_lie_inside_the_picture_from_every_side(view: PaintedScene) 
     assert not np.array_equal(pictures[0], pictures[1])
 
 
-def test_the_view_from_above_is_the_plan(view: PaintedScene, data: SceneData) -> None:
+def test_the_view_from_above_is_the_plan(view: SceneView, data: SceneData) -> None:
     view.look_from("top")
     on_screen = view.on_screen()
     flat = {camera.id: data.flat("top", camera.centre) for camera in data.scene.cameras}
@@ -68,7 +68,7 @@ def test_the_view_from_above_is_the_plan(view: PaintedScene, data: SceneData) ->
     assert ratios[0] > 0
 
 
-def test_dragging_turns_and_the_wheel_comes_closer(view: PaintedScene, qtbot: QtBot) -> None:
+def test_dragging_turns_and_the_wheel_comes_closer(view: SceneView, qtbot: QtBot) -> None:
     before = view.on_screen()
     qtbot.mousePress(view, Qt.MouseButton.LeftButton, pos=QPoint(300, 200))
     qtbot.mouseMove(view, QPoint(380, 230))
@@ -92,7 +92,7 @@ def test_dragging_turns_and_the_wheel_comes_closer(view: PaintedScene, qtbot: Qt
     assert distances[1] == pytest.approx(1.15 * distances[0])
 
 
-def test_a_double_click_chooses_the_camera_and_layers_change_the_picture(view: PaintedScene, qtbot: QtBot) -> None:
+def test_a_double_click_chooses_the_camera_and_layers_change_the_picture(view: SceneView, qtbot: QtBot) -> None:
     x, y = view.on_screen()["C03"]
     with qtbot.waitSignal(view.camera_chosen) as chosen:
         qtbot.mouseDClick(view, Qt.MouseButton.LeftButton, pos=QPoint(round(x), round(y)))
@@ -105,7 +105,7 @@ def test_a_double_click_chooses_the_camera_and_layers_change_the_picture(view: P
     assert not np.array_equal(plain, pixels(view))
 
 
-def test_a_picture_of_6000_points_is_quick(view: PaintedScene) -> None:
+def test_a_picture_of_6000_points_is_quick(view: SceneView) -> None:
     began = time.perf_counter()
     for _ in range(3):
         view.grab()
@@ -116,6 +116,7 @@ def test_without_pyvista_the_painted_view_is_taken(
     qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    view = RenderedScene()
+    monkeypatch.delenv("SPHERECAL_3D", raising=False)
+    view = SceneView()
     qtbot.addWidget(view)
-    assert isinstance(view, PaintedScene)
+    assert view._broken and view.settled

@@ -34,10 +34,9 @@ from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.scene.shapes import LAYERS, SHOWN_AT_FIRST, SceneStyle, blended, scene_shapes, shrunk
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.rig_scenes import items_of
-from spherecal_gui.widgets.painted_scene import PaintedScene
-from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.scene_overlay import Overlay
 from spherecal_gui.widgets.scene_panel import ScenePanel
+from spherecal_gui.widgets.scene_view import SceneView
 
 STYLE = SceneStyle(
     True, (18, 23, 28), (55, 66, 77), (232, 237, 242), (116, 180, 230), (99, 207, 152), (238, 180, 87), (255, 140, 130)
@@ -214,8 +213,8 @@ def test_what_is_said_of_a_camera_a_dot_and_a_place_of_the_map(data: SceneData) 
     assert place.lines() == ["500 mm at this place", "Uncertainty 0.090 mm (95 %)"]
 
 
-def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     for name, (x, y) in view.on_screen().items():
         assert view.item_at(QPointF(x, y)).name == name
     view.look_from("top")
@@ -226,7 +225,14 @@ def test_the_mouse_finds_what_is_in_front(qtbot: QtBot, data: SceneData) -> None
     assert view.item_at(QPointF(2, 2)) is None
 
 
-def shown(qtbot: QtBot, view: PaintedScene, data: SceneData) -> PaintedScene:
+@pytest.fixture
+def plain(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> SceneView:
+    """A view that is painted: no process renders for it."""
+    monkeypatch.setenv("SPHERECAL_3D", "painted")
+    return SceneView()
+
+
+def shown(qtbot: QtBot, view: SceneView, data: SceneData) -> SceneView:
     qtbot.addWidget(view)
     view.resize(640, 480)
     view.show_scene(data)
@@ -234,8 +240,8 @@ def shown(qtbot: QtBot, view: PaintedScene, data: SceneData) -> PaintedScene:
     return view
 
 
-def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     before = view.on_screen()
     view.look_from("top")
     from_above = view.on_screen()
@@ -248,8 +254,8 @@ def test_a_click_on_the_cube_looks_from_there(qtbot: QtBot, data: SceneData) -> 
     assert view.on_screen() == from_above
 
 
-def test_names_legend_and_layers_change_the_picture(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+def test_names_legend_and_layers_change_the_picture(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     pictures = [view.grab().toImage()]
     for layer in ("map", "ellipsoids", "links"):
         view.set_layers(SHOWN_AT_FIRST | {layer})
@@ -264,8 +270,8 @@ def test_a_scene_without_residuals_has_no_legend_of_them(data: SceneData) -> Non
     assert Overlay._bar_title(replace(data, most_px=0.0), frozenset({"dots"})) is None
 
 
-def test_keys_turn_and_show_everything_again(qtbot: QtBot, data: SceneData) -> None:
-    view = shown(qtbot, PaintedScene(), data)
+def test_keys_turn_and_show_everything_again(qtbot: QtBot, plain: SceneView, data: SceneData) -> None:
+    view = shown(qtbot, plain, data)
     before = view.on_screen()
     for key in (Qt.Key.Key_Left, Qt.Key.Key_Up, Qt.Key.Key_Plus):
         qtbot.keyClick(view, key)
@@ -347,7 +353,7 @@ def test_pyvista_renders_what_is_painted(qtbot: QtBot, data: SceneData, monkeypa
     """In a process of its own; the picture arrives, and another one after the view was turned."""
     pytest.importorskip("pyvista", reason="pyvista is not installed")
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
-    view = RenderedScene()
+    view = SceneView()
     shown(qtbot, view, data)
     assert not view.rendered, "painted until the first picture is there"
     qtbot.waitUntil(lambda: view.rendered or view._broken, timeout=120_000)
@@ -392,10 +398,10 @@ def test_images_of_any_type_become_bytes(data: SceneData) -> None:
     assert made.images["C01"].dtype == np.uint8
 
 
-def test_a_scene_without_axes_or_reference_is_shown(qtbot: QtBot) -> None:
+def test_a_scene_without_axes_or_reference_is_shown(qtbot: QtBot, plain: SceneView) -> None:
     one = camera("C01", (500.0, 0.0, 300.0))
     rig = SimpleNamespace(cameras=(SimpleNamespace(id="C01", centre=one.centre, corners=one.corners),), placements=())
-    view = shown(qtbot, PaintedScene(), SceneData(rig, np.empty((0, 3)), np.empty(0)))
+    view = shown(qtbot, plain, SceneData(rig, np.empty((0, 3)), np.empty(0)))
     assert not view.grab().toImage().isNull()
 
 

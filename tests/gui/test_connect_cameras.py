@@ -72,7 +72,7 @@ def connect(qtbot: Any, home: Path, control: ProducerControl) -> Iterator[Any]:
 
 def _pictures(page: ConnectPage) -> int:
     page.tick()
-    return sum(one.has_image for one in page.pictures())
+    return sum(one.image is not None for one in page.pictures())
 
 
 def test_six_cameras_show_six_pictures_and_no_lens_is_asked_for(connect: Any) -> None:

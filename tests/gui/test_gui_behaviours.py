@@ -400,7 +400,7 @@ def test_the_profile_dialog_uses_the_row_that_was_chosen_once_and_shows_its_pict
     QTest.mouseClick(dialog.use, Qt.MouseButton.LeftButton)
     QTest.mouseDClick(dialog.use, Qt.MouseButton.LeftButton)
     found = in_use(profile)
-    assert found is not None and found.number == "0002" and dialog.chosen == "0002" and len(asked) == 1
+    assert found is not None and found.number == "0002" and dialog.table.chosen == "0002" and len(asked) == 1
     assert not dialog.use.isEnabled()
     assert dialog.picture.pixmap().height() != before, "21 x 10 instead of 20 x 10, at the same width"
 

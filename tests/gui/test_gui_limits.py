@@ -271,7 +271,7 @@ def test_an_unverified_calibration_is_put_to_use_only_where_that_is_allowed(qtbo
     assert open_profile(home / "rig-profile").limits == TIGHT.validity, "a new profile has the limits in use"
     dialog = ProfileDialog(home / "rig-profile")
     qtbot.addWidget(dialog)
-    assert dialog.chosen == number
+    assert dialog.table.chosen == number
     assert not dialog.use.isEnabled() and "limits forbid" in dialog.use.toolTip()
     limits.use(Limits())
     dialog._selected()
@@ -316,7 +316,7 @@ def test_a_failed_verification_is_never_called_missing(qtbot, home, tmp_path):
     assert not dialog.use.isEnabled() and "verification failed" in dialog.use.toolTip()
     answer_for(result, "B. Responsible", "only shapes matter")
     with pytest.raises(InputError):
-        apply(open_profile(home / "rig-profile"), str(dialog.chosen), "x")  # as it was saved before
+        apply(open_profile(home / "rig-profile"), str(dialog.table.chosen), "x")  # as it was saved before
     number = jobs.save_profile(result, home, home / "rig-profile", True, "as agreed", Context())
     assert open_profile(home / "rig-profile").active_id == number
 

@@ -125,7 +125,7 @@ def test_connect_shows_the_cameras_images_and_the_bench_to_scale(qtbot, window):
     qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=60_000)
     pictures = window.page.pictures()
     assert len(pictures) == 6
-    qtbot.waitUntil(lambda: all(one.has_image for one in pictures), timeout=60_000)
+    qtbot.waitUntil(lambda: all(one.image is not None for one in pictures), timeout=60_000)
     shown = window.page.drawn._shown
     assert (shown.diameter_mm, shown.targets) == (500.0, 200)
     assert [name for name, _ in shown.bars] == ["A", "B"]

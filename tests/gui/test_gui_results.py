@@ -243,10 +243,10 @@ def test_findings_of_a_result_folder_speak_and_offer_repairs(tmp_path, monkeypat
 
 
 def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):
-    from spherecal_gui.widgets.rendered_scene import RenderedScene
+    from spherecal_gui.widgets.scene_view import SceneView
 
     monkeypatch.setenv("SPHERECAL_3D", "2d")
-    view = RenderedScene()
+    view = SceneView()
     qtbot.addWidget(view)
     view.resize(500, 400)
     data = scene_data(outcome.result, outcome.links)

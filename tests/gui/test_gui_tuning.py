@@ -154,7 +154,7 @@ def test_a_lamp_that_stays_is_proposed_as_a_mask_and_taken_or_left_by_one_click(
     page.enter(next(one.step for one in wizard.state.steps if one.step.id == "placement:P3"))
     page.show()  # the images of a page that nobody sees are not drawn
     tile = next(one for one in page.wall.tiles.values() if one.name in spots)
-    pump(lambda: page.tick() or (page.small["mask-spots"].isVisibleTo(page) and tile.has_image))
+    pump(lambda: page.tick() or (page.small["mask-spots"].isVisibleTo(page) and tile.image is not None))
     tile.resize(400, 320)
     tile.show_masks((), ())
     plain_image = tile.grab().toImage()
@@ -177,7 +177,7 @@ def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
     dialog = CameraDialog(wizard, "SIM-C03")
     qtbot.addWidget(dialog)
     dialog.show()
-    pump(lambda: dialog.tile.has_image)
+    pump(lambda: dialog.tile.image is not None)
     assert not dialog.name_field.isEnabled() and "simulated" in dialog.name_field.toolTip()
     assert not dialog.blink.isEnabled(), "a simulated camera has no light"
     assert not dialog.trigger.isEnabled() and "Simulated" in dialog.trigger.toolTip()

@@ -477,7 +477,7 @@ def test_the_profile_lists_the_calibration_in_use(walk, qtbot):
     dialog = ProfileDialog(saved(walk))
     qtbot.addWidget(dialog)
     assert dialog.table.rowCount() == 1
-    assert dialog.chosen == "0001"
+    assert dialog.table.chosen == "0001"
     assert not dialog.use.isEnabled(), "it is in use already"
     assert dialog.table.item(0, 3).text() == "consistent"
     assert not dialog.picture.pixmap().isNull(), "the rig's picture"

@@ -28,11 +28,10 @@ from spherecal_gui.project import Project
 from spherecal_gui.widgets.basic import add, button, once
 from spherecal_gui.widgets.charts import ConvergenceChart, CoverageChart, ErrorChart, PairMatrix
 from spherecal_gui.widgets.fields import NeedLabel
-from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
-from spherecal_gui.widgets.rendered_scene import RenderedScene
 from spherecal_gui.widgets.results_views import FindingsList, ResidualView
 from spherecal_gui.widgets.scene_overlay import place_tags
+from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.workflow import Running, resolve
@@ -115,7 +114,7 @@ def test_a_tile_draws_image_and_dots(qtbot):
     tile = CameraTile("S1", "C01")
     qtbot.addWidget(tile)
     tile.resize(400, 300)
-    assert not tile.has_image
+    assert tile.image is None
     tile.show_image(np.full((100, 200), 90, np.uint8), 8, 1.0)
     tile.show_state(replace(tile.state, level="good", dots=3), np.array([[50.0, 50.0], [100.0, 20.0], [150.0, 80.0]]))
     image = tile.grab().toImage()
@@ -246,8 +245,8 @@ def scene_of_two() -> SceneData:
 
 
 def test_the_plain_view_tells_which_camera_was_meant(qtbot, home):
-    view = RenderedScene()
-    assert isinstance(view, PaintedScene)
+    view = SceneView()
+    assert view._broken  # painted, as the tests ask
     qtbot.addWidget(view)
     view.resize(500, 400)
     view.show_scene(scene_of_two())
@@ -269,8 +268,8 @@ def test_where_opengl_fails_the_view_stays_painted(qapp, qtbot, monkeypatch, tmp
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
     theme.apply(qapp, dark=False)  # names are thick enough for their full colour in our own font only
-    view = RenderedScene()
-    assert isinstance(view, RenderedScene)
+    view = SceneView()
+    assert not view._broken, "it is tried"
     qtbot.addWidget(view)
     view.show_scene(scene_of_two())
     view.resize(400, 300)

@@ -29,11 +29,7 @@ Read = TypeVar("Read")
 
 @dataclass(frozen=True)
 class Marker:
-    """A kind of folder that this program writes: the file by which it is known, its `format`, the names in it.
-
-    `proof` is a file that must be there too before such a folder is replaced. `listed` is the field of the marker's
-    file that names further files.
-    """
+    """A kind of folder by its file, `format` and names; `proof`: must be there too; `listed`: a field naming more."""
 
     file: str
     format: str
@@ -66,12 +62,10 @@ def write_file_whole(path: Path, data: bytes) -> None:
 
 
 def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Marker) -> None:
-    """Let `build` fill a new folder beside `folder`, then put it in its place.
+    """Let `build` fill a new folder beside `folder`, then put it in its place, in one step where the system can.
 
-    A missing or empty folder is filled. An older result, known by its marker and with no other files in it, is replaced
-    whole. A crash leaves the old folder or the new one: they are exchanged in one step. Where the system cannot do so,
-    the old one is moved aside; the next `check_folder` moves it back if the crash came before the new one was there.
-    Two programs that write one folder do it one after the other.
+    A missing or empty folder is filled, an older result (by its marker, with no other files) replaced whole. After a
+    crash the next `check_folder` restores. Two programs that write one folder do it one after the other.
     """
     resolved = check_folder(folder, marker)
     with _plain_errors(folder):

@@ -31,10 +31,7 @@ _STILL_PX = 2.0  # what a target at rest may move from set to set and still coun
 
 
 class Measurer:
-    """Measures sets with a rig; it remembers what it needs of earlier ones: motion, noise, health.
-
-    `task` None: every point that is seen, as no target has a layout then.
-    """
+    """Measures sets with a rig, and remembers motion, noise and health of earlier ones; `task` None: every point."""
 
     def __init__(self, rig: Rig, task: Task | None = None) -> None:
         self.rig, self.task = rig, task or Task()
@@ -53,10 +50,7 @@ class Measurer:
 
     @on_one_blas_thread
     def measure(self, observed: measured_sets.ObservedSet) -> measured_sets.MeasuredSet:
-        """The points of one set in the rig's world, what the task asks for, and what contradicts.
-
-        Cameras that the rig does not have are left out.
-        """
+        """The points of one set in the rig's world, what the task asks for, and what contradicts; no foreign cameras."""
         o = observed.observations
         in_rig = np.array([self._index.get(name, -1) for name in o.cameras], dtype=np.int64)
         rows = np.flatnonzero(in_rig[o.camera] >= 0)

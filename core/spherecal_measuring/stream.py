@@ -1,8 +1,4 @@
-"""Measured sets to other programs of this computer: JSON lines over TCP on the loopback interface (docs/measuring.md).
-
-Only 127.0.0.1 is listened on, and nothing that a client sends is read. No client can hold up the measurement: each has
-a bounded queue of its own, and one that does not keep up is dropped.
-"""
+"""Measured sets as JSON lines over TCP, on 127.0.0.1 alone (docs/measuring.md); slow clients are dropped."""
 
 import contextlib
 import json

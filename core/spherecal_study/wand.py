@@ -27,10 +27,9 @@ def _plain(options: Options) -> dict[str, Any]:
 
 
 def errors_and_bounds(recording: SimulatedRecording, calibration: Calibration, sigma_px: float) -> dict[str, Any]:
-    """Root mean square errors against the truth after a similarity over the marks, and the bound of each.
+    """Rms errors against the truth after a similarity over the marks (mm, focal lengths px, scale relative).
 
-    The bound is that of Cramer and Rao: the covariance of the adjustment at the noise that was simulated. Lengths in
-    mm, focal lengths in px, the scale relative.
+    The bound of each is Cramer and Rao's: the covariance of the adjustment at the noise that was simulated.
     """
     f = calibration.features
     truth = recording.points_mm[f.placement, f.target - 1]

@@ -95,10 +95,8 @@ def export_rig(
 ) -> Exported:
     """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
 
-    A lens with more coefficients than the format has is replaced by the nearest one that fits (see refit.py).
-
-    `unit` None: the format's usual one; `frame` None: the world of rig; `volume_mm` None: always over the whole image;
-    `override`: who exports a rig whose verification failed.
+    Lenses with too many coefficients are refitted (refit.py), over the image or `volume_mm`. `frame` None: the world of
+    the rig; `override`: who exports a rig whose verification failed.
     """
     if not rig.cameras:
         raise InputError(Phrase("error-nothing-to-export"))

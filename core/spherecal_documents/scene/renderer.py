@@ -1,8 +1,4 @@
-"""The process that renders a scene by pyvista, off the screen: nothing waits for VTK, or ends with it.
-
-Without a graphics card a picture takes some 30 ms, and VTK keeps Python's lock meanwhile. Pictures come back in shared
-memory. The window asks for the newest view only (spherecal_gui/tasks/scene_process.py), a report for one picture.
-"""
+"""The process that renders scenes by pyvista off the screen: VTK, which keeps Python's lock, holds up nobody."""
 
 import contextlib
 import multiprocessing

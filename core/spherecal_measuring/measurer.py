@@ -50,7 +50,7 @@ class Measurer:
 
     @on_one_blas_thread
     def measure(self, observed: measured_sets.ObservedSet) -> measured_sets.MeasuredSet:
-        """The points of one set in the rig's world, what the task asks for, and what contradicts; no foreign cameras."""
+        """The points of one set in the rig's world, what the task asks for, and what contradicts, by rig cameras."""
         o = observed.observations
         in_rig = np.array([self._index.get(name, -1) for name in o.cameras], dtype=np.int64)
         rows = np.flatnonzero(in_rig[o.camera] >= 0)

@@ -140,9 +140,9 @@ def paths(
 def path_figures(session: Session, search: Search, numbers: PathNumbers | None = None) -> dict[str, Any]:
     """The result of `paths` for a session with observations, but for the cameras' places; by the paper's own pipeline.
 
-    `count_share`: the median share of xi2 / N in an edge's weight, [Tao21] (13); `changed_by_count`: how many cameras have
-    another path without it; `search_s`: processor time of a search of all paths. `numbers`: xi1, xi2, TH_er in px and b;
-    None leaves all to the method.
+    `count_share`: the median share of xi2 / N in an edge's weight, [Tao21] (13); `changed_by_count`: how many cameras
+    have another path without it; `search_s`: processor time of a search of all paths. `numbers`: xi1, xi2, TH_er in px
+    and b; None leaves all to the method.
     """
     settings = CalibrationSettings(method="tao2021", search=search, **_of_paths(numbers))
     recording = Recording.of(session)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TypeVar
 
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.interrupts import uninterrupted
@@ -23,8 +22,6 @@ WRITTEN_FORMAT = "spherecal/written"
 _IMAGES = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".pnm"}
 _MOST_MARKER_BYTES = 64 << 20
 _ASIDE = ".spherecal-old"
-_READ_AGAIN = 50
-Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -182,29 +179,6 @@ def _known(folder: Path, marker: Marker) -> files.Known:
         return len(path.parts) <= 3 and top in marker.image_folders and image
 
     return known
-
-
-def read_unchanged(folder: Path, read: Callable[[Path], Read]) -> Read:
-    """What `read` makes of a folder's files, all of one writing: read again where the folder was replaced meanwhile."""
-    for _ in range(_READ_AGAIN):
-        before = _identity(folder)
-        try:
-            found = read(folder)
-        except (OSError, InputError):
-            if _identity(folder) == before:
-                raise
-            continue
-        if _identity(folder) == before:
-            return found
-    raise InputError(Phrase("error-being-written", {"folder": folder}))
-
-
-def _identity(folder: Path) -> tuple[int, int, int] | None:
-    try:
-        state = folder.stat()
-    except FileNotFoundError:
-        return None
-    return state.st_dev, state.st_ino, state.st_mtime_ns
 
 
 def written_bytes(names: list[str]) -> bytes:

@@ -6,7 +6,7 @@ import queue
 import socket
 import threading
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -62,7 +62,7 @@ class _Client:
         self.alive = False
 
 
-class MeasurementStream:
+class MeasurementStream(contextlib.AbstractContextManager["MeasurementStream"]):
     """Listens on 127.0.0.1 from the moment it is made; use it in a `with` block."""
 
     def __init__(self, port: int, about: Mapping[str, Any] | None = None, queue_lines: int = QUEUE_LINES) -> None:
@@ -118,9 +118,6 @@ class MeasurementStream:
             for client in self._clients:
                 client.finish(seconds)
             self._clients = []
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -162,7 +162,7 @@ def serve(pipe: Connection) -> None:
     stage.close()
 
 
-class PictureProcess:
+class PictureProcess(contextlib.AbstractContextManager["PictureProcess"]):
     """A process that renders one picture with smooth edges. It loads VTK while its maker does something else."""
 
     def __init__(self) -> None:
@@ -171,9 +171,6 @@ class PictureProcess:
         self._process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
         self._process.start()
         theirs.close()
-
-    def __enter__(self) -> "PictureProcess":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._pipe.close()

@@ -167,23 +167,13 @@ def define_frame(folder: Path, definition: FrameDefinition) -> UserFrame:
 
 def frame_of(definition: FrameDefinition, places: Mapping[str, Place], rig: Rig) -> UserFrame:
     """The frame that a definition gives with these places of a rig."""
-    return replace(
-        _frame(definition, places, "mm" if rig.scale.source != "none" else "units"),
-        reference_camera=rig.reference_camera,
-        input_sha256=rig.input_sha256,
-    )
-
-
-def _frame(definition: FrameDefinition, places: Mapping[str, Place], unit: str) -> UserFrame:
-    if not definition.places:
-        return user_frame(definition)
     for name in definition.places:
         if name not in places:
             raise InputError(Phrase("error-no-place", {"name": printable(name)}), _places_there(places))
-    three = [places[name] for name in definition.places]
-    return user_frame(
-        definition, np.array([p.place_mm for p in three]), np.array([p.covariance_mm2 for p in three]), unit
-    )
+    named = [places[name] for name in definition.places]
+    at, covariances = np.array([p.place_mm for p in named]), np.array([p.covariance_mm2 for p in named])
+    frame = user_frame(definition, at, covariances, "mm" if rig.scale.source != "none" else "units")
+    return replace(frame, reference_camera=rig.reference_camera, input_sha256=rig.input_sha256)
 
 
 def _places_there(places: Mapping[str, Place]) -> str:

@@ -29,11 +29,10 @@ _MOST_BYTES = 128 << 20  # two million residuals
 
 def read_csv(path: Path, header: str) -> Table:
     """The table in a file of a result with exactly this header."""
-
-    def problem(path: Path, found: str) -> Phrase:
-        return Phrase("error-csv-header", {"file": path, "header": header, "found": found})
-
-    return read_table(path, _MOST_BYTES, (tuple(header.split(",")),), problem)
+    return read_table(
+        path, _MOST_BYTES, (tuple(header.split(",")),),
+        lambda file, found: Phrase("error-csv-header", {"file": file, "header": header, "found": found}),
+    )  # fmt: skip
 
 
 _MOST_FILE_BYTES = 1 << 30

@@ -19,11 +19,8 @@ _FRAMES = (300, 1000, 3000)
 
 def trials(options: Options) -> list[Trial]:
     """Calibrations with 300, 1,000 and 3,000 frames of a bar of 300 mm in rig A."""
-    return [Trial("wand", {**_plain(options), "seed": s, "frames": n}) for n in _FRAMES for s in options.seeds]
-
-
-def _plain(options: Options) -> dict[str, Any]:
-    return {name: value for name, value in options.plain("rigA").items() if name != "paths"}
+    plain = {name: value for name, value in options.plain("rigA").items() if name != "paths"}
+    return [Trial("wand", {**plain, "seed": s, "frames": n}) for n in _FRAMES for s in options.seeds]
 
 
 def errors_and_bounds(recording: SimulatedRecording, calibration: Calibration, sigma_px: float) -> dict[str, Any]:

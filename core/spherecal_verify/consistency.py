@@ -181,16 +181,12 @@ class _System:
         return np.asarray(step.reshape(-1, 6), dtype=np.float64)
 
     def sizes(self, free: list[int]) -> FloatArray:
-        """Whitened residuals' size (n,) with some cameras freed."""
-        return np.linalg.norm(self._residual(free), axis=1)
-
-    def _residual(self, free: list[int]) -> FloatArray:
-        """Residuals to first order after the freed cameras' poses are fitted and the points follow."""
+        """Whitened residuals' size (n,), to first order, after freed cameras' poses are fitted and points follow."""
         if not free:
-            return self.residual
+            return np.linalg.norm(self.residual, axis=1)
         step = np.zeros((len(self.views.rotation), 6))
         step[free] = self.solve(free)
-        return self.residual + self.effect(step) / self.views.sigma
+        return np.linalg.norm(self.residual + self.effect(step) / self.views.sigma, axis=1)
 
     def effect(self, step: FloatArray) -> FloatArray:
         """The change of the residuals (n, 2) px by steps (c, 6) of the poses, with the points following."""
@@ -286,7 +282,7 @@ def _reduced_normal(views: Views, white: FloatArray, by_point: FloatArray, cofac
 
 def _consistency(views: Views, keep: BoolArray, rig: Rig, found: _Found) -> Consistency:
     system, tests, untested = found.system, [], []
-    residual = found.system._residual([]) * views.sigma
+    residual = system.residual * views.sigma
     for i, camera in enumerate(rig.cameras):
         rows = np.flatnonzero(system.keep & (views.camera == i))
         if len(rows) < LEAST_POINTS or np.isnan(found.p[i]):

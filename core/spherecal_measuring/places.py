@@ -103,19 +103,29 @@ def triangulate_places(
     centres = _centres(target, flat, usable, checked, layouts)
     centre_seen = np.array([name == CENTRE for name in layouts.points], dtype=bool)[point]
     direct = {int(t) for t in target[usable & centre_seen]}
-    found = [
-        (PointName(int(t)), centres.places_mm[i], centres.dots[i], centres.by_dot[i], float(centres.bent[i]))
-        for i, t in enumerate(centres.target)
-        if int(t) not in direct
-    ]
+    names = [PointName(int(t)) for t in centres.target]
+    rows = [i for i, name in enumerate(names) if name.target not in direct]
+    names = [names[i] for i in rows]
+    dots, by_dot = [centres.dots[i] for i in rows], [centres.by_dot[i] for i in rows]
+    places = [centres.places_mm[i] for i in rows]
+    bent = [float(centres.bent[i]) for i in rows]
     for i in np.flatnonzero(usable):
         name = PointName(int(target[i]), layouts.points[point[i]])
         if np.isnan(flat[i, 0]) or name in wanted:
-            found.append((name, points.points[i], np.array([i]), np.eye(3)[None], 0.0))
-    found.sort(key=lambda one: one[0])
-    names, places, dots, by_dot, bent = zip(*found, strict=True) if found else ((), (), (), (), ())
-    located = _places(names, np.array(places).reshape(-1, 3), dots, by_dot, errors)
-    return replace(located, noise=located.noise + np.array(bent)[:, None, None] * np.eye(3))
+            names.append(name)
+            dots.append(np.array([i]))
+            by_dot.append(np.eye(3)[None])
+            places.append(points.points[i])
+            bent.append(0.0)
+    order = sorted(range(len(names)), key=lambda i: names[i])
+    found = _places(
+        tuple(names[i] for i in order),
+        np.array([places[i] for i in order]).reshape(-1, 3),
+        tuple(dots[i] for i in order),
+        tuple(by_dot[i] for i in order),
+        errors,
+    )
+    return replace(found, noise=found.noise + np.array([bent[i] for i in order])[:, None, None] * np.eye(3))
 
 
 @dataclass(frozen=True)

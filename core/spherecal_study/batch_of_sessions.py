@@ -235,6 +235,5 @@ def _csv(rows: Sequence[Result]) -> bytes:
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, lineterminator="\n", extrasaction="ignore")
     table.writeheader()
-    marked = ({key: cell(one) if isinstance(one, str) else one for key, one in row.items()} for row in rows)
-    table.writerows(marked)
+    table.writerows({name: cell(one) if isinstance(one := row[name], str) else one for name in COLUMNS} for row in rows)
     return text.getvalue().encode()

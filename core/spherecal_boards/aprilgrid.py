@@ -1,8 +1,4 @@
-"""The corners of an AprilGrid: tags with small squares at their corners, as Kalibr prints them, or without.
-
-The tags' ids give the position of each tag. The order of its corners follows from the positions of the other tags. So
-neither the orientation of tags in a dictionary nor that of the camera needs to be known.
-"""
+"""The corners of an AprilGrid, with or without Kalibr's small squares; their order follows from the other tags."""
 
 import cv2
 import numpy as np

@@ -100,10 +100,7 @@ STRETCHES, LEAST_FRAMES = 24, 8
 def calibrate_bar(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
-    """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
-
-    Cameras that share too few marks with the rest are left out and the result is not valid.
-    """
+    """The rig by the poses of the scale's bar; cameras that share too few marks are left out (not valid then)."""
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     bar = scale_bar(session)
     if session.observations is None:

@@ -28,11 +28,10 @@ LEAST_SHARE = 3
 
 
 def length_scatter(model: BarModel, state: State, noise: float) -> float:
-    """The standard deviation in mm of the bar's length between frames, 0 where the images' noise explains its spread.
+    """The sd in mm of the bar's length between frames by REML beside what varies smoothly with place and direction.
 
-    `state` has points by the images alone, `noise` is the standard deviation of unit weight. Restricted maximum
-    likelihood beside what changes smoothly with place and direction, which is the lenses' and not the bar's; lengths
-    that even the scatter does not explain are left out.
+    0 where images of `noise` (sd of unit weight) explain it; `state` has points by the images alone. Lengths that even
+    the scatter does not explain are left out.
     """
     lengths, difference = model.lengths, model.differences(state)
     size = np.linalg.norm(difference, axis=1)
@@ -258,10 +257,7 @@ def _model(
 
 
 def located(network: Network, state: State, placed: BoolArray, used: BoolArray) -> State:
-    """The state with points for features that had none, where most of the cameras as they now are agree on them.
-
-    One camera that was knocked would leave all points that it sees without a place, and so without a contradiction.
-    """
+    """The state with points where most cameras now agree on them: a knocked one would leave all its points without."""
     missing = np.isnan(state.points[:, 0])
     rows = placed[network.camera] & missing[network.feature]
     rows &= (network.views(rows) >= 2)[network.feature]

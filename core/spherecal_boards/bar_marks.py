@@ -19,9 +19,8 @@ from spherecal_boards.frames_covariance import PointRows
 class Lengths:
     """Known distances inside frames: frame (m,), coefficients (m,s) of its slots, length (m,) and sigma (m,) in mm.
 
-    The coefficients of a row are those of its second end less those of its first. An end is a slot, or the origin of a
-    target that its dots give as a weighted sum. `certificate` (m,) is which certified length a row is;
-    `scatter` what `sigma` holds for the bar's own changes from frame to frame, in mm.
+    Coefficients: second end less first, an end being a slot or a weighted sum of dots. `certificate` (m,): which length
+    it is; `scatter`, mm: the bar's own share in `sigma`.
     """
 
     frame: IntArray

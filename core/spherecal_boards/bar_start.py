@@ -69,10 +69,7 @@ def start_from_pairs(
 def lags_of(
     recording: BarRecording, lengths: Lengths, intrinsics: FloatArray, widths: IntArray, seed: int
 ) -> list[Lag]:
-    """Cameras whose frames are behind or ahead of the others', or flipped, by the pairs that agree only then.
-
-    `intrinsics`, `widths`: what is known of the cameras, (c,16), and of their images, (c,) px.
-    """
+    """Cameras late, early or flipped, by pairs that agree only then; known intrinsics (c,16), image widths (c,) px."""
     xy, table, common = _seen(recording, intrinsics)
 
     o = recording.observations

@@ -46,11 +46,7 @@ METHOD = "board"
 def calibrate_board(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
-    """The rig calibrated by the session's board, from observations or images of its placements.
-
-    Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
-    is not valid.
-    """
+    """The rig by the session's board, from observations or images; without cameras that share no placement, invalid."""
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     board = session.board
     if board is None:
@@ -330,8 +326,7 @@ def _about_observations(images: BoardImages | None, foreign: int) -> list[Findin
 def eccentricity(views: BoardViews, poses: ViewPoses, intrinsics: FloatArray, radius_mm: float) -> FloatArray:
     """Centre of the ellipse minus image of the centre, (n,2) px, for dots of one radius; 0 where no pose is known.
 
-    The dual of a circle about C with radius vectors a, b is a a' + b b' - C C' in homogeneous image coordinates. Its
-    ellipse's centre is that conic's third column.
+    A circle's dual about C with radii a, b is a a' + b b' - C C'; the ellipse's centre is its image's third column.
     """
     out = np.zeros_like(views.uv)
     for (camera, placement), found in poses.items():

@@ -24,10 +24,7 @@ ViewPoses = dict[tuple[int, int], list[BoardPose]]
 
 @dataclass(frozen=True)
 class BoardNetwork:
-    """What a joint adjustment works on: views, intrinsics to estimate (c,16), who shares them (c,), known ones (c,16).
-
-    `reference` is the camera whose pose is fixed.
-    """
+    """Views, intrinsics to estimate (c,16), who shares them (c,), known ones (c,16), the camera whose pose is fixed."""
 
     views: BoardViews
     free: BoolArray
@@ -171,10 +168,7 @@ def residuals_px(views: BoardViews, state: State) -> FloatArray:
 
 
 def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
-    """Candidates (n,) within the gate of their predicted image point, of cameras and placements that keep enough.
-
-    4.5 robust standard deviations of each camera, at least 0.15 px (docs/formulation.md, section Adjustment).
-    """
+    """Candidates (n,) within 4.5 robust sd of their camera's, at least 0.15 px, in views with enough of them."""
     views = network.views
     size = frames_adjustment.sizes(residuals_px(views, state))
     keep = candidates & frames_adjustment.within_gate(size, views.camera, candidates, views.n_cameras)

@@ -24,10 +24,8 @@ _TURNED = 2
 class BoardPattern:
     """A board for images: points in `rows` x `columns` (dots, inner corners, or tags), `pitch_mm` apart.
 
-    `light` says light dots on a dark ground, or any other board in inverted colours, `rings` the (row, column) of dots
-    with a hole, `rows_upward` that rows count from the bottom. `marker_mm`, `dictionary`, `first_id` (the id of its
-    first marker) and `legacy` describe a ChArUco board; `marker_mm`, `dictionary`, `first_id` and `border_bits` (black
-    bits around a tag, 1 or 2; None: either) an AprilGrid.
+    `light`: inverted colours; `rings`: (row, column) of dots with a hole; `rows_upward`: rows count from the bottom; of
+    markers side, dictionary, first id, `legacy` (ChArUco) and black `border_bits` (AprilGrid; None: 1 or 2).
     """
 
     kind: BoardKind
@@ -59,10 +57,9 @@ class BoardPattern:
 
 @dataclass(frozen=True)
 class Figure:
-    """What is printed: rectangles (x, y, width, height) and discs (x, y, diameter) in mm, each with its grey.
+    """Rectangles (x, y, width, height) and discs (x, y, diameter) in mm with their grey (0 black), later ones on top.
 
-    y runs down as printed, whichever way rows count; later parts cover earlier ones. 0 is black, 1 white. `origin_mm`
-    is the place of the first point, `upward` whether the board's y runs up from there.
+    y runs down as printed; `origin_mm` is the place of the first point, `upward` whether the board's y runs up from it.
     """
 
     size_mm: tuple[float, float]

@@ -24,8 +24,8 @@ from spherecal_boards.frames_evidence import FrameEvidence, Tested
 class Fit:
     """What an adjustment over frames found, in millimetres and the reference camera's frame.
 
-    `placed` (c,); points (m,3) and cofactors (m,3,3), NaN where unknown, belong to `features`; residual (n,2) px to
-    `observations`. Intrinsics `free` (c,16) are estimated, cameras of one `group` (c,) share them.
+    `placed` (c,); points (m,3) and cofactors (m,3,3), NaN where unknown, of `features`; residual (n,2) px; intrinsics
+    `free` (c,16) are estimated, cameras of one `group` (c,) share them.
     """
 
     observations: Observations

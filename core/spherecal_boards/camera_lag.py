@@ -1,9 +1,6 @@
-"""Cameras some frames behind the others, mirrored, with u and v exchanged, or that number a board's points otherwise.
+"""Cameras some frames late, mirrored, with u and v exchanged, or that number a board otherwise, before adjusting.
 
-All are found before any adjustment.
-
-A shutter that missed its first trigger, or a lost frame, stores each image one number early. Two cameras then never saw
-the board or bar at one place, whatever the lenses; shifted by the right number of frames they agree everywhere.
+A lost frame stores each image one number early: two cameras then agree everywhere once shifted, and else nowhere.
 """
 
 from collections.abc import Callable

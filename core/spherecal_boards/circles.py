@@ -1,8 +1,4 @@
-"""Round dots of a board in an image: found as components, measured as ellipses through their sub-pixel rims.
-
-Components come from thresholds relative to the surroundings at several window sizes, so that neither exposure nor the
-size of the dots need be known. A dot that touches the image's border is no whole ellipse and is left out.
-"""
+"""Round dots of a board: components of relative thresholds at several window sizes, rims of whole ellipses."""
 
 from dataclasses import dataclass
 
@@ -32,11 +28,7 @@ _SMALL_PX = 3.0  # semi-axis below which the rim is blur: the weighted mean of t
 
 @dataclass(frozen=True)
 class Circles:
-    """Ellipses in an image: `uv` (n,2) px, semi-axes (n,2) px, long one first, and whether they are rings (n,).
-
-    A ring has a hole of the background's brightness in it. `sigma` (n,) px is the standard uncertainty of a centre's
-    coordinate as its rim's scatter shows it.
-    """
+    """Ellipses: `uv` (n,2) px, its `sigma` (n,) px by the rim's scatter, semi-axes (n,2), which are rings (n,)."""
 
     uv: FloatArray
     semi_axes: FloatArray

@@ -1,8 +1,6 @@
-"""Least squares over cameras and frames: each frame has unknowns of its own, which no other frame shares.
+"""Least squares over cameras and frames, whose own unknowns are eliminated block by block (decision 0017).
 
-A board's placement has six (its pose), a frame of a waved bar three a mark. The frames' unknowns are eliminated, block
-by block. Known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost what
-thousands of points do. Cameras, their columns and their derivatives are those of `adjust/` (decision 0017).
+A board's placement has six (its pose), a frame of a waved bar three a mark; known lengths tie points of one block.
 """
 
 from abc import ABC, abstractmethod
@@ -42,10 +40,7 @@ class Ties:
 
 @dataclass(frozen=True)
 class FrameModel(ABC):
-    """Frames of `parts` parts, each of a few unknowns; every observation depends on one part.
-
-    `problem` has the cameras' layout and no placements. A board's frame is one part of six, a bar's has three a point.
-    """
+    """Frames of `parts` parts, each of a few unknowns: a board's is one of six, a bar's three a point."""
 
     problem: Problem
     parts: int
@@ -86,10 +81,9 @@ class FrameModel(ABC):
 
 @dataclass(frozen=True)
 class ReducedFrames:
-    """Cameras' normal equations (d,d), (d,) and undamped diagonal (d,) after eliminating the frames, and the frames'.
+    """Cameras' normal equations (d,d), (d,) and diagonal (d,) after eliminating frames, and what these need again.
 
-    `gradient_own` (f,q) is the frames' gradient, `inverse` (f,q,q) that of their damped normal equations. `coupling`
-    (m,k,w) belongs to every part `pair_part` (m,) and camera `pair_camera` (m,) that meet; `parts` of a frame.
+    `gradient_own` (f,q), `inverse` (f,q,q) of the damped normal equations; `coupling` (m,k,w) of parts and cameras.
     """
 
     matrix: FloatArray

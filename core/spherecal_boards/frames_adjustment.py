@@ -57,10 +57,7 @@ START_ITERATIONS = 60
 
 @dataclass(frozen=True)
 class Adjusted:
-    """An adjusted network: state, model, used observations (n,), cameras whose intrinsics have a prior (c,).
-
-    `rows`: the observation of each row. `joint` False: cameras are as they were chained.
-    """
+    """An adjusted network: state, model, used (n,), observation of each row; `joint` False: cameras as chained."""
 
     state: State
     model: FrameModel

@@ -1,8 +1,4 @@
-"""Covariance of an adjustment over cameras and frames, in the free-network datum of the points (decision 0004).
-
-The adjustment fixes the reference camera; an S-transformation removes a similarity fitted to the points from points
-and cameras. The stretch in that similarity is the uncertainty of the scale.
-"""
+"""Covariance over cameras and frames in the free-network datum of the points (decision 0004): an S-transformation."""
 
 from dataclasses import dataclass
 
@@ -22,10 +18,7 @@ _BLOCK = 2_000_000
 
 @dataclass(frozen=True)
 class PointRows:
-    """Points of the world as functions of their frames: frame (p,), place (p,3), derivatives (p,3,q).
-
-    `in_datum` (p,) are those that define position, orientation and scale.
-    """
+    """Points as functions of their frames: frame (p,), place (p,3), derivatives (p,3,q), who defines the datum (p,)."""
 
     frame: IntArray
     place: FloatArray
@@ -35,11 +28,9 @@ class PointRows:
 
 @dataclass(frozen=True)
 class FrameCovariance:
-    """Cofactors of cameras (c,w,w) and points (p,3,3) in the free datum, without the scale's share.
+    """Cofactors of cameras (c,w,w), points (p,3,3) and all cameras (c*w,c*w), each without the scale's share.
 
-    `relative_scale` is the square root of the relative scale's cofactor. `all_cameras` (c*w, c*w) is that of all
-    cameras' parameters together, without the scale's share too, and `stretch` (c*w,) their change when the whole grows
-    by 1.
+    `relative_scale`: root of its cofactor; `stretch` (c*w,): change of the parameters when the whole grows by 1.
     """
 
     cameras: FloatArray

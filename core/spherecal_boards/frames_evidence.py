@@ -1,8 +1,4 @@
-"""Boards and bars as the evidence that the ball's diagnosis works on: its tests, with frames instead of points.
-
-A frame (a placement of a board, an instant of a bar) has unknowns of its own that no other one shares, as a point has.
-Tests of moved cameras, lenses, given intrinsics and of what depends on single parts are those of `diagnose/`.
-"""
+"""Boards and bars as the evidence of the ball's diagnosis: frames, with unknowns of their own, for its points."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -149,10 +145,7 @@ class FrameEvidence(Evidence):
 def frame_evidence(
     session: Session, fit: "Fit", scale: RigScale, form: FormName, context: Context
 ) -> FrameEvidence | None:
-    """The evidence of a fit; None where cameras were only chained. `session` has the fit's observations.
-
-    `form`: the ball's that is most alike: a bar's marks are free, a board is rigid.
-    """
+    """The evidence of a fit, alike to the ball's `form` (marks free, boards rigid); None where cameras were chained."""
     adjusted = fit.adjusted
     if not adjusted.joint:
         return None

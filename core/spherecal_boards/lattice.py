@@ -1,8 +1,4 @@
-"""Which dot of a board each circle is: a square lattice grown over the circles, then laid onto the board.
-
-The lattice grows from neighbour to neighbour with steps that follow perspective and distortion. What remains open, its
-origin and which way round, is settled by ring marks; without them only by a lattice that fills the board.
-"""
+"""A square lattice grown from neighbour to neighbour over circles, laid onto the board by rings or by filling it."""
 
 from dataclasses import dataclass
 from itertools import product

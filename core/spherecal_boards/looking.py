@@ -38,10 +38,7 @@ _AS_GOOD = 0.02  # shares of markers that differ by less are alike
 
 @dataclass(frozen=True)
 class Markers:
-    """The markers of one dictionary in images: for each image ids (n,) and corners (n, 4, 2) px.
-
-    `inverted`: they are white on black; `mirrored`: they are seen as in a mirror; `border`: their black bits around.
-    """
+    """The markers of one dictionary, ids (n,) and corners (n,4,2) px by image; white, mirrored, their black border."""
 
     dictionary: str
     border: int

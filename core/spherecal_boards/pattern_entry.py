@@ -77,10 +77,7 @@ def board_pattern(board: JsonValue) -> BoardPattern:
 
 
 def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
-    """The fields of a board as session.json has them: of a mapping, a file, or "chessboard,rows=6,columns=9,...".
-
-    A file is JSON, or caliscope's charuco.toml (or its older config.toml). In the text `rings` are written 2:2+2:7+5:2.
-    """
+    """The fields of a board: of a mapping, a file (JSON, caliscope's), or "circles,rows=6,columns=9,rings=2:2+2:7"."""
     entry, where, place = _given(given)
     board_pattern(JsonValue(entry, where, place))
     if isinstance(entry, dict):
@@ -121,10 +118,7 @@ def _given(given: Mapping[str, Any] | str | Path) -> tuple[Any, Path, str]:
 
 
 def _of_caliscope(path: Path) -> dict[str, Any]:
-    """The board of caliscope's charuco.toml, which counts squares; its lengths are in cm or, unless it says so, inches.
-
-    A square is as large as was measured (`square_size_override_cm`), else as fits the sheet.
-    """
+    """The board of caliscope's charuco.toml in cm or inches: squares as measured, else as they fit the sheet."""
     try:
         document = toml_of(decode(path, read_bytes(path, _MOST_BYTES)))
     except ValueError as error:

@@ -289,9 +289,8 @@ def wire_bytes(load: CameraLoad) -> int:
 def stagger(loads: Mapping[str, CameraLoad], mbit_s: float) -> tuple[Stagger, ...]:
     """Delays (GevSCPD, GevSCFTD) or limits with which these cameras, triggered together, share a line.
 
-    Each camera leaves room for one packet of every other after each of its own, and they begin one packet apart. So no
-    switch has to keep more than a packet of each; a tenth of the line stays free. A camera without a packet delay is
-    limited to its part of the line; one that has neither is left out.
+    Each leaves room for one packet of every other after its own, so that no switch keeps more than one of each; a tenth
+    of the line stays free. Who has no packet delay is limited to its part; who has neither is left out.
     """
     packet_s = max((load.packet_size + _ON_WIRE) * 8 / (mbit_s * 1e6 * _USABLE) for load in loads.values())
     share = round(mbit_s * 1e6 / 8 * _USABLE / len(loads))

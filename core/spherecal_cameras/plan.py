@@ -62,10 +62,13 @@ def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None
 def plan_of(session: Session) -> CapturePlan:
     """The plan by which a session was recorded, without its cameras."""
     document = session_json(session, session.folder)
-    placements = tuple(PlannedSet(place.id) for place in session.placements)
-    poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
     fields = {key: document[key] for key in _TAKEN_OVER if document.get(key)}
-    return CapturePlan(placements + poses, session.target_set, fields, bars=session.bars)
+    return CapturePlan(_sets(session), session.target_set, fields, bars=session.bars)
+
+
+def _sets(session: Session) -> tuple[PlannedSet, ...]:
+    placements = tuple(PlannedSet(place.id) for place in session.placements)
+    return placements + tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
 
 
 def read_plan(path: Path) -> CapturePlan:
@@ -97,12 +100,10 @@ def _plan_in(path: Path) -> CapturePlan:
         entries = f[key].items() if key in f else []
         document[key] = [_without_images(entry.value) for entry in entries]
     session = _checked(document, target_set, path)
-    placements = tuple(PlannedSet(place.id) for place in session.placements)
-    poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
     fields = {key: document[key] for key in _TAKEN_OVER if key in document}
     cameras = document.get("cameras")
     known = tuple(cameras) if isinstance(cameras, list) else ()
-    return CapturePlan(placements + poses, target_set, fields, known, session.bars)
+    return CapturePlan(_sets(session), target_set, fields, known, session.bars)
 
 
 def check_marks(plan: CapturePlan, path: Path) -> None:

@@ -35,25 +35,16 @@ class ReplaySource(InProcessSource):
         self._images = {pose: images for pose, images in self._images.items() if images}
         if not self._images:
             raise InputError(Phrase("error-nothing-to-replay", {"folder": folder}))
-        self._shown = next(iter(self._images))
+        self.poses = tuple(self._images)
+        self.shown = self.poses[0]
         self._ids = {camera.serial or camera.id: camera for camera in self.session.cameras}
         self._cache: dict[Path, GreyPixels] = {}
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        """Ids of the placements and bar poses that have images."""
-        return tuple(self._images)
-
-    @property
-    def shown(self) -> str:
-        """The id of the placement or bar pose that is shown."""
-        return self._shown
 
     def show(self, pose: str) -> None:
         """Show the images of another placement or bar pose, by its id."""
         if pose not in self._images:
             raise InputError(Phrase("error-no-recorded-pose", {"pose": repr(pose), "names": list(self._images)}))
-        self._shown = pose
+        self.shown = pose
 
     def camera_infos(self) -> tuple[CameraInfo, ...]:
         """The session's cameras; one without a serial number goes by its id."""
@@ -74,7 +65,7 @@ class ReplaySource(InProcessSource):
 
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """The recorded image, cut to the settings' region."""
-        pose = self._shown
+        pose = self.shown
         path = self._images[pose].get(self._ids[serial].id)
         if path is None:
             raise NoImage(f"The recording of {pose} has no image of it.", "Choose another placement.")

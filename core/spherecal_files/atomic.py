@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TypeVar
 
 from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.interrupts import uninterrupted
@@ -23,17 +22,11 @@ WRITTEN_FORMAT = "spherecal/written"
 _IMAGES = {".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".pnm"}
 _MOST_MARKER_BYTES = 64 << 20
 _ASIDE = ".spherecal-old"
-_READ_AGAIN = 50
-Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
 class Marker:
-    """A kind of folder that this program writes: the file by which it is known, its `format`, the names in it.
-
-    `proof` is a file that must be there too before such a folder is replaced. `listed` is the field of the marker's
-    file that names further files.
-    """
+    """A kind of folder by its file, `format` and names; `proof`: must be there too; `listed`: a field naming more."""
 
     file: str
     format: str
@@ -66,12 +59,10 @@ def write_file_whole(path: Path, data: bytes) -> None:
 
 
 def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Marker) -> None:
-    """Let `build` fill a new folder beside `folder`, then put it in its place.
+    """Let `build` fill a new folder beside `folder`, then put it in its place, in one step where the system can.
 
-    A missing or empty folder is filled. An older result, known by its marker and with no other files in it, is replaced
-    whole. A crash leaves the old folder or the new one: they are exchanged in one step. Where the system cannot do so,
-    the old one is moved aside; the next `check_folder` moves it back if the crash came before the new one was there.
-    Two programs that write one folder do it one after the other.
+    A missing or empty folder is filled, an older result (by its marker, with no other files) replaced whole. After a
+    crash the next `check_folder` restores. Two programs that write one folder do it one after the other.
     """
     resolved = check_folder(folder, marker)
     with _plain_errors(folder):
@@ -188,29 +179,6 @@ def _known(folder: Path, marker: Marker) -> files.Known:
         return len(path.parts) <= 3 and top in marker.image_folders and image
 
     return known
-
-
-def read_unchanged(folder: Path, read: Callable[[Path], Read]) -> Read:
-    """What `read` makes of a folder's files, all of one writing: read again where the folder was replaced meanwhile."""
-    for _ in range(_READ_AGAIN):
-        before = _identity(folder)
-        try:
-            found = read(folder)
-        except (OSError, InputError):
-            if _identity(folder) == before:
-                raise
-            continue
-        if _identity(folder) == before:
-            return found
-    raise InputError(Phrase("error-being-written", {"folder": folder}))
-
-
-def _identity(folder: Path) -> tuple[int, int, int] | None:
-    try:
-        state = folder.stat()
-    except FileNotFoundError:
-        return None
-    return state.st_dev, state.st_ino, state.st_mtime_ns
 
 
 def written_bytes(names: list[str]) -> bytes:

@@ -11,11 +11,9 @@ BOARD_KINDS: tuple[BoardKind, ...] = get_args(BoardKind)
 
 
 def board_grid(kind: str, rows: int, columns: int, pitch_mm: float, marker_mm: float | None) -> FloatArray:
-    """Places (n, 2) mm of a board's points row by row: x along the rows, y along the columns.
+    """Places (n, 2) mm of points row by row, x along the rows; dots and inner corners are `pitch_mm` apart.
 
-    Dots and inner corners are `pitch_mm` apart. In a grid of `asymmetric-circles` every second row is shifted by
-    `pitch_mm`, rows are that far apart and dots of a row twice as far, as OpenCV has it. An `aprilgrid` has four
-    corners for each tag: 2 rows x 2 columns points, as Kalibr numbers them.
+    Every second row of `asymmetric-circles` is shifted by it (OpenCV); an `aprilgrid` has four corners a tag (Kalibr).
     """
     if kind == "aprilgrid":
         assert marker_mm is not None

@@ -1,8 +1,4 @@
-"""bundle.json in a session folder: it represents a recording whose images were left out, or whose bars were filled in.
-
-As long as session.json, observations.csv and targets.json are those that were bundled, the session counts as the
-original one. Calibrating it gives the same rig.json, its fingerprint of the input included.
-"""
+"""bundle.json: a session stands for a recording, its input_sha256 included, while its three files are unchanged."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -6,10 +6,9 @@ from pathlib import Path
 
 
 def cache_folder(name: str) -> Path:
-    """A folder for what can be made again, `name` in the user's cache; it may not exist yet.
+    """The folder `name` in the user's cache, else (mode 700) among temporary files, for what can be made again.
 
-    Where nothing can be written there, it is one of the user's own (mode 700) among the temporary files. What is in a
-    cache is trusted, so a folder that somebody else has made under that name is not taken.
+    What is in a cache is trusted, so a folder that somebody else has made under that name is not taken.
     """
     from platformdirs import user_cache_path
 

@@ -1,8 +1,7 @@
 """What a file holds, declared once: a `FileFormat` reads its files, writes them, and gives their JSON Schema.
 
-A format is a tree of kinds, each with its description first: `number("Age in hours.", 0)`. `record` makes a dataclass
-of an object, field by field, in the order in which they are written. What no kind says, such as that one field agrees
-with another, is a function (`checked`). Why not a library: docs/decisions/0020-one-declaration.md.
+A format is a tree of kinds, description first: `number("Age in hours.", 0)`; `record` makes a dataclass of an object.
+What no kind says is a function (`checked`). Why not a library: docs/decisions/0020-one-declaration.md.
 """
 
 import datetime

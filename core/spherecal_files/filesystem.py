@@ -232,10 +232,9 @@ def write_below(root: Path, relative: str, data: bytes, alone: bool = False) -> 
 
 
 def write_together(root: Path, contents: Mapping[str, bytes], alone: bool = False) -> None:
-    """Replace files below a folder, each whole, in the order given: the last one decides.
+    """Replace files below a folder, each whole, in the order given: the last one decides, also after a kill.
 
-    All are on the disk before the first one is renamed: a disk that refuses leaves every old one. Where the program is
-    killed between two renamings, the last file is the old one. `alone`: a lock keeps other writers away.
+    All are on the disk before any is renamed: a full disk leaves every old one. `alone`: a lock keeps others away.
     """
     with ExitStack() as held:
         places = []

@@ -1,7 +1,6 @@
-"""findings.json: the values of the findings in the rig.json and verification.json beside it.
+"""findings.json: values of the findings of rig.json and verification.json, for other languages and repairs.
 
-Those two have findings in English words. What a report or the window needs to say them in another language, and to
-offer repairs, is here. A finding takes its values back where they make the very words that the file has.
+A finding takes its values back where they make the very words that the file has.
 """
 
 from collections.abc import Mapping, Sequence

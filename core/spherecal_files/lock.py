@@ -40,10 +40,9 @@ def short_name(path: Path) -> str:
 
 @contextmanager
 def locked(path: Path, wait_s: float = WAIT_S) -> Iterator[None]:
-    """Hold the lock of a file or folder that is to be written, which need not exist; wait at most `wait_s` for it.
+    """Hold the lock of what is to be written, waiting at most `wait_s`; a thread may take it again. InUse: the holder.
 
-    The system frees it when the process ends, however it ends, so that no stale lock remains. A thread that holds it
-    may take it again. The lock is a small file beside `path`, gone when the lock is free. InUse names the holder.
+    A small file beside `path`, gone when it is free; the system frees it when the process ends, however it ends.
     """
     from filelock import FileLock, Timeout
 

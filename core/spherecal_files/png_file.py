@@ -13,11 +13,7 @@ _SAMPLED = 32  # one row of so many tells how often each byte occurs
 
 
 def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """A grey image (h, w), uint8 or uint16, as a PNG file of 8 or 16 bits.
-
-    Differences to the row above, coded by frequency alone: of a picture with sensor noise the file is as small as with
-    a search for repetitions (deflate's level 1).
-    """
+    """A grey image (h, w), uint8 or uint16, as PNG: differences to the row above by frequency, small as deflate's 1."""
     from spherecal_files.huffman import zlib_stream  # not while a window starts, which loads whoever records
 
     (height, width), bits, whole = image.shape, 8 * image.itemsize, np.ascontiguousarray(image)

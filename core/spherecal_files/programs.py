@@ -30,6 +30,17 @@ def _candidates(name: str, path: str | None) -> Iterator[str]:
             yield from (os.path.join(folder, name + ending) for ending in endings)
 
 
+def process_runs(number: int) -> bool:
+    """Whether there is a process of this number."""
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # somebody else's
+        pass
+    return True
+
+
 def users_environment() -> dict[str, str]:
     """The environment of commands that the user gives, which may name programs in the working folder."""
     return {name: value for name, value in os.environ.items() if name.upper() != BY_FOLDER.upper()}

@@ -31,10 +31,7 @@ _MOST_BYTES = 1 << 30  # of one file; images of 150 MP with 16 bits have 300 MB
 
 
 def read_session(folder: Path) -> Session:
-    """The session in a folder, checked as the interface says.
-
-    With observations.csv the images only serve for display: one that is named and missing is then left out.
-    """
+    """The session in a folder, checked as the interface says; with observations, missing images are left out."""
     if not (folder / SESSION_FILE).exists():
         missing = "error-no-session" if folder.is_dir() else "error-no-session-folder"
         raise InputError(Phrase(missing, {"folder": folder}))

@@ -87,11 +87,7 @@ def _distortion_entry(camera: RigCamera) -> dict[str, Any]:
 
 
 def read_rig(path: Path) -> Rig:
-    """The rig in a file.
-
-    The cameras' covariance is in a file beside it; a rig.json that was copied alone has none. What it does not state is
-    taken as unknown, and the finding `rig-incomplete` says so.
-    """
+    """The rig in a file and the covariance beside it; what is not stated is unknown, and `rig-incomplete` says so."""
     document = read_json(path, RIG.name, RIG.version)
     stated = RIG.kind.read(document)
     cameras = stated["cameras"]

@@ -20,11 +20,7 @@ _MOST_BYTES = 1 << 30
 
 
 def write_verification(verification: Verification, folder: Path, rig_path: Path) -> None:
-    """Write a result folder whole: a copy of the rig's file and the verification's, with the findings of both.
-
-    A folder that already holds the result of this very rig (the same rig.json) keeps its other files: the verification
-    joins the calibration. Any other older result is replaced.
-    """
+    """Write a result folder whole: rig's file, verification, findings of both; this very rig's other files stay."""
     older = check_folder(folder, RESULT)
     rig = _read(rig_path)
     findings = (*_findings_beside(rig_path), *verification.findings)

@@ -19,10 +19,9 @@ _LONGEST_S = 3.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Of values (n, w): `mean` velocities since the last set, those `now`, and their `change`.
+    """Of values (n, w), per second: `mean` velocities since the last set, those `now`, their `change`; NaN unknown.
 
-    Per second (the change: per s^2); NaN where unknown. The velocity now is that of the parabola through the last three
-    sets. Its `sd` (n,) is what the change itself changed since, or, with fewer sets, all of what is less known.
+    Now: that of the parabola through three sets, its `sd` (n,) what the change changed, or all of it with fewer.
     """
 
     mean: FloatArray

@@ -31,10 +31,7 @@ _STILL_PX = 2.0  # what a target at rest may move from set to set and still coun
 
 
 class Measurer:
-    """Measures sets with a rig; it remembers what it needs of earlier ones: motion, noise, health.
-
-    `task` None: every point that is seen, as no target has a layout then.
-    """
+    """Measures sets with a rig, and remembers motion, noise and health of earlier ones; `task` None: every point."""
 
     def __init__(self, rig: Rig, task: Task | None = None) -> None:
         self.rig, self.task = rig, task or Task()
@@ -53,10 +50,7 @@ class Measurer:
 
     @on_one_blas_thread
     def measure(self, observed: measured_sets.ObservedSet) -> measured_sets.MeasuredSet:
-        """The points of one set in the rig's world, what the task asks for, and what contradicts.
-
-        Cameras that the rig does not have are left out.
-        """
+        """The points of one set in the rig's world, what the task asks for, and what contradicts, by rig cameras."""
         o = observed.observations
         in_rig = np.array([self._index.get(name, -1) for name in o.cameras], dtype=np.int64)
         rows = np.flatnonzero(in_rig[o.camera] >= 0)
@@ -179,28 +173,16 @@ class Measurer:
     ) -> tuple[
         tuple[measured_sets.MeasuredValue, ...], tuple[measured_sets.BodyPose, ...], tuple[tuple[str, str], ...]
     ]:
-        values: list[measured_sets.MeasuredValue] = []
-        bodies: list[measured_sets.BodyPose] = []
-        missing: list[tuple[str, str]] = []
-        for ruler in self.task.rulers:
-            one = measure_ruler(ruler, places, self.rig, errors.with_scale)
-            if isinstance(one, Unmeasured):
-                missing.append((ruler.name, one.reason))
-            else:
-                values.append(one)
-        for bar in self.task.bars:
-            for value in measure_bar(bar, places, errors, self.rig, self.task.temperature_c):
-                if isinstance(value, Unmeasured):
-                    missing.append((bar.id, value.reason))
-                else:
-                    values.append(value)
-        for body in self.task.bodies:
-            pose = measure_body(body, places)
-            if isinstance(pose, Unmeasured):
-                missing.append((body.name, pose.reason))
-            else:
-                bodies.append(pose)
-        return tuple(values), tuple(bodies), tuple(missing)
+        task = self.task
+        values = [(one.name, measure_ruler(one, places, self.rig, errors.with_scale)) for one in task.rulers]
+        for bar in task.bars:
+            values += [(bar.id, one) for one in measure_bar(bar, places, errors, self.rig, task.temperature_c)]
+        bodies = [(body.name, measure_body(body, places)) for body in task.bodies]
+        return (
+            tuple(value for _, value in values if not isinstance(value, Unmeasured)),
+            tuple(pose for _, pose in bodies if not isinstance(pose, Unmeasured)),
+            tuple((name, one.reason) for name, one in (*values, *bodies) if isinstance(one, Unmeasured)),
+        )
 
 
 def measure_sets(

@@ -1,8 +1,6 @@
 """Where named points are in one set: target centres by their layouts, single dots, all with their joint covariance.
 
-Every place depends to first order on the image points of its own dots and on the cameras' parameters, which all places
-share. `LocatedPoints` keeps both parts apart, so that the uncertainty of anything computed from several places counts
-what they have in common.
+Places depend on the image points of their own dots and on parameters of cameras, kept apart, since all share these.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,7 @@
 """Views of one set that contradict the others: found and left out, for all points at once.
 
-`verify.outlying_views` triangulates every doubtful point once for each of its views, 1 to 2 ms a point. With a camera
-that was knocked some hundred points of every set are doubtful. Here the cost without a view is the closed form of a
-deletion in least squares, v'Pv - v_i' (I - H_ii)^-1 v_i. H is the hat matrix of the point, v are whitened residuals.
+With a knocked camera hundreds of points are doubtful, at 1 to 2 ms each by `outlying_views`. Here the cost without a
+view is a deletion's closed form, v'Pv - v_i' (I - H_ii)^-1 v_i: hat matrix H, whitened residuals v.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,4 @@
-"""Measured sets to other programs of this computer: JSON lines over TCP on the loopback interface (docs/measuring.md).
-
-Only 127.0.0.1 is listened on, and nothing that a client sends is read. No client can hold up the measurement: each has
-a bounded queue of its own, and one that does not keep up is dropped.
-"""
+"""Measured sets as JSON lines over TCP, on 127.0.0.1 alone (docs/measuring.md); slow clients are dropped."""
 
 import contextlib
 import json
@@ -10,7 +6,7 @@ import queue
 import socket
 import threading
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
@@ -66,7 +62,7 @@ class _Client:
         self.alive = False
 
 
-class MeasurementStream:
+class MeasurementStream(contextlib.AbstractContextManager["MeasurementStream"]):
     """Listens on 127.0.0.1 from the moment it is made; use it in a `with` block."""
 
     def __init__(self, port: int, about: Mapping[str, Any] | None = None, queue_lines: int = QUEUE_LINES) -> None:
@@ -122,9 +118,6 @@ class MeasurementStream:
             for client in self._clients:
                 client.finish(seconds)
             self._clients = []
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

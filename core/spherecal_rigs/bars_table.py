@@ -1,6 +1,5 @@
-"""Reference bars as a table (CSV), as spreadsheets write it: one certified length a line, read line by line.
+"""Reference bars as a table (CSV): one certified length a line, columns by their headings (en, de, zh) and units.
 
-The columns are known by their headings, in any order and in English, German or Chinese. A unit in brackets counts.
 A line that cannot be used costs its own bar only, and is named with the reason; all other bars are read.
 """
 

@@ -103,11 +103,10 @@ def result_places(folder: Path, requested: Collection[str] = ()) -> dict[str, Pl
 
 
 def _spheres(table: Table) -> dict[str, Place]:
-    """The centres of the fitted spheres.
+    """The centres of the fitted spheres, with the radial sd as each coordinate's standard uncertainty.
 
-    A ball out of round moves its sphere's centre with the side that is seen, by no part of what many dots average out.
-    That is 0.24 mm rms per coordinate at a radial sd of 0.36 mm (45 placements on rig A, simulated). Hence the radial
-    sd itself is taken for a coordinate's standard uncertainty.
+    A ball out of round moves its sphere's centre with the side that is seen, which many dots do not average out: 0.24
+    mm rms a coordinate at a radial sd of 0.36 mm (45 placements on rig A, simulated).
     """
     centres = np.column_stack([table.numbers(axis) for axis in _AXES]).reshape(-1, 3)
     sds = table.lengths("radial_sd_mm", may_be_empty=True)
@@ -122,10 +121,10 @@ def _rigid_balls(
     xyz: FloatArray,
     sigma: FloatArray,
 ) -> dict[str, Place]:
-    """The same point of a rigid ball at every placement: the centre of its whole shape, laid over the dots found.
+    """The centre of a rigid ball's whole shape, laid over the dots of every placement, as sure as one dot.
 
-    As sure as a dot is on average, since the dots of a placement err together, with the ball's pose. Measured as for
-    fitted spheres: 0.0016 mm rms per coordinate, a third of what is stated.
+    The dots of a placement err together, with the ball's pose. Measured as for fitted spheres: 0.0016 mm rms per
+    coordinate, a third of what is stated.
     """
     whole = fit_sphere(shape.places_mm)
     at = {key: i for i, key in enumerate(zip(shape.target.tolist(), shape.point, strict=True))}
@@ -168,23 +167,13 @@ def define_frame(folder: Path, definition: FrameDefinition) -> UserFrame:
 
 def frame_of(definition: FrameDefinition, places: Mapping[str, Place], rig: Rig) -> UserFrame:
     """The frame that a definition gives with these places of a rig."""
-    return replace(
-        _frame(definition, places, "mm" if rig.scale.source != "none" else "units"),
-        reference_camera=rig.reference_camera,
-        input_sha256=rig.input_sha256,
-    )
-
-
-def _frame(definition: FrameDefinition, places: Mapping[str, Place], unit: str) -> UserFrame:
-    if not definition.places:
-        return user_frame(definition)
     for name in definition.places:
         if name not in places:
             raise InputError(Phrase("error-no-place", {"name": printable(name)}), _places_there(places))
-    three = [places[name] for name in definition.places]
-    return user_frame(
-        definition, np.array([p.place_mm for p in three]), np.array([p.covariance_mm2 for p in three]), unit
-    )
+    named = [places[name] for name in definition.places]
+    at, covariances = np.array([p.place_mm for p in named]), np.array([p.covariance_mm2 for p in named])
+    frame = user_frame(definition, at, covariances, "mm" if rig.scale.source != "none" else "units")
+    return replace(frame, reference_camera=rig.reference_camera, input_sha256=rig.input_sha256)
 
 
 def _places_there(places: Mapping[str, Place]) -> str:

@@ -1,8 +1,4 @@
-"""The best next place and turn of the ball: what every candidate would do for a length of 500 mm.
-
-Each candidate's observations are predicted from the ball as it is known (and from what its unknown side will carry) and
-added to the network. The cameras' covariance then gives the uncertainty of test lengths all over the volume.
-"""
+"""The best next place and turn of the ball: what every candidate would do for a length of 500 mm in the volume."""
 
 from dataclasses import dataclass, replace
 

@@ -1,8 +1,4 @@
-"""Where to lay the reference bars: seven lines spread over the volume, after VDI/VDE 2634 part 1 (reduced).
-
-The lines are those of the volume's box: one edge direction each, along three edges that do not meet, and its four space
-diagonals. A bar that is shorter than a line is laid on it several times, towards both ends first.
-"""
+"""Where to lay bars: on three edges that do not meet and four diagonals of the volume (VDI/VDE 2634-1, reduced)."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -62,11 +58,7 @@ class BarMarks:
 
 @dataclass(frozen=True)
 class PlannedPose:
-    """One pose of the plan: its line, bar, first and last mark's places (3,) in mm, and how it is seen.
-
-    `facing` (3,) is where the marks should look; `cameras` see all marks then; `near` are the cameras nearest to
-    the first and the last mark.
-    """
+    """Line, bar, places (3,) mm of its first and last mark, where the marks face (3,), cameras that see them all."""
 
     id: str
     line: int
@@ -81,10 +73,7 @@ class PlannedPose:
 
 @dataclass(frozen=True)
 class PosePlan:
-    """The poses in the order to take them; `missing` names lines on which no pose is seen by two cameras.
-
-    `cameras_left_out` are those that no pose in the volume shows a whole bar together with another camera.
-    """
+    """The poses in order; `missing` lines, on which none is seen by two cameras, and cameras that see no whole bar."""
 
     box: MeasuringVolume
     poses: tuple[PlannedPose, ...]
@@ -122,10 +111,9 @@ class PosePlan:
 
 @on_one_blas_thread
 def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray, FloatArray]) -> PosePlan:
-    """Poses of the bars on seven lines of the rig's volume, at least five lengths on each where the marks allow it.
+    """Poses of bars, taking turns, on the volume's seven lines: five lengths on each, seen by two, better by three.
 
-    The bars take turns. A place counts when two cameras see every mark, and as good when three do. Then come poses for
-    cameras that these would not verify. The lines are those of VDI/VDE 2634 part 1 (reduced), docs/verification.md.
+    Then come poses for cameras that these would not verify. The lines: VDI/VDE 2634-1 (reduced), docs/verification.md.
     """
     box = volume_box(rig, corners_mm)
     poses: list[PlannedPose] = []

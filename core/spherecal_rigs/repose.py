@@ -161,11 +161,10 @@ OR_FOCUS = 3.0
 
 
 def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Context | None = None) -> Calibration:
-    """The rig with the poses of some cameras calibrated again from the session's placements.
+    """The rig with the poses of some cameras calibrated again; refused where a pose does not explain what changed.
 
-    What a pose does not explain (a lens, a region of interest, binning, exchanged cameras) is refused with its name.
-    The others stay exactly as they were (they are turned as one where the reference camera itself has moved). The
-    mended cameras' uncertainty holds that of the cameras they were hung on.
+    The others stay as they were, turned as one where the reference camera has moved; the mended ones' uncertainty holds
+    that of those.
     """
     if not session.placements:
         raise InputError(Phrase("error-repair-needs-ball"))

@@ -15,7 +15,6 @@ from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import PlacedSphere, Rig
 from spherecal.geometry.camera import project
-from spherecal_files.atomic import read_unchanged
 from spherecal_files.filesystem import write_below
 from spherecal_files.findings_file import with_values
 from spherecal_files.json_file import JsonValue, json_bytes, read_json
@@ -30,11 +29,10 @@ _MOST_BYTES = 128 << 20  # two million residuals
 
 def read_csv(path: Path, header: str) -> Table:
     """The table in a file of a result with exactly this header."""
-
-    def problem(path: Path, found: str) -> Phrase:
-        return Phrase("error-csv-header", {"file": path, "header": header, "found": found})
-
-    return read_table(path, _MOST_BYTES, (tuple(header.split(",")),), problem)
+    return read_table(
+        path, _MOST_BYTES, (tuple(header.split(",")),),
+        lambda file, found: Phrase("error-csv-header", {"file": file, "header": header, "found": found}),
+    )  # fmt: skip
 
 
 _MOST_FILE_BYTES = 1 << 30
@@ -172,10 +170,6 @@ def read_result(folder: Path) -> Result:
     """Read a result folder."""
     if not (folder / "rig.json").exists():
         raise InputError(Phrase("error-no-rig" if folder.is_dir() else "error-no-result-folder", {"folder": folder}))
-    return read_unchanged(folder, _read_result)
-
-
-def _read_result(folder: Path) -> Result:
     rig = read_rig(folder / "rig.json")
     points = _read_points(folder / "points.csv")
     residuals = _read_residuals(folder / "residuals.csv", rig, points)

@@ -228,13 +228,9 @@ def edge_pixel(scene, rotation, centre, x4, y4, samples, pixel):
 
 @njit(nogil=True, cache=True)
 def dense_pixel(scene, code, rotation, centre, x4, y4, places, d4, g4, pixel):
-    """Fill a pixel wholly on one sticker: exact places at 3 x 3 nodes, between them quadratic, 4 x 4 samples a cell.
+    """Fill a pixel wholly on one sticker: exact at 3 x 3 nodes, else quadratic (off by 1e-6 mm), 4 x 4 samples a cell.
 
-    The four corners are known in all respects. Over one pixel (0.4 mm) of a 500 mm ball a place departs from the
-    quadratic by 1e-6 mm.
-
-    `x4`, `y4`: normalised coordinates of the pixel's corners, (4,); `places`: places x (4,) and y (4,) of the corners
-    on the sticker, mm; `d4`, `g4`: diffuse light and gloss at the corners, (4,).
+    `x4`, `y4`: normalised corners (4,); `places`: theirs on the sticker, mm; `d4`, `g4`: diffuse light and gloss (4,).
     """
     nodes = np.empty((2, 3, 3))
     for k in range(3):
@@ -283,12 +279,9 @@ def quadratic_weights(s):
 
 @njit(nogil=True, cache=True)
 def cell_albedo(paper, white, radius, dots, dirt, x, y):
-    """Mean albedo of a cell on a sticker.
+    """Mean albedo of a cell on a sticker; a sample on a rim counts with the part inside, a ramp as wide as the sample.
 
-    A sample on a rim counts with the part of it that the rim leaves inside: a linear ramp as wide as the sample.
-
-    `radius`: radius of a dot, mm; `dots`: places of the dots on the sticker, (n, 2) mm; `dirt`: specks and scratches,
-    (d, 6), as in `TracedScene`; `x`, `y`: places of the cell's corners on the sticker, (4,) mm.
+    `radius` of `dots` (n, 2), mm; `dirt` (d, 6) as in `TracedScene`; `x`, `y`: the cell's corners on the sticker (4,).
     """
     ux, uy = (x[1] - x[0] + x[3] - x[2]) / 2 / _SAMPLES, (y[1] - y[0] + y[3] - y[2]) / 2 / _SAMPLES
     vx, vy = (x[2] - x[0] + x[3] - x[1]) / 2 / _SAMPLES, (y[2] - y[0] + y[3] - y[1]) / 2 / _SAMPLES

@@ -40,7 +40,7 @@ def simulate_session(preset: str, seed: int, options: SimulationOptions | None =
         volume_mm=design.volume_mm,
         misfit_phases=of_faults.uniform(0.0, 2 * np.pi, (len(cameras), 4)),
         ball=ball,
-        placements=_names("P", count),
+        placements=tuple(f"P{i + 1:0{len(str(count))}d}" for i in range(count)),
         ball_rotations=rigs.ball_turns(count, options.turns, of_places),
         ball_places_mm=rigs.ball_places(design, count, options.layout),
         shape_changes_mm=shape_changes(ball, count, options.shape_change_mm, options.shape_change, of_faults)
@@ -77,10 +77,6 @@ def observe_again(session: Session, truth: Truth, rng: np.random.Generator) -> t
     assert session.observations is not None
     observations, outlier = _recorded(replace(session.observations, uv=truth.uv_true_px), truth, rng, rng)
     return replace(session, observations=observations), replace(truth, outlier=outlier)
-
-
-def _names(letter: str, count: int) -> tuple[str, ...]:
-    return tuple(f"{letter}{i + 1:0{len(str(count))}d}" for i in range(count))
 
 
 def _camera_specs(

@@ -140,7 +140,8 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
     for trial in listed:
         if not (Path(trial.settings["output"]) / RESULT.file).is_file():
             _forget(output, trial)
-    results = run_trials(listed, output / TRIALS, workers, context, _died)
+    died = _failed("It took its worker process down every time. Is there enough memory? Try --workers 1.")
+    results = run_trials(listed, output / TRIALS, workers, context, lambda _: died)
     for trial, result in zip(listed, results, strict=True):
         if result["outcome"] == "failed":
             _forget(output, trial)
@@ -225,22 +226,14 @@ def _failed(message: str) -> Result:
     return {"outcome": "failed", **nothing, "message": message}
 
 
-def _died(_: Trial) -> Result:
-    return _failed("It took its worker process down every time. Is there enough memory? Try --workers 1.")
-
-
 def _forget(output: Path, trial: Trial) -> None:
     if (output / TRIALS).is_dir():
         remove_below(output / TRIALS, trial_file(output / TRIALS, trial).name)
-
-
-def _cell(value: Any) -> Any:
-    return cell(value) if isinstance(value, str) else "" if value is None else value
 
 
 def _csv(rows: Sequence[Result]) -> bytes:
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, lineterminator="\n", extrasaction="ignore")
     table.writeheader()
-    table.writerows({name: _cell(row[name]) for name in COLUMNS} for row in rows)
+    table.writerows({name: cell(one) if isinstance(one := row[name], str) else one for name in COLUMNS} for row in rows)
     return text.getvalue().encode()

@@ -1,8 +1,6 @@
-"""Many independent trials through one executor: local processes, or an existing Dask cluster; resumable.
+"""Independent trials (a kind and settings, plain JSON) in local processes or on a Dask cluster; resumable.
 
-A trial is a kind and its settings, both plain JSON. Its result is JSON too and is kept in a file of its own as soon as
-it is there. So a study that was stopped continues where it was, and a killed worker costs nothing but time. Wherever a
-trial ran, its result is the same to the bit.
+Each result is kept in a file as soon as it is there, and is the same to the bit wherever the trial ran.
 """
 
 import hashlib

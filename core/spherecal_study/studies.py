@@ -42,11 +42,8 @@ class KeptPage:
 def pages(folder: Path) -> tuple[KeptPage, ...]:
     """The complete pages in a folder of `spherecal study -o FOLDER`, the comparison of methods first."""
     found = [page for path in sorted(folder.glob("*.json")) if (page := _read(path)) is not None]
-    return tuple(sorted(found, key=lambda page: (_place(page.name), page.name)))
-
-
-def _place(name: str) -> int:
-    return ORDER.index(name) if name in ORDER else len(ORDER)
+    place = {name: i for i, name in enumerate(ORDER)}
+    return tuple(sorted(found, key=lambda page: (place.get(page.name, len(ORDER)), page.name)))
 
 
 def _read(path: Path) -> KeptPage | None:

@@ -50,20 +50,22 @@ def ball(
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
     """One calibration with the ball: residuals, bars, the calibration alone; `sigma_px` None: rendered images."""
-    session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm)
-    session = _with_known(session, truth.cameras) if known else session
+    session, truth = _session(preset, seed, sigma_px, placements, layout, print_sd_mm, known)
     bars = _with_bars(session, preset, seed, sigma_px)
     if cameras is not None:
         session, truth = some_cameras(session, truth, cameras)
     settings = CalibrationSettings(method=method, search=search, spherical_projection=spherical, **_of_paths(paths))
     calibration, cpu_s = _timed(session, settings)
+    figures = _figures(calibration, cpu_s, bars, truth)
+    return {**figures, **by_camera(calibration), "method": calibration.method}
+
+
+def _figures(calibration: Calibration, cpu_s: float, bars: Session, truth: Truth) -> dict[str, Any]:
     return {
         **outcome(calibration, cpu_s),
         **residual_figures(calibration),
         **bar_figures(bars, calibration),
         **calibration_only(truth, calibration),
-        **by_camera(calibration),
-        "method": calibration.method,
     }
 
 
@@ -102,13 +104,7 @@ def _rival(
     session, truth = _session(preset, seed, sigma_px, 1, "spread")
     recorded = _with_known(recorded, truth.cameras) if known else recorded
     calibration, cpu_s = _timed(recorded, settings)
-    bars = _with_bars(session, preset, seed, sigma_px)
-    return {
-        **outcome(calibration, cpu_s),
-        **residual_figures(calibration),
-        **bar_figures(bars, calibration),
-        **calibration_only(truth, calibration),
-    }
+    return _figures(calibration, cpu_s, _with_bars(session, preset, seed, sigma_px), truth)
 
 
 def wand(preset: str, seed: int, sigma_px: float, frames: int, known: bool = False) -> dict[str, Any]:
@@ -128,22 +124,17 @@ def paths(
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
     """The graph, the paths of one search, and the chained start; `sigma_px` None: rendered images."""
-    session, truth = _session(preset, seed, sigma_px, None, "spread")
-    session = _with_known(session, truth.cameras) if known else session
-    return {
-        **path_figures(observed(session, Context()), search, paths),
-        "places": [c.centre_mm.tolist() for c in truth.cameras],
-    }
+    session, truth = _session(preset, seed, sigma_px, None, "spread", known=known)
+    figures = path_figures(observed(session, Context()), search, paths)
+    return {**figures, "places": [c.centre_mm.tolist() for c in truth.cameras]}
 
 
 def path_figures(session: Session, search: Search, numbers: PathNumbers | None = None) -> dict[str, Any]:
     """The result of `paths` for a session with observations, but for the cameras' places; by the paper's own pipeline.
 
-    `count_share`: the median share of the term xi2 / N in an edge's weight, [Tao21] (13). `changed_by_count`: of how
-    many cameras the path is another one without that term. A path over an edge that the graph refuses has no length.
-    `search_s`: processor time of a search of all paths, the median of some.
-
-    `numbers`: xi1, xi2, TH_er in px and b; None leaves all to the method.
+    `count_share`: the median share of xi2 / N in an edge's weight, [Tao21] (13); `changed_by_count`: how many cameras
+    have another path without it; `search_s`: processor time of a search of all paths. `numbers`: xi1, xi2, TH_er in px
+    and b; None leaves all to the method.
     """
     settings = CalibrationSettings(method="tao2021", search=search, **_of_paths(numbers))
     recording = Recording.of(session)
@@ -187,8 +178,8 @@ def displaced(
     percents: Sequence[int] = PERCENT,
 ) -> dict[str, Any]:
     """How the paper's adjustment ends from points displaced by % of the radius, [Tao21] (22); see displacement.py."""
-    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
-    session = observed(_with_known(session, truth.cameras) if known else session, Context())
+    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread", known=known)
+    session = observed(session, Context())
     return displaced_cases(session, truth, seed, CalibrationSettings(method="tao2021", damping=damping), percents)
 
 
@@ -201,8 +192,8 @@ def published(
     paths: PathNumbers | None = None,
 ) -> dict[str, Any]:
     """How the paper's adjustment ends from every variant of its start, and our robust start; None: as the method."""
-    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread")
-    session = observed(_with_known(session, truth.cameras) if known else session, Context())
+    session, truth = _session(preset, seed, sigma_px, STANDARD_PLACEMENTS, "spread", known=known)
+    session = observed(session, Context())
     settings = CalibrationSettings(method="tao2021", **_of_paths(paths))
     done = published_cases(session, truth, settings if th_pt is None else replace(settings, th_pt=th_pt))
     ours, cpu_s = _timed(session, CalibrationSettings(method="free"))
@@ -218,14 +209,18 @@ def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration
 
 
 def _session(
-    preset: str, seed: int, sigma_px: float | None, placements: int | None, layout: Layout, print_sd_mm: float = 0.0
-) -> tuple[Session, Truth]:
+    preset: str, seed: int, sigma_px: float | None, placements: int | None, layout: Layout, print_sd_mm: float = 0.0,
+    known: bool = False,
+) -> tuple[Session, Truth]:  # fmt: skip
+    """The ball's session and its truth; `known`: with the true intrinsics."""
     if sigma_px is None:
-        return rendered_ball(preset, seed, placements, layout)
-    options = SimulationOptions(
-        placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES, print_sd_mm=print_sd_mm
-    )
-    return simulate_session(preset, seed, options)
+        session, truth = rendered_ball(preset, seed, placements, layout)
+    else:
+        options = SimulationOptions(
+            placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES, print_sd_mm=print_sd_mm
+        )
+        session, truth = simulate_session(preset, seed, options)
+    return _with_known(session, truth.cameras) if known else session, truth
 
 
 def _with_bars(session: Session, preset: str, seed: int, sigma_px: float | None) -> Session:

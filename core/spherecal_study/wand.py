@@ -19,18 +19,14 @@ _FRAMES = (300, 1000, 3000)
 
 def trials(options: Options) -> list[Trial]:
     """Calibrations with 300, 1,000 and 3,000 frames of a bar of 300 mm in rig A."""
-    return [Trial("wand", {**_plain(options), "seed": s, "frames": n}) for n in _FRAMES for s in options.seeds]
-
-
-def _plain(options: Options) -> dict[str, Any]:
-    return {name: value for name, value in options.plain("rigA").items() if name != "paths"}
+    plain = {name: value for name, value in options.plain("rigA").items() if name != "paths"}
+    return [Trial("wand", {**plain, "seed": s, "frames": n}) for n in _FRAMES for s in options.seeds]
 
 
 def errors_and_bounds(recording: SimulatedRecording, calibration: Calibration, sigma_px: float) -> dict[str, Any]:
-    """Root mean square errors against the truth after a similarity over the marks, and the bound of each.
+    """Rms errors against the truth after a similarity over the marks (mm, focal lengths px, scale relative).
 
-    The bound is that of Cramer and Rao: the covariance of the adjustment at the noise that was simulated. Lengths in
-    mm, focal lengths in px, the scale relative.
+    The bound of each is Cramer and Rao's: the covariance of the adjustment at the noise that was simulated.
     """
     f = calibration.features
     truth = recording.points_mm[f.placement, f.target - 1]

@@ -1,8 +1,7 @@
 """Do a verification's errors agree with the uncertainty that the rig states: each, and all together.
 
-What single errors keep to says nothing of all of them: a rig with wrong fixed lenses had 25 errors within 3.5 u each
-and a chi-square of 86 (99.9 %: 52.6). The covariance of all errors holds what they share: the cameras, the scale, the
-marks of one pose, the certificate of one length, the thermometer, the expansion of one bar.
+A rig with wrong fixed lenses had 25 errors within 3.5 u each and a chi-square of 86 (99.9 %: 52.6). Their covariance
+holds what they share: cameras, scale, marks of a pose, a length's certificate, thermometer, a bar's expansion.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,10 +31,9 @@ def decide(
     scale_relative: float,
     comparable: bool,
 ) -> Decision:
-    """Whether the errors agree with their uncertainties; "no data" where nothing can be compared.
+    """Whether errors agree: each by Student's k for all (Bonferroni), together by chi-square; else "no data".
 
-    Lengths whose own uncertainty is not stated decide nothing. Each error is held against Student's k for all of them
-    (Bonferroni's bound, which holds for correlated errors too), all together against chi-square with their covariance.
+    Lengths whose own uncertainty is not stated decide nothing.
     """
     measured = [m for m in measured if m.certified]
     if not measured or not comparable:

@@ -31,10 +31,7 @@ _REMEDY = {
 
 @dataclass(frozen=True)
 class Contribution:
-    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact).
-
-    `share` is that of the variance of the budget that it belongs to.
-    """
+    """A contribution: name, GUM type, standard uncertainty, degrees of freedom (inf: exact), share of the variance."""
 
     name: str
     evaluation: Literal["A", "B"]
@@ -46,10 +43,7 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Budget(OfLength):
-    """The uncertainty of the test value of one certified length (ISO 14253-5, 95.45 %), in mm.
-
-    `freedom` are the effective degrees of freedom; `expanded_mm` is `coverage_factor` times `combined_mm`.
-    """
+    """The test value's uncertainty of one certified length (ISO 14253-5, 95.45 %), mm; effective degrees of freedom."""
 
     contributions: tuple[Contribution, ...]
     combined_mm: float
@@ -75,11 +69,7 @@ class Budget(OfLength):
 def length_budgets(
     measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], noise_share: float
 ) -> tuple[Budget, ...]:
-    """The test value's uncertainty (ISO 14253-5) of each certified length, in the order they were first measured.
-
-    It holds what the test adds: the bar, its temperature, how well its marks are found. What the rig errs by is what is
-    tested: a worse rig must not be harder to fail.
-    """
+    """The test value's uncertainty (ISO 14253-5) of each length: bar, temperature, marks, and not the tested rig."""
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:
         groups.setdefault(m.key, []).append(m)

@@ -1,8 +1,7 @@
 """Is every camera still where the rig says? A linear test of one placement's or some bar poses' observations.
 
-All cameras see the same points. Each camera is given a small turn and shift of its own while the points follow the
-others. Their size, compared with their own uncertainty (image noise and the calibration's covariance), says
-whether the camera has moved. The one that explains most is named first and freed, then the others are tested again.
+Each camera is given a small turn and shift of its own while the points follow the others; compared with image noise
+and the calibration's covariance. The one that explains most is named and freed, then the others are tested again.
 """
 
 from dataclasses import dataclass, replace
@@ -30,11 +29,10 @@ _SAYS_NOTHING = 1e-20  # relative to the largest, of six parameters' normal equa
 
 @dataclass(frozen=True)
 class CameraTest:
-    """One camera: points seen in common, its move if it had one, and whether that is more than chance.
+    """One camera: points seen in common, rms, its move if it had one, and whether that is more than chance.
 
-    `rms_px` is that of its residuals. `turn_rad` (3,) and `shift_mm` (3,) are the move in its own frame. `move_px` is
-    the rms of what the move changes in its image, `point_mm` the largest shift of a point that it brings about. `p` is
-    the probability of such a move by chance, 0 for a camera that was named.
+    `turn_rad` (3,), `shift_mm` (3,) in its own frame; `move_px` rms in its image, `point_mm` the largest shift of a
+    point; `p`: probability by chance, 0 for a camera that was named.
     """
 
     id: str
@@ -65,11 +63,7 @@ class Consistency:
 
 
 def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: float = _FALSE_ALARM) -> Consistency:
-    """Test every camera of the rig that sees enough of the points: a chi-squared of six degrees of freedom for each.
-
-    Points of fewer than three cameras say nothing and are left out; so are single views that contradict the others. The
-    procedure is that of docs/verification.md, Quick check.
-    """
+    """Test every camera that sees enough points of three or more by a chi-squared of six (docs/verification.md)."""
     # two alone always agree across their common plane
     cameras = np.zeros((views.n_features, len(views.rotation)), dtype=bool)
     cameras[views.feature, views.camera] = True
@@ -187,16 +181,12 @@ class _System:
         return np.asarray(step.reshape(-1, 6), dtype=np.float64)
 
     def sizes(self, free: list[int]) -> FloatArray:
-        """Whitened residuals' size (n,) with some cameras freed."""
-        return np.linalg.norm(self._residual(free), axis=1)
-
-    def _residual(self, free: list[int]) -> FloatArray:
-        """Residuals to first order after the freed cameras' poses are fitted and the points follow."""
+        """Whitened residuals' size (n,), to first order, after freed cameras' poses are fitted and points follow."""
         if not free:
-            return self.residual
+            return np.linalg.norm(self.residual, axis=1)
         step = np.zeros((len(self.views.rotation), 6))
         step[free] = self.solve(free)
-        return self.residual + self.effect(step) / self.views.sigma
+        return np.linalg.norm(self.residual + self.effect(step) / self.views.sigma, axis=1)
 
     def effect(self, step: FloatArray) -> FloatArray:
         """The change of the residuals (n, 2) px by steps (c, 6) of the poses, with the points following."""
@@ -256,10 +246,9 @@ def camera_normal(views: Views, keep: BoolArray, rig: Rig) -> FloatArray:
 
 
 def noise_alone(checked: CheckedPoints, rig: Rig) -> float:
-    """The image points' noise in units of their sigma without what the cameras' own uncertainty adds to the residuals.
+    """The image points' noise in units of sigma without what the cameras' own uncertainty adds to the residuals.
 
-    That counts by itself in every budget: left in, it made the noise of bars' marks on rigs A 4 % too large. Without
-    the cameras' covariance, or with too few residuals to estimate it, the noise as it is.
+    That counts by itself in budgets (on rigs A it made the marks' noise 4 % too large); as it is where unknown.
     """
     points = len(np.unique(checked.views.feature[checked.kept]))
     redundancy = 2 * int(checked.kept.sum()) - 3 * points
@@ -293,7 +282,7 @@ def _reduced_normal(views: Views, white: FloatArray, by_point: FloatArray, cofac
 
 def _consistency(views: Views, keep: BoolArray, rig: Rig, found: _Found) -> Consistency:
     system, tests, untested = found.system, [], []
-    residual = found.system._residual([]) * views.sigma
+    residual = system.residual * views.sigma
     for i, camera in enumerate(rig.cameras):
         rows = np.flatnonzero(system.keep & (views.camera == i))
         if len(rows) < LEAST_POINTS or np.isnan(found.p[i]):

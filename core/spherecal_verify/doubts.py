@@ -1,8 +1,4 @@
-"""Doubts about a verification itself: expired certificates, thermometers, bars that contradict one another.
-
-A rig that measures wrong and a bar with a wrong certificate or temperature both lead to errors. All bars are measured
-with the same rig, so if they contradict each other, the rig is not the cause.
-"""
+"""Doubts about a verification: expired certificates, thermometers, bars that contradict each other in one rig."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

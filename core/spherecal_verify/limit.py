@@ -79,10 +79,7 @@ class LengthConformity(OfLength):
 
 @dataclass(frozen=True)
 class Acceptance:
-    """The decision: of all lengths, and of each; `verdict` None where nothing can be compared.
-
-    `doubts` are the findings' codes that turned a pass, or a fail, into "cannot tell".
-    """
+    """The decision of all lengths (None: nothing to compare) and each; `doubts`: codes that made it "cannot tell"."""
 
     limit: LengthLimit
     verdict: Conformity | None

@@ -19,10 +19,7 @@ _WEAK_DOT = 5.0
 
 @dataclass(frozen=True)
 class MarkPlace:
-    """A mark's place (3,) in mm, to first order `place + by_point[i] @ shift of point features[i]`, summed over i.
-
-    `features` (k,) and `by_point` (k, 3, 3) say on which reconstructed points it rests; `views` counts its cameras.
-    """
+    """A place (3,) mm = place + by_point[i] @ shift of point features[i], (k, 3, 3) and (k,); views: its cameras."""
 
     place_mm: FloatArray
     features: IntArray
@@ -40,11 +37,7 @@ class MarkFinder:
     target_set: TargetSet | None
 
     def find(self, pose: int, mark: Mark) -> MarkPlace | Phrase:
-        """The place of a mark in mm in one pose, or why there is none.
-
-        A point observed under the mark's name gives the place itself. Else, for the centre of a target, its layout is
-        laid over its dots.
-        """
+        """The place of a mark in one pose, by its name or as the centre of a layout over its dots; or why none."""
         names = self.observations.points
         of_target = np.flatnonzero((self.features.placement == pose) & (self.features.target == mark.target))
         points = self.checked.points

@@ -19,10 +19,7 @@ _MEDIAN_TO_SIGMA = 1.1774  # the median length of (x, y), both normal with sigma
 
 @dataclass(frozen=True)
 class Views:
-    """Views of points: row i shows point `feature[i]` at `uv[i]` px (n, 2) in camera `camera[i]`, sigma[i] (n, 2) px.
-
-    The cameras are those of all rows together, in their order.
-    """
+    """Row i shows point `feature[i]` at `uv[i]` (n, 2), sigma[i] (n, 2) px, in camera `camera[i]` of `cameras`."""
 
     feature: IntArray
     camera: IntArray
@@ -62,10 +59,7 @@ class Views:
 
 @dataclass(frozen=True)
 class CheckedPoints:
-    """Points of views, the views they are based on (`kept`, (n,)), and those left out because their views contradict.
-
-    `contradicting` (m,) bool; `noise` is the standard deviation of the observations in units of their sigma.
-    """
+    """Points, the views they rest on (`kept`, (n,)), those given up (`contradicting`, (m,)), noise in sigmas."""
 
     views: Views
     points: Triangulation
@@ -75,11 +69,7 @@ class CheckedPoints:
 
 
 def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
-    """The points without their grossly wrong views.
-
-    With three or more views, the view is left out without which the others agree. Where two views contradict, or three
-    in more than one way, none can be identified as wrong and the point is given up.
-    """
+    """The points without a view without which the others agree; given up where none can be told to be wrong."""
     kept = np.ones(len(views.uv), dtype=bool)
     contradicting = np.zeros(views.n_features, dtype=bool)
     points = views.triangulate(kept)

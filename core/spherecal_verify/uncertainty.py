@@ -41,10 +41,9 @@ class PointErrors:
 def point_errors(checked: CheckedPoints, rig: Rig) -> PointErrors:
     """The errors of triangulated points to first order.
 
-    Without the cameras' covariance (a rig.json copied alone) only the standard uncertainties of the focal lengths
-    count. Taken as independent, all its standard uncertainties overstate a length's by 2 to 8. Turns, principal point
-    and distortion were estimated together and make up for each other in the images. The focal lengths' alone gave 1.03
-    to 1.9 times the full covariance's for bars of 100 to 500 mm on rigs A and B: safe, and near.
+    Without the cameras' covariance only the standard uncertainties of the focal lengths count: 1.03 to 1.9 times the
+    full covariance's for bars of 100 to 500 mm on rigs A and B. All of them as independent overstate a length's by 2 to
+    8, since turns, principal point and distortion make up for each other.
     """
     views, points, covariance = checked.views, checked.points, rig.covariance
     rotation, k = views.rotation[views.camera], views.intrinsics[views.camera]
@@ -122,11 +121,10 @@ def camera_gradient(features: np.ndarray, by_point: FloatArray, errors: PointErr
 
 
 def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors | None = None) -> LengthStatistics:
-    """One certified length over its poses, with the expanded uncertainty of its mean error.
+    """One certified length over its poses, with the expanded uncertainty of its mean error (Welch-Satterthwaite).
 
-    Type A is the scatter of the mean. Where the cameras' share differs from pose to pose (`errors_of`), it averages.
-    All else errs alike in every pose and does not average. The coverage factor is Student's for the effective degrees
-    of freedom (Welch-Satterthwaite).
+    The scatter of the mean (type A) averages, and the cameras' share where it differs from pose to pose (`errors_of`);
+    all else errs alike in every pose.
     """
     first, n = measured[0], len(measured)
     errors = np.array([m.error_mm for m in measured])

@@ -21,11 +21,7 @@ Verdict = Literal["consistent", "inconsistent", "no data"]
 
 @dataclass(frozen=True)
 class LengthBudget:
-    """The standard uncertainties (k = 1) that contribute to that of one length's error, in mm.
-
-    `noise_mm` of the image points, `calibration_mm` of the cameras, `scale_mm` of the rig's scale, `certificate_mm` of
-    the bar, `temperature_mm` of the thermometer and the expansion coefficient.
-    """
+    """Standard uncertainties (k = 1) of one length's error in mm: image noise, cameras, scale, bar, temperature."""
 
     noise_mm: float
     calibration_mm: float

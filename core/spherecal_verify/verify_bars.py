@@ -61,11 +61,7 @@ STAGE = "verification"
 
 @dataclass(frozen=True)
 class VerifySettings:
-    """Further input: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm.
-
-    `limit` None: errors are judged by their uncertainty alone. `today` None: the day of the call. `corners_mm` are the
-    lowest and the highest corner (3,), for a rig without a map of lengths.
-    """
+    """Limit of errors (None: their uncertainty alone), day of certificates (None: today), volume's corners (3,) mm."""
 
     limit: LengthLimit | None = None
     today: date | None = None
@@ -76,10 +72,7 @@ class VerifySettings:
 def verify(
     session: Session, rig: Rig, context: Context | None = None, settings: VerifySettings | None = None
 ) -> Verification:
-    """Measure every certified length of the check bars in every pose with the rig, and judge the errors.
-
-    What could not be measured, and why, is among the findings. docs/verification.md says what is judged and how.
-    """
+    """Measure every certified length of the check bars in every pose, and judge the errors (docs/verification.md)."""
     context, settings = context or Context(), settings or VerifySettings()
     context.report(STAGE, 0.0, Phrase("triangulating"))
     findings = _Findings()

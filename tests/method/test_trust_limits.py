@@ -35,7 +35,7 @@ from spherecal_documents.export.colmap import read_colmap
 from spherecal_documents.export.opencv_yaml import read_yaml
 from spherecal_documents.export.write_export import export_rig
 from spherecal_files import filesystem as files
-from spherecal_files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal_files.atomic import RESULT, write_folder_whole
 from spherecal_files.bar_registry import RegisteredBar
 from spherecal_files.cells import cell, from_cell
 from spherecal_files.filesystem import PARTIAL, write_below, write_whole
@@ -136,22 +136,6 @@ def test_modes_are_kept(tmp_path: Path) -> None:
     (tmp_path / "out" / "rig.json").chmod(0o600)
     write_folder_whole(tmp_path / "out", build, RESULT)
     assert (tmp_path / "out" / "rig.json").stat().st_mode & 0o777 == 0o600
-
-
-def test_a_folder_that_was_replaced_while_it_was_read_is_read_again(tmp_path: Path) -> None:
-    def build(folder: Path) -> None:
-        files.create(folder / "rig.json", b'{"format": "spherecal/rig"}')
-
-    write_folder_whole(tmp_path / "out", build, RESULT)
-    times: list[int] = []
-
-    def read(folder: Path) -> int:
-        times.append(1)
-        if len(times) == 1:
-            write_folder_whole(folder, build, RESULT)
-        return len(times)
-
-    assert read_unchanged(tmp_path / "out", read) == 2
 
 
 # --- 7: names of cameras ---------------------------------------------------------------------------------------------

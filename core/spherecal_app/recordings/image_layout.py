@@ -1,8 +1,4 @@
-"""Which file is of which camera and placement, by folders and file names.
-
-Every layout is a pattern such as "{camera}/{placement}.png"; a layout that is recognised is one whose pattern could
-be written down without guessing. What can be read in two ways is refused, and both patterns are shown.
-"""
+"""Which file is of which camera and placement: by the one pattern, "{camera}/{placement}.png", that names allow."""
 
 import os
 import re

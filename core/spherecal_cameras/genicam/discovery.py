@@ -27,23 +27,18 @@ _LOOK_S = 0.05
 
 def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
     """All producer files (.cti) once: the user's own (also absent ones), the environment's and makers' folders."""
-    named = [entry for entry in own if entry]
-    folders = [folder for folder in os.environ.get(ENVIRONMENT, "").split(os.pathsep) if folder]
-    found: dict[str, str] = {}
-    for entry in named:
-        path = Path(entry).expanduser()
-        files = sorted(path.glob("*.cti")) if path.is_dir() else [path]
-        for file in files or [path]:
-            found.setdefault(os.path.realpath(file), str(file))
-    for folder in folders:
-        for file in sorted(Path(folder).glob("*.cti")):
-            found.setdefault(os.path.realpath(file), str(file))
+    files: list[Path] = []
+    for path in (Path(entry).expanduser() for entry in own if entry):
+        files += (sorted(path.glob("*.cti")) if path.is_dir() else []) or [path]
+    for folder in filter(None, os.environ.get(ENVIRONMENT, "").split(os.pathsep)):
+        files += sorted(Path(folder).glob("*.cti"))
     for pattern in driver_patterns("linux" if sys.platform.startswith("linux") else sys.platform):
         anchor = Path(Path(pattern).anchor)
         with suppress(OSError, ValueError):  # a variable may hold anything
-            for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor)))):
-                found.setdefault(os.path.realpath(file), str(file))
-    for file in sorted(own_folder().glob("*.cti")):
+            files += sorted(anchor.glob(str(Path(pattern).relative_to(anchor))))
+    files += sorted(own_folder().glob("*.cti"))
+    found: dict[str, str] = {}
+    for file in files:
         found.setdefault(os.path.realpath(file), str(file))
     return tuple(found.values())
 
@@ -145,20 +140,16 @@ class _Probe:
     def __init__(self, driver: Admitted) -> None:
         self.file = driver.file
         self._began = time.perf_counter()
-        self._early = _check_file(driver.file)
-        if self._early is None:
-            context = multiprocessing.get_context("spawn")
-            self._ours, theirs = context.Pipe(duplex=False)
-            self._inbox = Inbox(self._ours, (Probed,))
-            known = (driver.file, driver.load, driver.sha256)
-            self._process = context.Process(target=probe, args=(known, theirs), daemon=True, name="spherecal-probe")
-            self._process.start()
-            theirs.close()
+        context = multiprocessing.get_context("spawn")
+        self._ours, theirs = context.Pipe(duplex=False)
+        self._inbox = Inbox(self._ours, (Probed,))
+        known = (driver.file, driver.load, driver.sha256)
+        self._process = context.Process(target=probe, args=(known, theirs), daemon=True, name="spherecal-probe")
+        self._process.start()
+        theirs.close()
 
     def verdict(self) -> ProducerVerdict | None:
         """What came out; None while the process is at work."""
-        if self._early is not None:
-            return self._early
         seconds = time.perf_counter() - self._began
         answer: ProducerVerdict | None = None
         try:
@@ -186,13 +177,12 @@ class _Probe:
 
     def end(self) -> None:
         """End the process, if it has not ended."""
-        if self._early is None:
-            self._ours.close()
-            self._process.join(0.5)
-            if self._process.is_alive():
-                self._process.kill()
-                self._process.join()
-            self._process.close()
+        self._ours.close()
+        self._process.join(0.5)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._process.close()
 
 
 def _check_file(file: str) -> ProducerVerdict | None:

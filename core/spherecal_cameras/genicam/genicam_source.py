@@ -4,8 +4,8 @@ import itertools
 import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Self
 
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
@@ -38,7 +38,7 @@ _COLD_S = 4.0
 _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass for one of the next round
 
 
-class GenicamSource:
+class GenicamSource(AbstractContextManager["GenicamSource"]):
     """GenICam cameras behind the protocol (see `CameraSource`)."""
 
     kind: SourceKind = "genicam"
@@ -198,9 +198,6 @@ class GenicamSource:
         if self._service is not None:
             self._service.close()
             self._service = None
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

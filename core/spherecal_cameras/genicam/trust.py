@@ -23,6 +23,7 @@ from spherecal_files.atomic import write_file_whole
 from spherecal_files.cache_folder import cache_folder
 from spherecal_files.codec import FileFormat, field, items, only, record, text, unread
 from spherecal_files.filesystem import PARTIAL, new_file, remove_own_folder
+from spherecal_files.programs import process_runs
 from spherecal_files.registry import settings_path
 
 _CHUNK = 1 << 20
@@ -100,21 +101,11 @@ def _new_tree() -> Path:
     base.chmod(0o700)
     for old in base.iterdir():
         owner = _NAME.fullmatch(old.name)
-        if owner and not _runs(int(owner[1])):
+        if owner and not process_runs(int(owner[1])):
             remove_own_folder(old)
     tree = base / f".{os.getpid()}-{secrets.token_hex(6)}{PARTIAL}"
     tree.mkdir(mode=0o700)
     return tree
-
-
-def _runs(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True
 
 
 def _remove_copies() -> None:

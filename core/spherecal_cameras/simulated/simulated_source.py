@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.data.session import Session
 from spherecal_cameras.in_process import InProcessSource, NoImage
 from spherecal_cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, SourceKind
 from spherecal_cameras.simulated.draw import digitise
@@ -82,6 +81,7 @@ class SimulatedSource(InProcessSource):
     ) -> None:
         super().__init__()
         self.stage = stage or Stage(preset, seed)
+        self.session, self.poses = self.stage.session, self.stage.poses
         self.label = f"SIMULATED: rig {self.stage.preset}, no real cameras"
         self._rendered = rendered
         self._rng = np.random.default_rng([seed, 77])
@@ -94,16 +94,6 @@ class SimulatedSource(InProcessSource):
             self.inject(fault)
 
     # --- the scene ---------------------------------------------------------------------------------------------------
-
-    @property
-    def session(self) -> Session:
-        """The session by which the simulated rig is calibrated, without observations."""
-        return self.stage.session
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        """Ids of placements and bar poses."""
-        return self.stage.poses
 
     @property
     def shown(self) -> str:

@@ -70,14 +70,10 @@ class Stage:
         self.truth: Truth
         self.session, self.truth = simulate_session(preset, seed, options or replace(RENDERED, bar_poses=2))
         self.session = replace(self.session, observations=None)
+        self.poses = self.truth.placements + tuple(pose.id for pose in self.truth.bar_poses)
         self._lock = threading.Lock()
         self._artefact = ArtefactPose(self.truth.placements[0])
         self._path: Path | None = None
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        """Ids of the placements and bar poses."""
-        return self.truth.placements + tuple(pose.id for pose in self.truth.bar_poses)
 
     @property
     def shown(self) -> str:

@@ -1,7 +1,4 @@
-"""A COLMAP model's four tables as text or binary files: cameras, images, rigs, frames.
-
-Text: https://colmap.github.io/format.html. Binary, little endian, as COLMAP writes it: counts are 64 bits, ids 32.
-"""
+"""A COLMAP model's tables, text (colmap.github.io/format.html) or binary (little endian, counts 64 bits, ids 32)."""
 
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -4,7 +4,6 @@ import csv
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,7 @@ _MOST_BYTES = 8 << 20
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
-    text = StringIO()
+    text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     wide = any(camera.fisheye for camera in rig.cameras)
     head = ("camera", "serial", *_SIZE, *INTRINSIC_NAMES, *_ROTATION, *_SHIFT, *_CENTRE)
@@ -61,7 +60,7 @@ def _read(path: Path) -> list[FileCamera]:
     try:
         data = read_bytes(path, _MOST_BYTES)
         check_lines(path, data)
-        rows = list(csv.DictReader(StringIO(decode(path, data))))
+        rows = list(csv.DictReader(io.StringIO(decode(path, data))))
     except csv.Error as error:
         raise InputError(f"{path}: is not a table of cameras as this program writes it ({error}).") from None
     for row in rows:

@@ -77,18 +77,14 @@ def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[st
     cameras = tuple(_camera(path, camera, own, MM_PER[chosen]) for camera, own in zip(placed, own_ids, strict=True))
     if len(set(own_ids)) < len(own_ids):
         raise InputError(Phrase("error-one-name-twice", {"path": path}))
-    nearest, farthest = _distances(cameras)
-    warnings = (*reading.notes, *_doubts(cameras, nearest, farthest, chosen))
-    rig = rig_of_unknown_quality(cameras)
-    return Imported(rig, chosen, source, _lenses(cameras), nearest, farthest, left_out, warnings)
-
-
-def _distances(cameras: Sequence[RigCamera]) -> tuple[float | None, float | None]:
-    """The least and the largest distance of two cameras' centres, mm."""
-    if len(cameras) < 2:
-        return None, None
     apart = pdist(np.array([camera.centre_mm for camera in cameras]))
-    return float(apart.min()), float(apart.max())
+    nearest, farthest = (float(apart.min()), float(apart.max())) if len(apart) else (None, None)
+    warnings = (*reading.notes, *_doubts(cameras, nearest, farthest, chosen))
+    lenses: dict[str, tuple[str, ...]] = {}
+    for camera in cameras:
+        words = _lens_words(camera)
+        lenses[words] = (*lenses.get(words, ()), camera.id)
+    return Imported(rig_of_unknown_quality(cameras), chosen, source, lenses, nearest, farthest, left_out, warnings)
 
 
 def _doubts(cameras: Sequence[RigCamera], nearest: float | None, farthest: float | None, unit: Unit) -> list[str]:
@@ -107,14 +103,6 @@ def _doubts(cameras: Sequence[RigCamera], nearest: float | None, farthest: float
         same = [f"{a.id} and {b.id}" for a, b in pairs if np.linalg.norm(a.centre_mm - b.centre_mm) <= nearest]
         found.append(f"{', '.join(same[:4])} are at one place: their poses may not be calibrated")
     return found
-
-
-def _lenses(cameras: Sequence[RigCamera]) -> dict[str, tuple[str, ...]]:
-    """Camera ids by lens model in words."""
-    found: dict[str, list[str]] = {}
-    for camera in cameras:
-        found.setdefault(_lens_words(camera), []).append(camera.id)
-    return {words: tuple(own) for words, own in found.items()}
 
 
 def _lens_words(camera: RigCamera) -> str:

@@ -23,13 +23,12 @@ _MOST_BYTES = 64 << 20  # a model may hold all observations that it was made of
 
 
 def _write(rig: file_cameras.FileRig) -> Mapping[str, str]:
-    return {f"{name}{ENDING}": _model(c, rig) for name, c in zip(rig.safe_names(), rig.cameras, strict=True)}
-
-
-def _model(camera: file_cameras.FileCamera, rig: file_cameras.FileRig) -> str:
-    coefficients = file_cameras.distortion(camera, (4, 5, 8, 12))
-    lens = f"{numbers(camera.intrinsics[:4])}, {numbers(coefficients)}"
-    return cameramodel(camera, rig, f"{_LENSMODEL}{len(coefficients)}", lens)
+    files = {}
+    for name, camera in zip(rig.safe_names(), rig.cameras, strict=True):
+        coefficients = file_cameras.distortion(camera, (4, 5, 8, 12))
+        lens = f"{numbers(camera.intrinsics[:4])}, {numbers(coefficients)}"
+        files[f"{name}{ENDING}"] = cameramodel(camera, rig, f"{_LENSMODEL}{len(coefficients)}", lens)
+    return files
 
 
 def cameramodel(camera: file_cameras.FileCamera, rig: file_cameras.FileRig, model: str, lens: str) -> str:

@@ -7,10 +7,10 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.file_reading import read_file
 from spherecal.base.messages.values import Phrase
-from spherecal.data.session import CameraSpec, Session
+from spherecal.data.session import Session
 from spherecal.geometry.camera import camera_matrix
 from spherecal_documents.export.colmap import read_colmap_lenses
-from spherecal_documents.export.file_cameras import FileCamera
+from spherecal_documents.export.file_cameras import FileCamera, distortion
 from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.opencv_yaml import read_opencv, read_yaml
 from spherecal_files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
@@ -18,7 +18,6 @@ from spherecal_files.filesystem import write_new
 from spherecal_files.json_file import json_bytes
 from spherecal_files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
 
-_DISTORTION_LENGTHS = (4, 5, 8, 12)
 _MOST_BYTES = 1 << 30
 
 
@@ -57,20 +56,15 @@ def matched(session: Session, found: Sequence[FileCamera], by_order: bool) -> di
             own = _listed([spec.id for spec in session.cameras])
             raise InputError(Phrase("error-no-common-camera", {"names": _listed(names), "own": own}))
     for spec in session.cameras:
-        if spec.id in pairs:
-            _check_size(spec, pairs[spec.id])
+        size = pairs[spec.id].image_size if spec.id in pairs else None
+        if size is not None and size != spec.image_size:
+            sizes = dict(zip(("width", "height", "own_width", "own_height"), (*size, *spec.image_size), strict=True))
+            raise InputError(Phrase("error-lens-of-other-size", {"camera": spec.id, **sizes}))
     return pairs
 
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-
-
-def _check_size(spec: CameraSpec, camera: FileCamera) -> None:
-    if camera.image_size is not None and camera.image_size != spec.image_size:
-        width, height = camera.image_size
-        sizes = {"width": width, "height": height, "own_width": spec.image_size[0], "own_height": spec.image_size[1]}
-        raise InputError(Phrase("error-lens-of-other-size", {"camera": spec.id, **sizes}))
 
 
 def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], output: Path) -> None:
@@ -80,7 +74,8 @@ def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], ou
     for entry in document["cameras"]:
         if entry["id"] in priors:
             camera = priors[entry["id"]]
-            entry["prior"] = _prior(camera)
+            matrix = camera_matrix(camera.intrinsics).tolist()
+            entry["prior"] = {"matrix": matrix, "distortion": distortion(camera, (5, 8, 12))}
             if camera.fisheye:
                 entry["lens_model"] = "fisheye"
             elif entry.get("lens_model") == "fisheye":  # of a lens that is replaced by one of the other model
@@ -94,15 +89,6 @@ def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], ou
         write_new(new, WRITTEN_FILE, written_bytes([SESSION_FILE, *names]))
 
     write_folder_whole(output, build, SESSION)
-
-
-def _prior(camera: FileCamera) -> dict[str, object]:
-    if camera.fisheye:
-        return {"matrix": camera_matrix(camera.intrinsics).tolist(), "distortion": camera.intrinsics[4:8].tolist()}
-    numbers = camera.intrinsics[4:].tolist()
-    used = max((i + 1 for i, value in enumerate(numbers) if value), default=0)
-    length = min(n for n in _DISTORTION_LENGTHS if n >= max(used, 5))
-    return {"matrix": camera_matrix(camera.intrinsics).tolist(), "distortion": numbers[:length]}
 
 
 def _files(session: Session, document: Mapping[str, object]) -> list[Path]:

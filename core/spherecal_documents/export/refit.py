@@ -42,11 +42,7 @@ def refit(
     """The nearest lens with the first `coefficients` distortion numbers: its 16 numbers, a rotation (3, 3), the loss.
 
     To second order a lens with a prism looks like a turned one with tangential distortion, so that a turn may halve the
-    loss. Where it does not, the rotation is the identity.
-
-    `intrinsics`: the lens (16,), not of the fisheye model; `image_size` (width, height) in px; `seeing` None: over the
-    whole image; returns lens The new lens (16,). rotation A turn of the camera about its own centre: `x_camera' =
-    rotation @ x_camera`. loss What it costs in px.
+    loss; elsewhere `x_camera' = rotation @ x_camera` is the identity. `seeing` None: judged over the whole image.
     """
     rays, uv = _rays(intrinsics, image_size, _FIT_GRID)
     if len(uv) < 0.5 * _FIT_GRID[0] * _FIT_GRID[1]:
@@ -120,11 +116,10 @@ def _fit(
     turned: bool,
     weights: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Least squares over the intrinsics that remain, and over a rotation where `turned`.
+    """Least squares over the intrinsics that remain, and over a rotation where `turned`, from few coefficients to all.
 
-    The fit goes from few coefficients to all (none: a pinhole). A rational model's eight can replace each other.
-    Started at once with all of them, the search stops early (0.30 px instead of 0.02 px for a lens with a prism). For
-    the same reason the denominator's three stay near those of the whole lens.
+    Started at once with all eight of a rational model, which can replace each other, the search stops early (0.30 px
+    instead of 0.02 px for a lens with a prism); for the same reason the denominator's three stay near the whole lens's.
     """
     lens, rotation_vector = intrinsics.copy(), np.zeros(3)
     for count in (*(n for n in _STEPS if n < coefficients), coefficients):

@@ -95,10 +95,8 @@ def export_rig(
 ) -> Exported:
     """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
 
-    A lens with more coefficients than the format has is replaced by the nearest one that fits (see refit.py).
-
-    `unit` None: the format's usual one; `frame` None: the world of rig; `volume_mm` None: always over the whole image;
-    `override`: who exports a rig whose verification failed.
+    Lenses with too many coefficients are refitted (refit.py), over the image or `volume_mm`. `frame` None: the world of
+    the rig; `override`: who exports a rig whose verification failed.
     """
     if not rig.cameras:
         raise InputError(Phrase("error-nothing-to-export"))
@@ -110,18 +108,17 @@ def export_rig(
     if wide and not form.fisheye:
         others = [name for name, one in FORMATS.items() if one.fisheye]
         raise InputError(Phrase("error-no-fisheye", {"format": form.title, "cameras": wide, "others": others}))
-    first = rig.reference_camera
-    lenses = _lenses(rig, form, max_loss_px, volume_mm)
+    lenses, first = _lenses(rig, form, max_loss_px, volume_mm), None
     if frame is not None:
-        rig = in_frame(rig, frame)
-    file_rig, losses = _file_rig(rig, chosen, lenses, override)
+        rig, first = in_frame(rig, frame), rig.reference_camera
+    file_rig, losses = _file_rig(rig, first, chosen, lenses, override)
     lost = {} if form.fields else _field_losses(rig)
     if frame is not None:
-        source = f"{file_rig.source}, user's frame: {frame.definition.words()}"
-        file_rig = replace(file_rig, source=source, first=first)
+        file_rig = replace(file_rig, source=f"{file_rig.source}, user's frame: {frame.definition.words()}")
     _refuse_losses(form, losses, rig, max_loss_px)
-    files = form.write(file_rig)
-    said = any(_FAILED in text for text in files.values() if isinstance(text, str))
+    written = form.write(file_rig)
+    said = any(_FAILED in text for text in written.values() if isinstance(text, str))
+    files = {name: text if isinstance(text, bytes) else text.encode() for name, text in written.items()}
     if override is not None and not form.folder and not said:
         raise InputError(Phrase("error-override-not-said", {"format": form.title}))
     manifest = _manifest(form, files, file_rig, losses, lost, rig.quality.verdict)
@@ -185,7 +182,10 @@ def _lenses(rig: Rig, form: Format, max_loss_px: float, volume: Box | None) -> _
     return found
 
 
-def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses, override: Override | None) -> tuple[FileRig, dict[str, Loss]]:
+def _file_rig(
+    rig: Rig, first: str | None, unit: Unit, lenses: _Lenses, override: Override | None
+) -> tuple[FileRig, dict[str, Loss]]:
+    """The rig as files have it, and the lenses' losses; `first`: the reference camera of a rig in a user's frame."""
     cameras = []
     for camera in rig.cameras:
         lens, rotation, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
@@ -197,7 +197,7 @@ def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses, override: Override | None) 
         source = f"{source}, {WORDS[rig.quality.verdict]}{concerned}"
     if override is not None:
         source = f"{source}, {_FAILED}, used all the same by {override.by}: {override.reason}"
-    return FileRig(tuple(cameras), rig.reference_camera, unit, source), {c: one[2] for c, one in lenses.items()}
+    return FileRig(tuple(cameras), rig.reference_camera, unit, source, first), {c: one[2] for c, one in lenses.items()}
 
 
 def _write_scene(
@@ -206,11 +206,8 @@ def _write_scene(
     """Write the rig as a scene and read its frusta back."""
     if unit not in (None, form.unit):
         raise InputError(Phrase("error-fixed-unit", {"format": form.title, "unit": form.unit}))
-    first = rig.reference_camera
-    placed = rig if frame is None else in_frame(rig, frame)
-    file_rig, _ = _file_rig(placed, form.unit, {}, override)
-    if frame is not None:
-        file_rig = replace(file_rig, first=first)
+    placed, first = (rig, None) if frame is None else (in_frame(rig, frame), rig.reference_camera)
+    file_rig, _ = _file_rig(placed, first, form.unit, {}, override)
     write_file_whole(output, form.write(file_rig).encode())
     difference = scene_difference_px(form, output, file_rig)
     return Exported(form, form.unit, [camera.id for camera in file_rig.cameras], difference, {})
@@ -232,18 +229,14 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     raise InputError(Phrase("error-lens-lost", values))
 
 
-def _bytes(content: str | bytes) -> bytes:
-    return content if isinstance(content, bytes) else content.encode()
-
-
-def _write(form: Format, files: Mapping[str, str | bytes], output: Path, manifest: Mapping[str, object]) -> None:
+def _write(form: Format, files: Mapping[str, bytes], output: Path, manifest: Mapping[str, object]) -> None:
     if not form.folder:
-        write_file_whole(output, _bytes(files[""]))
+        write_file_whole(output, files[""])
         return
 
     def build(folder: Path) -> None:
-        for name, text in files.items():
-            write_new(folder, name, _bytes(text))
+        for name, data in files.items():
+            write_new(folder, name, data)
         write_new(folder, EXPORT.file, json_bytes(manifest))
 
     write_folder_whole(output, build, EXPORT)
@@ -251,7 +244,7 @@ def _write(form: Format, files: Mapping[str, str | bytes], output: Path, manifes
 
 def _manifest(
     form: Format,
-    files: Mapping[str, str | bytes],
+    files: Mapping[str, bytes],
     rig: FileRig,
     losses: Mapping[str, Loss],
     lost: Mapping[str, FieldLoss],
@@ -266,7 +259,7 @@ def _manifest(
         "source": rig.source,
         "verdict": verdict,
         "cameras": dict(zip((camera.id for camera in rig.cameras), form.ids(rig), strict=True)),
-        "files_sha256": {name: hashlib.sha256(_bytes(text)).hexdigest() for name, text in files.items()},
+        "files_sha256": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         "fields_lost": {name: {"max_px": one.max_px, "max_mm": one.max_mm} for name, one in lost.items()},
         "refit": {name: _refit_entry(loss) for name, loss in losses.items()},
         "software": software_entry(None),

@@ -1,8 +1,4 @@
-"""A Digital Calibration Certificate (PTB's DCC 3.2.1 with quantities in D-SI 2.1.0) of a result.
-
-Whoever issues it states in a small JSON file what no measurement gives: laboratory, customer, person, dates.
-Source: the published schema of DCC 3.2.1 (ptb.de/dcc).
-"""
+"""A Digital Calibration Certificate of a result, by the schemas of PTB's DCC 3.2.1 and D-SI 2.1.0 (ptb.de/dcc)."""
 
 import hashlib
 import re

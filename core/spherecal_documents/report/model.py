@@ -10,7 +10,7 @@ import matplotlib
 
 from spherecal.data.findings import Finding
 from spherecal_documents.report.language import finding_words, label
-from spherecal_documents.report.style import INK, PageBox, Sheet
+from spherecal_documents.report.style import INK, SEVERITY, PageBox, Sheet, some_of
 
 TEXT_MM = 175.0  # width of the text, on which drawings are as wide
 
@@ -180,8 +180,6 @@ class Report:
 
 def finding_texts(findings: Sequence[Finding]) -> tuple[FindingText, ...]:
     """Findings in the report's language: errors first, then warnings, then the rest."""
-    from spherecal_documents.report.style import SEVERITY, some_of
-
     order = tuple(SEVERITY)
     found = []
     for finding in sorted(findings, key=lambda finding: order.index(finding.severity)):

@@ -118,11 +118,7 @@ def write_report(
     note: str = "",
     render: Renderer | None = None,
 ) -> None:
-    """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
-
-    The ending of `output` chooses the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital
-    Calibration Certificate, always in English).
-    """
+    """Write the report of a result folder whole, as its ending says: .pdf, .html, .json, .xml (a DCC); same bytes."""
     ending = {".htm": ".html"}.get(output.suffix.lower(), output.suffix.lower())
     if ending not in (".pdf", ".html", ".json", ".xml"):
         raise InputError(Phrase("error-report-kind", {"file": output}))

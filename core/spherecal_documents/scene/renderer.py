@@ -1,8 +1,4 @@
-"""The process that renders a scene by pyvista, off the screen: nothing waits for VTK, or ends with it.
-
-Without a graphics card a picture takes some 30 ms, and VTK keeps Python's lock meanwhile. Pictures come back in shared
-memory. The window asks for the newest view only (spherecal_gui/tasks/scene_process.py), a report for one picture.
-"""
+"""The process that renders scenes by pyvista off the screen: VTK, which keeps Python's lock, holds up nobody."""
 
 import contextlib
 import multiprocessing
@@ -166,7 +162,7 @@ def serve(pipe: Connection) -> None:
     stage.close()
 
 
-class PictureProcess:
+class PictureProcess(contextlib.AbstractContextManager["PictureProcess"]):
     """A process that renders one picture with smooth edges. It loads VTK while its maker does something else."""
 
     def __init__(self) -> None:
@@ -175,9 +171,6 @@ class PictureProcess:
         self._process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
         self._process.start()
         theirs.close()
-
-    def __enter__(self) -> "PictureProcess":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._pipe.close()

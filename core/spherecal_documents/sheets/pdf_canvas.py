@@ -1,7 +1,4 @@
-"""A PDF of lines, rectangles, circles and text: what a sheet to print needs, and the same bytes each time.
-
-After the PDF Reference 1.4 (Adobe, 3rd edition): pages are in points of 1/72 inch, y up from the lower left corner.
-"""
+"""A PDF (Reference 1.4, Adobe) of lines, rectangles, circles and text; points of 1/72 inch, y up; the same bytes."""
 
 import zlib
 from math import cos, radians, sin

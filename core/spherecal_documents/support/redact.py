@@ -1,8 +1,4 @@
-"""Names taken out of what is sent away: people, computers, serial numbers, addresses of devices, passwords.
-
-Two passes: the names are collected from all files, by where they stand; then each is replaced in all of them, wherever
-it stands, by one stand-in such as `person-1`.
-"""
+"""Names (people, computers, serials, addresses, passwords) collected from all files, then replaced in all of them."""
 
 import getpass
 import json

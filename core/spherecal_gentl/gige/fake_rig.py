@@ -1,8 +1,6 @@
-"""The GigE rig from inside its namespaces: a switch, two computers, and simulated cameras, with their faults.
+"""The GigE rig inside its namespaces: a switch, two computers, simulated cameras, by JSON lines of `control.py`.
 
-Run as a program by `control.py`, as the first process of a process namespace. Whatever it starts ends with it, and it
-ends with its standard input: nothing stays even if the program that started it is killed. Requests and answers are
-lines of JSON.
+First process of a process namespace: whatever it starts ends with it, and it with its standard input, even killed.
 """
 
 import json

@@ -5,10 +5,10 @@ import mmap
 import os
 import subprocess
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ class GigeCamera:
     height: int = 2048
 
 
-class GigeRig:
+class GigeRig(AbstractContextManager["GigeRig"]):
     """Simulated GigE Vision cameras in network namespaces, on one switch with a computer; ends with `close`."""
 
     def __init__(self, cameras: Sequence[GigeCamera], mtu: int = 1500) -> None:
@@ -64,9 +64,6 @@ class GigeRig:
         self.addresses: dict[str, str] = answer["addresses"]
         self.pid: int = answer["pid"]
         self._computers: dict[str, int] = {name: answer[name] for name in ("client", "second")}
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -1,8 +1,9 @@
 """A rendered or recorded session as a rig in front of the simulated cameras: each placement and bar pose is a scene."""
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,23 +16,19 @@ from spherecal_gentl.producer.producer_control import ProducerControl, Simulated
 
 
 class SessionScenes:
-    """What the cameras of a session folder see in each placement and bar pose."""
+    """What the cameras of a session folder see in each placement, then each bar pose, by its name."""
 
     def __init__(self, session_folder: Path) -> None:
         session = read_session(session_folder)
         self._images = {scene.id: scene.images for scene in (*session.placements, *session.bar_poses) if scene.images}
         if not self._images:
             raise InputError(f"{session_folder} has no images to show.", "Take or render a session with images.")
+        self.names = tuple(self._images)
         self.cameras = {serial_of(camera): camera for camera in session.cameras}
         self.bits = {
             serial: _bits([images[camera.id] for images in self._images.values() if camera.id in images])
             for serial, camera in self.cameras.items()
         }
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Placements, then bar poses, as the session names them."""
-        return tuple(self._images)
 
     def images(self, scene: str) -> dict[str, NDArray[Any]]:
         """What each camera sees, by serial number, (height, width); black where it has no image."""
@@ -53,14 +50,14 @@ class SessionScenes:
         return image
 
 
-class RigFeed:
-    """One simulated camera for each of a session, by serial number or id; `control` steers them."""
+class RigFeed(AbstractContextManager["RigFeed"]):
+    """One simulated camera for each of a session, by serial number or id; `control` steers them, `scenes` names all."""
 
     def __init__(
         self, session_folder: Path, name: str | None = None, scene: str | None = None, running: bool = False
     ) -> None:
         self._scenes = SessionScenes(session_folder)
-        self.scene = ""
+        self.scenes, self.scene = self._scenes.names, ""
         if running:
             self.control = ProducerControl.attached(name)
         else:
@@ -71,9 +68,6 @@ class RigFeed:
             self.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -81,15 +75,9 @@ class RigFeed:
         """Switch the rig off; simulated cameras of another program stay."""
         self.control.close()
 
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """Placements, then bar poses, as the session names them."""
-        return self._scenes.names
-
     def show(self, scene: str) -> None:
         """Let every camera see this scene from its next exposure on, all at once; black where it has none."""
-        images = self._scenes.images(scene)
-        self.control.set_images(images)
+        self.control.set_images(self._scenes.images(scene))
         self.scene = scene
 
     def _simulated(self, serial: str) -> SimulatedCamera:

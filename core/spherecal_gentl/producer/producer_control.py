@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -39,7 +40,7 @@ def simulated_cameras(count: int = 12) -> tuple[SimulatedCamera, ...]:
     return tuple(SimulatedCamera(f"SIM{i + 1:02d}") for i in range(count))
 
 
-class ProducerControl:
+class ProducerControl(AbstractContextManager["ProducerControl"]):
     """The simulated cameras' rig: makes their shared memory, and removes it, with them, when closed."""
 
     def __init__(self, cameras: Sequence[SimulatedCamera] = (), name: str | None = None) -> None:
@@ -68,9 +69,6 @@ class ProducerControl:
 
     _region: SharedRegion
     _owner = True
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
+from spherecal_files.programs import process_runs
 
 _SOURCE = re.sub("//.*", "", Path(__file__).with_name("region.h").read_text(encoding="utf-8"))
 _CONSTANTS = {name: int(value, 0) for name, value in re.findall(r"constexpr \w+ (\w+) = (\w+);", _SOURCE)}
@@ -59,30 +60,20 @@ def default_name() -> str:
 
 
 class SharedRegion:
-    """A mapped region: `header` and `devices` are views of its memory, `slot` an image's place."""
+    """A mapped region: `header` (1,) and `devices` (n,) are its records, `slot` an image's place."""
 
     def __init__(self, name: str, memory: shared_memory.SharedMemory | mmap.mmap) -> None:
         self.name = name
         self._memory = memory
         self._bytes: NDArray[np.uint8] | None = np.frombuffer(_buffer(memory), np.uint8)
-        self._header = self._bytes[:PAGE].view(HEADER)
-        count = int(self._header["device_count"][0])
-        self._devices = self._bytes[PAGE : PAGE * (1 + count)].view(DEVICE)
-
-    @property
-    def header(self) -> NDArray[Any]:
-        """The header as an array of one record."""
-        return self._header
-
-    @property
-    def devices(self) -> NDArray[Any]:
-        """The records of the simulated cameras, one for each."""
-        return self._devices
+        self.header: NDArray[Any] = self._bytes[:PAGE].view(HEADER)
+        count = int(self.header["device_count"][0])
+        self.devices: NDArray[Any] = self._bytes[PAGE : PAGE * (1 + count)].view(DEVICE)
 
     def slot(self, device: int, image: int) -> NDArray[np.uint8]:
         """The bytes of one image of a camera (two slots take turns)."""
         assert self._bytes is not None
-        size = int(self._header["slot_bytes"][0])
+        size = int(self.header["slot_bytes"][0])
         start = IMAGES_AT + (2 * device + image % 2) * size
         return self._bytes[start : start + size]
 
@@ -91,7 +82,7 @@ class SharedRegion:
         if isinstance(self._memory, shared_memory.SharedMemory):
             with suppress(FileNotFoundError):
                 self._memory.unlink()  # first: it must not stay behind whatever closing finds
-        self._bytes, self._header, self._devices = None, np.empty(0, HEADER), np.empty(0, DEVICE)
+        self._bytes, self.header, self.devices = None, np.empty(0, HEADER), np.empty(0, DEVICE)
         self._memory.close()
 
 
@@ -158,18 +149,8 @@ def _clear_leftover(name: str) -> None:
         return
     owner = int(left.header["owner_pid"][0])
     left.close()
-    if not _alive(owner):
+    if not process_runs(owner):
         with suppress(FileNotFoundError):
             leftover = shared_memory.SharedMemory(name)
             leftover.close()
             leftover.unlink()
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True

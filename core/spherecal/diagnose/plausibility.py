@@ -107,10 +107,10 @@ def _alike(o: Observations, of: IntArray, among: IntArray, size: IntArray) -> di
     found: dict[tuple[int, int, int], int] = {}
     for apart in range(1, NEIGHBOURS + 1):
         a, b = order[:-apart], order[apart:]
-        same = (of[a] == of[b]) & (o.target[a] == o.target[b]) & (o.point[a] == o.point[b]) & (among[a] != among[b])
-        same &= (np.abs(o.uv[a] - o.uv[b]) < SAME_PX).all(axis=1)
-        low, high = np.minimum(among[a], among[b])[same], np.maximum(among[a], among[b])[same]
-        keys, number = np.unique((of[a][same] * count + low) * count + high, return_counts=True)
+        near = (of[a] == of[b]) & (o.target[a] == o.target[b]) & (o.point[a] == o.point[b]) & (among[a] != among[b])
+        near &= (np.abs(o.uv[a] - o.uv[b]) < SAME_PX).all(axis=1)
+        low, high = np.minimum(among[a], among[b])[near], np.maximum(among[a], among[b])[near]
+        keys, number = np.unique((of[a][near] * count + low) * count + high, return_counts=True)
         for key, n in zip(keys.tolist(), number.tolist(), strict=True):
             name = key // count // count, key // count % count, key % count
             found[name] = found.get(name, 0) + n

@@ -53,7 +53,7 @@ def refuse_unless_moved(
     """Raise where more than these poses has changed; the cameras of which a change of focus explains as much."""
     either = []
     for name in cameras:
-        if (other := _in_place_of(rig, name, posed)) is not None:
+        if (other := _in_place_of(rig, name, posed.rig, cameras)) is not None:
             raise _refused(Phrase("error-repair-exchanged", {"camera": name, "other": other}))
     for name in cameras:
         before, fit = rig.camera(name), _fit(posed, name)
@@ -118,17 +118,20 @@ def _fit(done: Calibration, name: str) -> _Fit | None:
     return _Fit(rms, float(used.sum() / max(known.sum(), 1)), camera.intrinsics)
 
 
-def _in_place_of(rig: Rig, name: str, posed: Calibration) -> str | None:
+def _in_place_of(rig: Rig, name: str, posed: Rig, cameras: tuple[str, ...]) -> str | None:
     """The camera of the rig whose place and direction another one now has."""
-    before, after = rig.camera(name), posed.rig.camera(name)
-    if before is None or after is None:
+    before, after = rig.camera(name), posed.camera(name)
+    # the frame moves with the reference camera: one that stayed, before and now, is what places are compared from
+    both = ((c, posed.camera(c.id)) for c in rig.cameras if c.id not in cameras)
+    stayed, now = next(((c, one) for c, one in both if one is not None), (None, None))
+    if before is None or after is None or stayed is None or now is None:
         return None
+    rotation = after.rotation @ now.rotation.T @ stayed.rotation
+    centre_mm = stayed.centre_mm + stayed.rotation.T @ now.rotation @ (after.centre_mm - now.centre_mm)
     for other in rig.cameras:
-        way = np.linalg.norm(other.centre_mm - before.centre_mm)
-        turn = np.linalg.norm(log_rotation(other.rotation @ before.rotation.T))
-        near = np.linalg.norm(other.centre_mm - after.centre_mm) < NEARER * way
-        alike = np.linalg.norm(log_rotation(after.rotation @ other.rotation.T)) < NEARER * turn
-        if other.id != name and near and alike:
+        way, near = (np.linalg.norm(other.centre_mm - place) for place in (before.centre_mm, centre_mm))
+        turn, alike = (np.linalg.norm(log_rotation(other.rotation @ r.T)) for r in (before.rotation, rotation))
+        if other.id != name and near < NEARER * way and alike < NEARER * turn:
             return other.id
     return None
 
@@ -176,9 +179,7 @@ def repose(session: Session, rig: Rig, cameras: tuple[str, ...], context: Contex
     missing = [c.id for c in rig.cameras if done.rig.camera(c.id) is None]
     if rig.reference_camera in cameras and missing:
         raise InputError(Phrase("error-reference-moved", {"camera": rig.reference_camera, "missing": missing}))
-    merged = tuple(
-        _merged(camera, done.rig, rig.reference_camera in cameras, camera.id in cameras) for camera in rig.cameras
-    )
+    merged = tuple(_merged(c, done.rig, rig.reference_camera in cameras, c.id in cameras) for c in rig.cameras)
     mended = replace(
         done.rig, cameras=merged, scale=rig.scale, covariance=None, length_map=None, earlier_poses=rig.earlier_poses,
         quality=recalibrate.without_map(done.rig.quality),

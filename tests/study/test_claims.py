@@ -29,6 +29,14 @@ def test_wrong_recordings() -> None:
     assert said is not None and (said[2].replace("none", "0"), said[1].replace(",", "")) == missed
 
 
+def test_realistic_recordings() -> None:
+    page = words(STUDIES / "realistic.md")
+    patterns = (r"No result at all: \d+ of (\d+)", r"\| right \| (\d+) \|", r"\| \*\*wrong\*\* \| (\d+) \|")
+    number, right, wrong = (re.findall(pattern, page)[0] for pattern in patterns)
+    said = f"Of {number} realistic ones without any, {right} were VALID and right and {wrong} VALID and wrong"
+    assert said in words(ROOT / "docs/accuracy.md")
+
+
 @pytest.mark.parametrize("path", READERS, ids=lambda path: path.name)
 def test_a_missed_goal_is_told_where_the_study_is_quoted(path: Path) -> None:
     for text in paragraphs(path):

@@ -63,7 +63,10 @@ class _PageArea(QScrollArea):
         page = self._pages.currentWidget()
         if page is None:
             return
-        self._pages.resize(self.maximumViewportSize().expandedTo(page.minimumSizeHint()))
+        room, needed = self.maximumViewportSize(), page.minimumSizeHint()
+        if needed.height() > room.height():  # its scroll bar takes some of the width
+            room.setWidth(room.width() - self.verticalScrollBar().sizeHint().width())
+        self._pages.resize(room.expandedTo(needed))
 
 
 class WindowFrame(QMainWindow):

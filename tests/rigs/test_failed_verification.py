@@ -108,6 +108,21 @@ def test_who_answers_for_it_is_named_everywhere(failed: Path, tmp_path: Path, ca
     assert said in (tmp_path / "again.xml").read_text()
 
 
+def test_a_failure_written_elsewhere_is_known_beside_the_rig(tmp_path: Path) -> None:
+    session, truth = simulate_session("rigA", 5, SimulationOptions(bar_poses=8, placements=1, targets=40))
+    write_session(session, truth, tmp_path / "session")
+    for name, scale, code in (("wrong", 1.01, NOT_VALID), ("right", 1.0, DONE)):
+        folder, elsewhere = tmp_path / name, tmp_path / f"{name}-verified"
+        folder.mkdir()
+        (folder / "rig.json").write_bytes(rig_bytes(true_rig(truth, scale=scale)))
+        for table, columns in TABLES.items():
+            write_table(folder / table, columns, ())
+        assert main(["verify", str(tmp_path / "session"), "--rig", str(folder), "-o", str(elsewhere)]) == code
+        assert (folder / "verification.json").exists() == (name == "wrong")
+        exported = main(["export", str(folder), "--to", "csv", "-o", str(tmp_path / f"{name}.csv")])
+        assert exported == (BAD_INPUT if name == "wrong" else DONE)
+
+
 def test_only_a_failed_verification_is_overridden(tmp_path: Path) -> None:
     folder = verified(tmp_path / "result")
     assert main(["override", str(folder), *WHO]) == BAD_INPUT

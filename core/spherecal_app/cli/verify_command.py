@@ -1,10 +1,12 @@
 """`spherecal verify`, and `override`: a failed verification used all the same."""
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 
 from rich.markup import escape
 
+from spherecal.base.errors import SpherecalError
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import counted
 from spherecal.detect.session_images import observed
@@ -44,6 +46,7 @@ def verify(options: argparse.Namespace) -> int:
         session = observed(read_session(options.session), context, bar_poses_only=True)
         verification = run(session, rig, context, VerifySettings(limit, None, corners_beside(options.rig)))
         write_verification(verification, options.output, options.rig)
+        known = not verification.failed or _beside_the_rig(verification, options)
     log_findings(verification.findings)
     answer(
         options,
@@ -58,6 +61,8 @@ def verify(options: argparse.Namespace) -> int:
         },
     )
     show_verification(verification, options.output)
+    if not known:
+        say(f"It failed, and {options.rig.parent} has other files: exports and profiles of that rig do not know it.")
     # 3: not as the rig states; 4: beyond its limit; 5: both; 6: neither, and nothing proves the limit
     judged = _accepted(verification)
     own = any(f.severity == "error" and f.code != "limit-exceeded" for f in verification.findings)
@@ -68,6 +73,17 @@ def verify(options: argparse.Namespace) -> int:
         return NOT_VALID
     has_limit = verification.procedure is not None and verification.procedure.acceptance is not None
     return CANNOT_TELL if has_limit and judged != "pass" else DONE
+
+
+def _beside_the_rig(verification: Verification, options: argparse.Namespace) -> bool:
+    """Write a failed verification beside the rig too, where putting to use and exports look for it, if that may be."""
+    home = options.rig.parent
+    if home.resolve() == options.output.resolve():
+        return True
+    with suppress(SpherecalError):
+        write_verification(verification, home, options.rig)
+        return True
+    return False
 
 
 def override(options: argparse.Namespace) -> int:

@@ -142,7 +142,7 @@ class LimitsDialog(QDialog):
         self.close_button.setAccessibleName(self.close_button.text())
 
     def _why(self, name: str) -> str:
-        return f"{word('limit-reasons', name)} {self.desk.damage}".strip()
+        return " ".join((word("limit-reasons", name), self.desk.damage)).strip()
 
     def _refresh(self) -> None:
         """As the file is: saved, or damaged."""

@@ -13,8 +13,8 @@ from spherecal.base.arrays import FloatArray
 
 # A ball that is flattened by 0.05 mm: of 96 flattened by 0.1 and 0.3 mm (rig B, hall12, random) 67 had cameras that
 # were off by more than 3 U, by up to 38 U, without this. In a direction that the data know less well than that it may
-# be more, up to 0.1 mm, so that U holds 0.2 mm: 5 of 32 flattened by 0.3 mm had (random, up to 7.6 U) with 0.05 mm there
-# too. More costs: with 0.15 mm realistic recording 9210 has U of 50 mm on 500 where 12 are its own.
+# be more, up to 0.1 mm, so that U holds 0.2 mm: 5 of 32 flattened by 0.3 mm had (random, up to 7.6 U) with 0.05 mm
+# there too. More costs: with 0.15 mm realistic recording 9210 has U of 50 mm on 500 where 12 are its own.
 PRIOR, MOST_PRIOR = 1e-4, 2e-4
 # A strain known less well than this is not believed: lenses beyond their model show 0.2 to 50 %.
 MOST_SD = 1e-3

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherecal.base.arrays import BoolArray, FloatArray, IntArray, ReadOnly
+from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
@@ -31,7 +31,7 @@ _ONE_FRAME = "Give {camera: (ids, uv)} of one frame, or arrays (..., 2) by camer
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasuredPoints(ReadOnly):
+class MeasuredPoints(ByValue):
     """Points measured with a rig: `points_mm` (..., 3) in the world of rig.json or the user's frame, NaN for none.
 
     `covariance_mm2` (..., 3, 3): cameras (if the rig's covariance is there) and image noise, scale included; NaN

@@ -111,9 +111,10 @@ def _recorded(
     on_ball = np.flatnonzero(noisy.placement < len(truth.placements))
     sizes = np.array([c.kind.image_size for c in truth.cameras], dtype=float)
     spoilt, wrong = spoil(noisy.select(on_ball), sizes, truth.options.outlier_fraction, of_faults)
-    noisy.uv[on_ball] = spoilt.uv
+    uv = noisy.uv.copy()
+    uv[on_ball] = spoilt.uv
     outlier[on_ball] = wrong
-    return noisy, outlier
+    return replace(noisy, uv=uv), outlier
 
 
 def _true_observations(truth: Truth, layouts: dict[int, dict[str, FloatArray]]) -> Observations:

@@ -6,7 +6,7 @@ import inspect
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,6 +16,7 @@ import pytest
 from conftest import ROOT
 
 import spherecal
+from spherecal.base.arrays import ByValue
 from spherecal_app import api
 from spherecal_app.cli.main import main
 from spherecal_sim.session_folder import write_session
@@ -154,6 +155,14 @@ def test_what_is_frozen_is_not_written_to(rig: spherecal.Rig, tmp_path: Path) ->
     with pytest.raises(spherecal.InputError):
         spherecal.save_rig(replace(rig, cameras=(wrong, *rig.cameras[1:])), tmp_path / "rig.json")
     assert not (tmp_path / "rig.json").exists()
+
+
+@pytest.mark.parametrize("name", spherecal.__all__)
+def test_public_records_hold_arrays_that_are_not_written_to(name: str) -> None:
+    public = getattr(spherecal, name)
+    if inspect.isclass(public) and is_dataclass(public) and any("array" in str(f.type).lower() for f in fields(public)):
+        assert issubclass(public, ByValue)
+        assert public.__post_init__ is ByValue.__post_init__
 
 
 def test_a_wrong_view_is_left_out_and_two_that_disagree_give_none(rig: spherecal.Rig) -> None:

@@ -61,22 +61,11 @@ def sum_by(index: IntArray, values: FloatArray, count: int, before: FloatArray |
 class ByValue:
     """Base of frozen dataclasses with array fields (`eq=False, repr=False`): equal by value, with a short `repr`.
 
-    Arrays are equal where shapes and numbers are, NaN to NaN. Not hashable, as arrays are not.
+    Arrays are equal where shapes and numbers are, NaN to NaN; not hashable, as arrays are not. They cannot be written
+    to: what a frozen record holds stays as it was computed.
     """
 
     __hash__ = None  # type: ignore[assignment]
-
-    def __eq__(self, other: object) -> bool:
-        return same_value(self, other) if type(self) is type(other) else NotImplemented
-
-    def __repr__(self) -> str:
-        assert is_dataclass(self)
-        shown = (f"{f.name}={brief(getattr(self, f.name))}" for f in fields(self) if f.repr)
-        return f"{type(self).__name__}({', '.join(shown)})"
-
-
-class ReadOnly(ByValue):
-    """The same, whose arrays cannot be written to: what a frozen record holds stays as it was computed."""
 
     def __post_init__(self) -> None:
         assert is_dataclass(self)
@@ -86,6 +75,14 @@ class ReadOnly(ByValue):
                 value = value.view()  # who made it may go on writing, into his own
                 value.flags.writeable = False
                 object.__setattr__(self, f.name, value)
+
+    def __eq__(self, other: object) -> bool:
+        return same_value(self, other) if type(self) is type(other) else NotImplemented
+
+    def __repr__(self) -> str:
+        assert is_dataclass(self)
+        shown = (f"{f.name}={brief(getattr(self, f.name))}" for f in fields(self) if f.repr)
+        return f"{type(self).__name__}({', '.join(shown)})"
 
 
 def same_value(a: object, b: object) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray, ReadOnly
+from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError, needing
 from spherecal.base.messages.values import Phrase
 from spherecal.base.notebook import html_table
@@ -39,7 +39,7 @@ class RigScale:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CameraCovariance(ReadOnly):
+class CameraCovariance(ByValue):
     """Covariance (c*w, c*w) of all cameras' parameters together, camera by camera in the rig's order, scale included.
 
     Of each camera (w,): turn in rad and shift in mm of its frame (docs/conventions.md), then those `intrinsics`
@@ -267,7 +267,7 @@ def unknown_quality(cameras: Sequence[RigCamera]) -> Quality:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlacedSphere(ReadOnly):
+class PlacedSphere(ByValue):
     """The sphere fitted to one placement's points."""
 
     placement: str
@@ -307,7 +307,7 @@ class BallProfile(ByValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImageMotion(ReadOnly):
+class ImageMotion(ByValue):
     """How a camera was turned and shifted at one placement: `x = exp(turn) (R x_world + t) + shift`.
 
     `rotation_deg` (3,) and `translation_mm` (3,); their mean over a camera's images is 0.
@@ -320,7 +320,7 @@ class ImageMotion(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(ReadOnly):
+class Calibration(ByValue):
     """All that a calibration finds: the rig, the points, the residuals, the spheres.
 
     `points_mm` (m, 3), `points_sigma_mm` (m, 3) (NaN where unknown) and `views` (m,) belong to `features`; points that

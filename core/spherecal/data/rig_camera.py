@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherecal.base.arrays import FloatArray, ReadOnly, float_array
+from spherecal.base.arrays import ByValue, FloatArray, float_array
 from spherecal.base.errors import InputError, Words
 from spherecal.base.file_reading import id_problem
 from spherecal.base.messages.values import Phrase
@@ -25,7 +25,7 @@ ImageSize = tuple[int, int] | Mapping[str, tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CameraSigma(ReadOnly):
+class CameraSigma(ByValue):
     """Standard uncertainties of one camera: about and along which axes, see docs/conventions.md.
 
     rotation_deg (3,) about the camera's axes, centre_mm (3,) in the world's axes, intrinsics (16,), 0 where fixed.
@@ -37,7 +37,7 @@ class CameraSigma(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RigCamera(ReadOnly):
+class RigCamera(ByValue):
     """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`.
 
     `image_size` is (width, height) px. `rms_px` is that of its residuals, None where it is not known, and

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.base.arrays import FloatArray, ReadOnly
+from spherecal.base.arrays import ByValue, FloatArray
 
 # Bilinear interpolation on this pitch errs by 0.003 px (fields of 0.1 px, half a period per image); wide images have
 # proportionally longer waves, so that the table has at most so many columns.
@@ -14,7 +14,7 @@ _STEPS = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FieldTable(ReadOnly):
+class FieldTable(ByValue):
     """A field F (docs/conventions.md): the lens model predicts `uv - F(uv)` of the measured pixel `uv`.
 
     `du, dv` (rows, columns) px at the pixels `origin_px + pitch_px * (column, row)`, bilinear between them; `sd_px`

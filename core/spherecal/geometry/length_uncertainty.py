@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base import arrays
-from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray, ReadOnly
+from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.geometry.camera import is_unfolded, project_with_derivatives
 from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.rotation import cross_matrix
@@ -142,7 +142,7 @@ class Volume(ByValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LengthMap(ReadOnly):
+class LengthMap(ByValue):
     """Expanded uncertainties (places, directions) in mm of a length centred at places (n,3), NaN where it is not seen.
 
     `sigma_px` is the noise of one dot's image that was assumed.

@@ -8,7 +8,7 @@ from typing import Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherecal.base.arrays import FloatArray
+from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
 from spherecal.geometry import opencv
 from spherecal.geometry.camera import is_fisheye, project
@@ -22,8 +22,8 @@ _LONGEST_NAME = 40
 MM_PER: dict[str, float] = {"mm": 1.0, "m": 1000.0}
 
 
-@dataclass(frozen=True)
-class Pose:
+@dataclass(frozen=True, eq=False, repr=False)
+class Pose(ByValue):
     """`x_camera = rotation @ x_world + translation`, lengths in the file's unit."""
 
     rotation: FloatArray
@@ -40,8 +40,8 @@ class Pose:
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
 
-@dataclass(frozen=True)
-class FileCamera:
+@dataclass(frozen=True, eq=False, repr=False)
+class FileCamera(ByValue):
     """A camera of a file; intrinsics (16,) in our order and pixel convention, `None` for what the file does not say."""
 
     id: str

@@ -103,18 +103,15 @@ def _recorded(
     true: Observations, truth: Truth, of_noise: np.random.Generator, of_faults: np.random.Generator
 ) -> tuple[Observations, BoolArray]:
     """Noise on all, wrong matches among the ball's observations."""
-    noise = of_noise.normal(size=true.uv.shape) * truth.sigma_px[true.camera, None]
-    noisy = replace(true, uv=true.uv + noise)
-    outlier = np.zeros(len(noisy), dtype=bool)
+    uv = true.uv + of_noise.normal(size=true.uv.shape) * truth.sigma_px[true.camera, None]
+    noisy, outlier = replace(true, uv=uv), np.zeros(len(true), dtype=bool)
     if not truth.options.outlier_fraction:
         return noisy, outlier
     on_ball = np.flatnonzero(noisy.placement < len(truth.placements))
     sizes = np.array([c.kind.image_size for c in truth.cameras], dtype=float)
     spoilt, wrong = spoil(noisy.select(on_ball), sizes, truth.options.outlier_fraction, of_faults)
-    uv = noisy.uv.copy()
-    uv[on_ball] = spoilt.uv
-    outlier[on_ball] = wrong
-    return replace(noisy, uv=uv), outlier
+    uv[on_ball], outlier[on_ball] = spoilt.uv, wrong
+    return replace(true, uv=uv), outlier
 
 
 def _true_observations(truth: Truth, layouts: dict[int, dict[str, FloatArray]]) -> Observations:

@@ -1,12 +1,13 @@
 """Sub-pixel centres: the eight dots of a sticker fitted together as blurred ellipses of one shape.
 
-Light of a dot at pixel x:  (b + a m) (1 + g . (x - c)) + a blur^2 g . grad m,  m as in blurred_ellipse.py
+Light of a dot at pixel x:  b + h . (x - c) + a m (1 + g . (x - c)) + a blur^2 g . grad m,  m as in blurred_ellipse.py
 
 with the centre c, amplitude a and background b of each dot. Shape and tilt of the ellipses come from the sticker's view
 (sticker_view.py) and are not free: that is what keeps a steep dot's shape apart from its amplitude.
 
-Shared by a sticker are the blur, the dots' growth (ink gain) and the slope g of the light. The slope is that of the
-plane through the eight amplitudes: left out it shifts a dot by up to 0.01 px, free per dot it doubles the variance.
+Shared by a sticker are the blur, the dots' growth (ink gain) and the slopes of the light: a g of the amplitude, h of the
+background, those of the planes through the eight of each. The first left out shifts a dot by up to 0.01 px, the second,
+where the film shines, by 0.003 px, the same way for all cameras; free per dot they double the variance.
 Pixels belong to the next dot, and the light of its neighbours is taken off. Gauss-Newton with iterated weights: the
 camera's noise times Cauchy's weight, which drops what scratches and highlights add.
 """
@@ -76,8 +77,8 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
         for k in range(8):
             if present[k]:
                 misfit, count = _add_dot(
-                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations,
-                    own_bins,
+                    image, layout, shapes, k, present, top, clip, noise, dots, shared, planes[1], strips, counts,
+                    equations, own_bins,
                 )  # fmt: skip
                 if count < _LEAST_PIXELS:
                     return False
@@ -203,7 +204,9 @@ def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, coun
 
 
 @njit(**KERNEL)
-def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins):
+def _add_dot(
+    image, layout, shapes, k, present, top, clip, noise, dots, shared, around, strips, counts, equations, bins
+):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]
@@ -247,9 +250,9 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
                 m, m_p, m_q, m_blur, m_growth = ellipse.light_at_edge(per_long, per_short, blur, per_blur, growth, p, q)
             shade = 1 + slope_u * du + slope_v * dv
             m_u, m_v = m_p * long_u - m_q * long_v, m_p * long_v + m_q * long_u
-            own = background + amplitude * m
+            back = background + around[3] * du + around[4] * dv
             # a Gaussian blurs x times a picture to x times the blurred one plus blur^2 times its derivative
-            light = own * shade + bend * (slope_u * m_u + slope_v * m_v) + others
+            light = back + amplitude * m * shade + bend * (slope_u * m_u + slope_v * m_v) + others
             variance = max(noise_constant + noise_gain * light, noise_least) + misfit
             # where the sensor may saturate a pixel shows nothing, whether it did or not
             if light > clip or (clip - light) ** 2 < 4 * variance:
@@ -257,8 +260,9 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
             scale = amplitude * shade
             residual = float(image[v, u]) - light
             row = rows[pixels]
-            row[0], row[1] = -scale * m_u - own * slope_u, -scale * m_v - own * slope_v
-            row[2], row[3] = m * shade, shade
+            row[0] = -scale * m_u - amplitude * m * slope_u - around[3]
+            row[1] = -scale * m_v - amplitude * m * slope_v - around[4]
+            row[2], row[3] = m * shade, 1.0
             row[4], row[5], row[6] = scale * m_blur, scale * m_growth, residual
             row[WEIGHT] = weight = 1 / (variance + residual * residual * _CAUCHY)
             total += weight * residual * residual

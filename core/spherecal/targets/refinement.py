@@ -30,7 +30,7 @@ _BORDER_PX = 1.5  # a dot nearer to the image's border lacks the background on o
 # Where the background around a dot is looked at: cosines and sines of twelve directions.
 _RING = np.stack([np.cos(np.pi / 6 * np.arange(12)), np.sin(np.pi / 6 * np.arange(12))], axis=1)
 
-_FLOOR_PX = 0.001  # standard deviation that the fit's covariance does not know: noise-free images leave it
+_FLOOR_PX = 0.0007  # standard deviation that the fit's covariance does not know: noise-free images leave it
 
 
 @dataclass(frozen=True)

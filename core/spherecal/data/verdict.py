@@ -218,9 +218,9 @@ _FORMS = ("free", "soft", "rigid")
 
 
 def ruled(findings: Sequence[Finding]) -> Findings:
-    """The findings with the severities that their effects have, errors first."""
+    """The findings with the severities that their effects have: errors first, of those wrong lenses, which feign others."""
     said = [replace(f, severity=_SEVERITY[effect(f)]) for f in findings]
-    return tuple(sorted(said, key=lambda finding: _RANK[finding.severity]))
+    return tuple(sorted(said, key=lambda f: (_RANK[f.severity], f.code != "fixed-intrinsics-contradicted")))
 
 
 def effect(finding: Finding) -> Effect:

@@ -218,7 +218,7 @@ _FORMS = ("free", "soft", "rigid")
 
 
 def ruled(findings: Sequence[Finding]) -> Findings:
-    """The findings with the severities of their effects: errors first, first of equals wrong lenses, which feign others."""
+    """The findings with their effects' severities: errors first, and of equals wrong lenses, which feign others."""
     said = [replace(f, severity=_SEVERITY[effect(f)]) for f in findings]
     return tuple(sorted(said, key=lambda f: (_RANK[f.severity], f.code != "fixed-intrinsics-contradicted")))
 

@@ -75,8 +75,9 @@ def has_fewer_faults(one: Calibration, other: Calibration) -> bool:
 
 
 def moves_are_all(calibration: Calibration) -> bool:
-    """Whether a calibration is not valid by moved cameras, and by nothing else."""
-    return {code for code, _ in _named(calibration)} == {"camera-moved"}
+    """Whether a calibration is not valid by moved cameras, or cameras to which the ball moved, and by nothing else."""
+    named = {code for code, _ in _named(calibration)}
+    return bool(named) and named <= {"camera-moved", "cameras-moved", "ball-moved"}
 
 
 def _named(calibration: Calibration) -> set[tuple[str, tuple[str, ...]]]:

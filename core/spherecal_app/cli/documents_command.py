@@ -9,14 +9,11 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
-from spherecal.data.findings import counted
-from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.console import answer, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.progress import shown_progress
 from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.support.licences import bill_of_materials, licence_text, parts
-from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, write_bundle
 
 
 def report(options: argparse.Namespace) -> int:
@@ -39,6 +36,10 @@ def report(options: argparse.Namespace) -> int:
 
 def support_bundle(options: argparse.Namespace) -> int:
     """`spherecal support-bundle`."""
+    from spherecal.data.findings import counted  # not with a report, which would wait for it
+    from spherecal.steps.settings import CalibrationSettings
+    from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, write_bundle
+
     wanted = BundleOptions(
         options.result, options.settings, tuple(options.log_file), options.images,
         CalibrationSettings(method=options.method), options.names,

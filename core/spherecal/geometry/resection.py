@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.geometry.rotation import cross, exp_rotation
+from spherecal.base.kernels import KERNEL, njit
+from spherecal.geometry.rotation import exp_rotation
 
 # Fewest points a resected camera must agree with: six unknowns, and chance agreement of wrong matches at 12 px.
 MIN_AGREEING = 6
@@ -75,12 +76,13 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
         count, vectors, shifts = cv2.solveP3P(points[three], xy[three], np.eye(3), None, flags=cv2.SOLVEPNP_AP3P)
         for vector, shift in zip(vectors[:count], shifts[:count], strict=False):
             if np.isfinite(vector).all() and np.isfinite(shift).all():
-                rotations.append(exp_rotation(np.asarray(vector, dtype=float).ravel()))
+                rotations.append(cv2.Rodrigues(vector)[0])
                 translations.append(np.asarray(shift, dtype=float).ravel())
     if not rotations:
         return []
     rotation, translation = np.array(rotations), np.array(translations)
-    left = np.argsort(_costs(rotation, translation, points[some], xy[some], scale), kind="stable")
+    scored = points[some], xy[some], scale
+    left = np.argsort([pose_cost(*pose, *scored) for pose in zip(rotation, translation, strict=True)], kind="stable")
     distinct: list[ResectedPose] = []
     while len(left) and len(distinct) < REFINED:
         best = ResectedPose(rotation[left[0]], translation[left[0]], 0.0)
@@ -97,18 +99,7 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
 
 def pose_cost(rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float) -> float:
     """The cost of a pose as `ResectedPose` has it: half the sum of log(1 + (residual / scale)^2)."""
-    return float(_costs(rotation[None], translation[None], points, xy, scale)[0])
-
-
-def _costs(
-    rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float
-) -> FloatArray:
-    """Costs (h,) of poses (h,3,3), (h,3)."""
-    x = points @ rotation.transpose(0, 2, 1) + translation[:, None]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        size = ((x[:, :, :2] / x[:, :, 2:] - xy) ** 2).sum(axis=2) / scale**2
-    size = np.where((x[:, :, 2] > 0) & (size < _MOST_SCALES**2), size, _MOST_SCALES**2)
-    return 0.5 * np.log1p(size).sum(axis=1)
+    return _equations(rotation, translation, points, xy, scale)[0]
 
 
 def _refined(
@@ -126,33 +117,19 @@ def _refined(
 def _minimised(
     rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float
 ) -> tuple[FloatArray, FloatArray]:
-    damping, cost = 1e-3, pose_cost(rotation, translation, points, xy, scale)
+    damping, (cost, front, normal, gradient) = 1e-3, _equations(rotation, translation, points, xy, scale)
     for _ in range(STEPS):
-        x = points @ rotation.T
-        turned, x = x, x + translation
-        front = x[:, 2] > 0
-        if front.sum() < 3:
+        if front < 3:
             break
-        turned, x, goal = turned[front], x[front], xy[front]
-        flat = x[:, :2] / x[:, 2:]
-        residual = flat - goal
-        weight = 1.0 / (scale**2 + (residual**2).sum(axis=1))
-        by_x = np.zeros((len(x), 2, 3))
-        by_x[:, 0, 0] = by_x[:, 1, 1] = 1.0 / x[:, 2]
-        by_x[:, :, 2] = -flat / x[:, 2:]
-        by_turn = cross(turned[:, None, :], by_x)  # of exp(w) R X by w
-        jacobian = np.concatenate([by_turn, by_x], axis=2)
-        normal = np.einsum("nki,n,nkj->ij", jacobian, weight, jacobian)
-        gradient = np.einsum("nki,n,nk->i", jacobian, weight, residual)
         try:
             step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
         except np.linalg.LinAlgError:
             break
-        trial = exp_rotation(step[:3]) @ rotation, translation + step[3:]
-        trial_cost = pose_cost(*trial, points, xy, scale)
-        if trial_cost < cost:
-            done = cost - trial_cost < 1e-6 * cost
-            (rotation, translation), cost, damping = trial, trial_cost, damping / 10
+        trial = cv2.Rodrigues(step[:3])[0] @ rotation, translation + step[3:]
+        found = _equations(*trial, points, xy, scale)
+        if found[0] < cost:
+            done = cost - found[0] < 1e-6 * cost
+            (rotation, translation), (cost, front, normal, gradient), damping = trial, found, damping / 10
             if done:
                 break
         else:
@@ -160,6 +137,32 @@ def _minimised(
             if damping > 1e6:
                 break
     return rotation, translation
+
+
+@njit(**KERNEL)
+def _equations(rotation, translation, points, xy, scale):
+    """The cost of a pose, the points in front of it, and its normal equations by w and t of exp(w) R X + t."""
+    normal, gradient, cost, front, turned = np.zeros((6, 6)), np.zeros(6), 0.0, 0, np.zeros(3)
+    for i in range(len(points)):
+        for a in range(3):
+            turned[a] = rotation[a, 0] * points[i, 0] + rotation[a, 1] * points[i, 1] + rotation[a, 2] * points[i, 2]
+        u, v, w = turned
+        z, size = w + translation[2], _MOST_SCALES**2
+        if z > 0:
+            front += 1
+            x, y = (u + translation[0]) / z, (v + translation[1]) / z
+            dx, dy = x - xy[i, 0], y - xy[i, 1]
+            square = dx**2 + dy**2
+            size = min(square / scale**2, size)
+            by_x = (-v * x / z, (w + u * x) / z, -v / z, 1 / z, 0.0, -x / z)
+            by_y = (-(w + v * y) / z, u * y / z, u / z, 0.0, 1 / z, -y / z)
+            for a in range(6):
+                ax, ay = by_x[a] / (scale**2 + square), by_y[a] / (scale**2 + square)
+                gradient[a] += ax * dx + ay * dy
+                for b in range(6):
+                    normal[a, b] += ax * by_x[b] + ay * by_y[b]
+        cost += 0.5 * np.log1p(size)
+    return cost, front, normal, gradient
 
 
 def _same(rotation: FloatArray, translation: FloatArray, pose: ResectedPose, points: FloatArray) -> BoolArray:

@@ -23,7 +23,7 @@ from spherecal.diagnose.plausibility import implausible
 from spherecal.initialise.focal_length import with_seen_focal_lengths
 from spherecal.initialise.local import LocalNetwork
 from spherecal.result.build_result import build_failed_result, build_result, cameras_of, stopped_early
-from spherecal.scale.metric import MetricFit
+from spherecal.scale.metric import MetricFit, with_uncertainty
 from spherecal.steps.automatic_repairs import (
     TURNS,
     certain_repairs,
@@ -159,7 +159,8 @@ class _Solved:
 
     def judged(self) -> _Judged:
         """The calibration, with the diagnosis."""
-        done = build_result(self.recording, self.local, self.fit, self.method, self.run)
+        fit = with_uncertainty(self.recording, self.fit)
+        done = build_result(self.recording, self.local, fit, self.method, self.run)
         return _Judged(done if self.lens is None else self.lens.noted_in(done))
 
     def stopped(self) -> Calibration:
@@ -224,7 +225,7 @@ def _solved(session: Session, task: _Task, first: bool = False) -> _Judged | _So
             return _Judged(sound or build_failed_result(recording, local, settings.method, watch.seconds))
         start = start_values(recording, local, settings, context, turning)  # poses chained along the paths, resection
         watch.lap("start values")
-        run = run_of(recording, start, settings, context, watch)
+        run = replace(run_of(recording, start, settings, context, watch), rough=first)
         free = solve_free(start.network, start.poses, start.candidates, run, begun)  # every dot at every place
         watch.lap("bundle adjustment")
         if settings.lens == "auto" and lens is None and (lens := best_lens_model(free, run)) is not None:

@@ -41,7 +41,8 @@ class Run:
 
     `known` (c,16) intrinsics before the adjustment. `next_references`: cameras to take instead of `reference`, in this
     order, where the adjustment leaves out all that it observed. `plain`, as in the paper: every observation weighs the
-    same, and a bar gives nothing but the scale.
+    same, and a bar gives nothing but the scale. `rough`: places come first, what a bar's
+    lengths leave of their uncertainty later.
     """
 
     known: FloatArray
@@ -50,6 +51,7 @@ class Run:
     next_references: tuple[int, ...] = ()
     context: Context = field(default_factory=Context)
     watch: Stopwatch = field(default_factory=Stopwatch)
+    rough: bool = False
 
     def accepting_partial(self) -> "Run":
         """The same, for work whose caller has a partial result."""

@@ -61,14 +61,29 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     rows = length_rows(recording, scale.bar, solution.state.points, left_out(solution.odd))
     if rows is None:
         return fit, solution
-    again = with_effects_unknown(with_lengths(fit, rows, solution.factor, run))
+    again = with_lengths(fit, rows, solution.factor, run)
     if again.cofactors is None or again.cofactors.stretch is None:
         return fit, solution
-    state = again.by_features.state
+    rough = replace(solution, state=again.by_features.state, covariance=None)
+    return (again, rough) if run.rough else _by_bar(recording, again, solution.odd)
+
+
+def with_uncertainty(recording: Recording, fit: MetricFit) -> MetricFit:
+    """The network of a `rough` run with its covariance; any other as it is."""
+    if fit.solution.covariance is not None or fit.solved.cofactors is None:
+        return fit
+    solved, solution = _by_bar(recording, fit.solved, fit.solution.odd)
+    return replace(fit, solved=solved, solution=solution)
+
+
+def _by_bar(recording: Recording, fit: BallFit, odd: OddPoses | None) -> tuple[BallFit, Solution]:
+    fit = with_effects_unknown(fit)
+    assert fit.cofactors is not None and fit.cofactors.stretch is not None
+    state = fit.by_features.state
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
-    known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
-    cameras = again.adjusted.variance * again.cofactors.with_size().all_cameras()
-    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras, odd=solution.odd)
+    known = float(np.sqrt(fit.adjusted.variance * fit.cofactors.stretch))
+    cameras = fit.adjusted.variance * fit.cofactors.with_size().all_cameras()
+    return fit, Solution(state, fit.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras, odd=odd)
 
 
 def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[Solution, float | None]:

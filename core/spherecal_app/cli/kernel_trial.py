@@ -15,6 +15,7 @@ from unittest.mock import patch
 import numpy as np
 
 from spherecal.adjust import dense_elimination
+from spherecal.geometry.resection import pose_cost
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 from spherecal.targets.target_set import TargetSet
@@ -92,8 +93,9 @@ def _find_dots(image: np.ndarray, targets: TargetSet) -> None:
 
 
 def _seldom(_: Path) -> None:
-    """What only doubtful targets need."""
+    """What only doubtful targets and cameras need."""
     place_of(np.zeros(VIEW_SIZE), np.float64(1.0), np.float64(2.0))
+    pose_cost(np.eye(3), np.ones(3), np.ones((4, 3)), np.ones((4, 2)), 1.0)
 
 
 def _simulated(folder: Path) -> None:

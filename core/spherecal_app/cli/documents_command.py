@@ -94,7 +94,5 @@ def manual(options: argparse.Namespace) -> int:
 def manual_page(language: str = "en") -> Path | None:
     """The manual's first page in a language (en, de, zh), offline; None in a checkout before `dev.py docs`."""
     page = "index.html" if language == "en" else f"guide/{language}/index.html"
-    for folder in (resource_path("manual"), resource_path().parent / "build" / "site"):
-        if (folder / page).is_file():
-            return folder / page
-    return None
+    folders = resource_path("manual"), resource_path().parent / "build" / "site"
+    return next((folder / page for folder in folders if (folder / page).is_file()), None)

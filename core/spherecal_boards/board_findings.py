@@ -143,7 +143,11 @@ def diagnosed(e: FrameEvidence | None, what: Shown) -> list[Finding]:
     found += unsound(e, found)
     if what == "board":
         found = moving_board(e, found)
-    return [f if what == "board" else _of_single_frames(f) for f in found]
+    if what == "board":
+        return found
+    # a stretch of frames is named by its first one: that frame alone is nothing to leave out
+    whole = [[r for r in f.repairs if r.kind != "leave-out" or r.target.startswith("camera:")] for f in found]
+    return [replace(f, repairs=tuple(kept)) for f, kept in zip(found, whole, strict=True)]
 
 
 def _anomalies(e: FrameEvidence) -> Anomalies:
@@ -167,12 +171,6 @@ def _anomalies(e: FrameEvidence) -> Anomalies:
         least_shift=least_visible(e.probe, tests),
         scatter=scatters(e.probe, tests),
     )
-
-
-def _of_single_frames(finding: Finding) -> Finding:
-    """A finding on a stretch of frames, which is named by its first one: that frame alone is nothing to leave out."""
-    kept = tuple(r for r in finding.repairs if r.kind != "leave-out" or r.target.startswith("camera:"))
-    return replace(finding, repairs=kept)
 
 
 def scale_finding(source: Literal["waved-bar", "certified-board", "board"], relative: float) -> Finding:

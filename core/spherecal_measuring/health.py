@@ -108,15 +108,12 @@ class RigHealth:
     def _learn(self, number: int, kind: str, found: Consistency) -> None:
         for test in found.cameras:
             self._tests[kind][test.id] = test
-            named = test.moved and test.move_px > self._least_move(test.id)
+            camera = self._rig.camera(test.id)
+            before = (camera.rms_px or 0.0) if camera is not None else 0.0
+            named = test.moved and test.move_px > max(_LEAST_MOVE_PX, _OF_CALIBRATION * before)
             self._moved[kind][test.id] = test if named else None
             if named:
                 self._named_at.setdefault(test.id, number)
-
-    def _least_move(self, camera: str) -> float:
-        placed = self._rig.camera(camera)
-        before = 0.0 if placed is None or placed.rms_px is None else placed.rms_px
-        return max(_LEAST_MOVE_PX, _OF_CALIBRATION * before)
 
     @property
     def state(self) -> Health:

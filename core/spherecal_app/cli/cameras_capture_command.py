@@ -21,6 +21,7 @@ from spherecal_cameras.in_process import Staged
 from spherecal_cameras.new_recording import session_cameras
 from spherecal_cameras.plan import CapturePlan, begun_plan, plan_of, read_plan, simple_plan
 from spherecal_cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
+from spherecal_files.json_file import plain_fields
 from spherecal_files.programs import users_environment
 
 
@@ -53,7 +54,10 @@ def capture(options: argparse.Namespace) -> int:
             averaged = take_averaged(source, options.average, detector, request, context)
             session.add(planned, averaged.taken, averaged.stillness)
             poor += _show_set(planned.id, averaged, names)
-            record.append(_record_of(planned.id, averaged, names))
+            taken = averaged.taken
+            missing, moved = [names[one.camera] for one in taken.missing], [names[serial] for serial in averaged.moved]
+            about = {"id": planned.id, "images": len(taken.frames), "missing": missing, "moved": moved}
+            record.append({**about, **plain_fields(taken, "attempts spread_s")})
     total, incomplete = len(plan.sets), session.incomplete
     without = {found.names[serial]: error.message for serial, error in found.problems.items()}
     document = {"session": options.output, "cameras": list(names.values()), "without": without, "sets": record}
@@ -64,18 +68,6 @@ def capture(options: argparse.Namespace) -> int:
     for name, missing in incomplete.items():
         say(f"{name} has no image of {', '.join(missing)}.")
     return NOT_VALID if poor or incomplete or without else DONE
-
-
-def _record_of(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:
-    taken = averaged.taken
-    return {
-        "id": set_id,
-        "images": len(taken.frames),
-        "missing": [names[one.camera] for one in taken.missing],
-        "moved": [names[serial] for serial in averaged.moved],
-        "attempts": taken.attempts,
-        "spread_s": taken.spread_s,
-    }
 
 
 def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:

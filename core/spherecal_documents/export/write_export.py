@@ -261,14 +261,13 @@ def _manifest(
         "cameras": dict(zip((camera.id for camera in rig.cameras), form.ids(rig), strict=True)),
         "files_sha256": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         "fields_lost": {name: {"max_px": one.max_px, "max_mm": one.max_mm} for name, one in lost.items()},
-        "refit": {name: _refit_entry(loss) for name, loss in losses.items()},
+        "refit": {
+            name: {"rms_px": one.rms_px, "max_px": one.max_px}
+            | ({} if one.image_px is None else {"max_px_over_image": one.image_px})
+            for name, one in losses.items()
+        },
         "software": software_entry(None),
     }
-
-
-def _refit_entry(loss: Loss) -> dict[str, float]:
-    entry = {"rms_px": loss.rms_px, "max_px": loss.max_px}
-    return entry if loss.image_px is None else entry | {"max_px_over_image": loss.image_px}
 
 
 def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import image_reach, is_fisheye, project
-from spherecal_sim.dot_bound import dot_bounds
 from spherecal_sim.dot_truth import DotTruth, Outlines, Station, TrueDots, outline_dots, see_dots
 from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
 from spherecal_sim.radiance import CELLS, DENSE, EDGE, TILE, trace_band
@@ -47,8 +46,8 @@ def render_image(
     exposure = _expose_scene(scene, station, marks, kernel, margin, context)
     if settings.vignetting:
         exposure *= vignetting(station.intrinsics, station.size)
-    if settings.bounds:
-        bound = dot_bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
+    if settings.bounds is not None:
+        bound = settings.bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
         truth = replace(truth, bound_px=bound)
     return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
 

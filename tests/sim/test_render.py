@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.simulators.dot_bound import dot_bounds
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.data.session import Session
@@ -286,8 +287,8 @@ def isolated(dots: DotTruth) -> np.ndarray:
 
 def test_bounds_follow_the_rule_of_thumb_and_the_light(simulated) -> None:
     sensor = Sensor(bits=16, read_noise_e=0.0, noise=False)
-    little = ball_image(simulated, replace(FLAT, sensor=sensor, bounds=True)).dots
-    much = ball_image(simulated, replace(FLAT, sensor=replace(sensor, full_well_e=42_000.0), bounds=True)).dots
+    little = ball_image(simulated, replace(FLAT, sensor=sensor, bounds=dot_bounds)).dots
+    much = ball_image(simulated, replace(FLAT, sensor=replace(sensor, full_well_e=42_000.0), bounds=dot_bounds)).dots
     some = isolated(little)
     assert some.sum() > 20
     np.testing.assert_allclose(little.bound_px[some] / much.bound_px[some], 2.0, rtol=0.02)

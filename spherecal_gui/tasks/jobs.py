@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from spherecal.data.session import Bar, Session
     from spherecal.targets.detection import Detector
-    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_boards.board_images import BoardDetector
     from spherecal_cameras.averaging import Stillness
     from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.genicam.trust import Ask
@@ -165,7 +165,7 @@ def board_of(plan: "CapturePlan") -> Document | None:
 def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
     """What finds in images what calibrates: coded targets, or the points of a board; None where neither is known."""
     from spherecal.targets.detection import Detector
-    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_boards.board_images import BoardDetector
     from spherecal_boards.pattern_entry import board_pattern
 
     if plan.target_set is not None:

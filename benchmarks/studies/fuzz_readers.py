@@ -210,7 +210,7 @@ def _foreign_readers(folder: Path) -> list[Reader]:
     from PIL import Image
 
     from spherecal.targets.images import read_image
-    from spherecal_documents.export.priors import read_cameras
+    from spherecal_documents.export.import_rig import read_cameras
     from spherecal_documents.export.write_export import FORMATS
 
     rig = make_rig(4, 3, 1)

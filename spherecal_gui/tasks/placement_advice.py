@@ -178,7 +178,7 @@ def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "Po
 
 def lying_ends(rig: "Rig", bar: "Bar", target_set: TargetSet | None, dots: Mapping[str, Dots]) -> FloatArray | None:
     """Where the first and the last mark of a bar are, (2, 3) mm in the rig's world; None where not found."""
-    from spherecal_rigs.live_pose import measured_ends
+    from spherecal_rigs.pose_plan import measured_ends
 
     return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}, target_set))
 

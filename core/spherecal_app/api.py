@@ -67,12 +67,11 @@ from spherecal_measuring.pose import read_body, write_body
 from spherecal_measuring.series_file import TableKind
 from spherecal_rigs.check_rig import Check, check, read_known_ball
 from spherecal_rigs.compare_rigs import Comparison, compare
-from spherecal_rigs.cross_validate import LeftOut, cross_validate
 from spherecal_rigs.framed_rig import FRAME, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.pose_plan import BarMarks, PosePlan, plan_poses
-from spherecal_rigs.recalibrate import Selection, What, recalibrate
+from spherecal_rigs.recalibrate import LeftOut, Selection, What, cross_validate, recalibrate
 from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile

@@ -20,9 +20,9 @@ from spherecal_files.json_file import plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
-from spherecal_rigs.cross_validate import cross_validate as run_without
 from spherecal_rigs.next_placement import advise
 from spherecal_rigs.recalibrate import Selection
+from spherecal_rigs.recalibrate import cross_validate as run_without
 from spherecal_rigs.recalibrate import recalibrate as run
 
 

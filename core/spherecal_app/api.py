@@ -77,8 +77,8 @@ from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile
 from spherecal_rigs.store import apply as put_to_use
 from spherecal_rigs.user_frame import FrameDefinition, UserFrame
-from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session as simulate
+from spherecal_sim.simulate_session import write_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 from spherecal_verify.limit import LengthLimit, parse_limit
 from spherecal_verify.verification import Verification

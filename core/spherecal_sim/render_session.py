@@ -23,8 +23,7 @@ from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_
 from spherecal_sim.optics import Image
 from spherecal_sim.render import Rendered, render_image
 from spherecal_sim.rigs import TrueCamera
-from spherecal_sim.session_folder import fill_session_folder
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import fill_session_folder, simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose

@@ -1,5 +1,6 @@
 """Simulated sessions: a rig, its ball and bars observed, in memory or as a session folder with its truth."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +10,16 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import CameraSpec, Placement, Scale, Session
 from spherecal.targets.family import make_target_set
+from spherecal_files.atomic import SESSION, write_folder_whole
+from spherecal_files.filesystem import create
+from spherecal_files.observations_file import write_observations
+from spherecal_files.session_json import session_json
+from spherecal_files.target_set_file import write_target_set
 from spherecal_sim import rigs
 from spherecal_sim.observe import ObservingCameras, Seen, lens_misfit, look, observe, shape_changes, spoil
 from spherecal_sim.simulated_ball import make_ball
 from spherecal_sim.simulated_bars import certify, make_bars, mark_places, pose_bars, recorded_poses
-from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
+from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth, write_truth
 
 _N_MARKS = 8  # two bars of four
 
@@ -173,3 +179,19 @@ def _see_bar(
 
 def _part(seen: Seen, placement: int, target: IntArray, point: IntArray) -> _Part:
     return np.stack([np.full(len(seen.camera), placement), seen.camera, target[seen.point], point[seen.point]]), seen.uv
+
+
+def write_session(session: Session, truth: Truth, folder: Path) -> None:
+    """Write a session folder, whole or not at all; an older session there is replaced."""
+    write_folder_whole(folder, lambda partial: fill_session_folder(session, truth, partial), SESSION)
+
+
+def fill_session_folder(session: Session, truth: Truth, folder: Path) -> None:
+    """Write the files of a session into an existing folder."""
+    document = json.dumps(session_json(session, folder), indent=1) + "\n"
+    create(folder / "session.json", document.encode())
+    if session.target_set is not None:
+        write_target_set(folder / "targets.json", session.target_set)
+    if session.observations is not None:
+        write_observations(folder / "observations.csv", session.observations)
+    write_truth(truth, folder / "truth.json")

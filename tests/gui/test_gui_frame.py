@@ -30,7 +30,7 @@ from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Step
 from spherecal_rigs.framed_rig import FRAME, write_frame
 from spherecal_rigs.user_frame import FrameDefinition
-from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import write_session
 from tests.gui_walking import settle
 from tests.networks import calibrated, one_thread
 

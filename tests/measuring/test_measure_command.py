@@ -30,8 +30,7 @@ from spherecal_measuring.search_regions import RegionSearch, _boxes
 from spherecal_measuring.series_file import write_series
 from spherecal_measuring.stream import MeasurementStream
 from spherecal_rigs.kept_checks import read_checks
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 BODY = {

@@ -29,7 +29,7 @@ from spherecal_measuring.series_file import set_json
 from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits
-from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import write_session
 from spherecal_verify.limit import parse_limit
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.example_session import VALID

@@ -22,8 +22,7 @@ from spherecal_rigs.check_file import check_json
 from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.repose import repose
 from spherecal_rigs.store import open_profile
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import observe_again, simulate_session
+from spherecal_sim.simulate_session import observe_again, simulate_session, write_session
 from spherecal_sim.truth import CameraMove, SimulationOptions
 from spherecal_verify.consistency import examine_cameras
 from spherecal_verify.limit import parse_limit

@@ -17,8 +17,7 @@ from spherecal_files.rig_file import rig_bytes
 from spherecal_files.write_result import write_table, write_verification
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile, restore
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from spherecal_verify.limit import parse_limit
 from spherecal_verify.verify_bars import VerifySettings, verify

@@ -22,8 +22,7 @@ from spherecal_files.write_result import write_result
 from spherecal_rigs.limits_file import Limits
 from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
 from spherecal_rigs.recalibrate import Selection, cross_validate, recalibrate
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import observe_again
+from spherecal_sim.simulate_session import observe_again, write_session
 from spherecal_sim.truth import CameraMove
 from tests.networks import calibrated, observed, one_thread, simulated, unstrained
 

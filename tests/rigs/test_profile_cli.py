@@ -18,8 +18,7 @@ from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import rig_bytes
 from spherecal_files.write_result import write_result
 from spherecal_rigs.store import create_profile, open_profile
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 

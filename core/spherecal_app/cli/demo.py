@@ -22,8 +22,7 @@ from spherecal_files.atomic import SESSION
 from spherecal_files.rig_file import read_rig
 from spherecal_rigs.result_folder import read_bar_report
 from spherecal_sim.render_session import demo_session, render_session
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 
 
 def demo(options: argparse.Namespace) -> int:

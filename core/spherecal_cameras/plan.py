@@ -21,9 +21,9 @@ from spherecal_files.capture_file import FORMAT as CAPTURE_FORMAT
 from spherecal_files.capture_file import VERSION as CAPTURE_VERSION
 from spherecal_files.filesystem import create
 from spherecal_files.json_file import read_json
-from spherecal_files.observations_file import COLUMNS
 from spherecal_files.read_session import FORMAT, VERSION, read_session
 from spherecal_files.session_json import assumed_prior, session_json
+from spherecal_files.table_file import COLUMNS
 from spherecal_files.target_set_file import read_target_set, write_target_set
 
 _TAKEN_OVER = ("scale", "sphere", "bars", "board")

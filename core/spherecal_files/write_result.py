@@ -17,8 +17,8 @@ from spherecal_files.ball_file import BALL, BALL_FILE
 from spherecal_files.filesystem import create, new_file, read_below
 from spherecal_files.findings_file import FINDINGS_FILE, findings_document, read_findings
 from spherecal_files.json_file import json_bytes
-from spherecal_files.observations_file import write_observations
 from spherecal_files.rig_file import COVARIANCE_FILE, covariance_bytes, rig_bytes
+from spherecal_files.table_file import write_observations
 from spherecal_files.verification_file import VERIFICATION
 from spherecal_verify.verification import MeasuredLength, Verification
 

@@ -12,8 +12,8 @@ from spherecal.data.session import CameraSpec, Placement, Scale, Session
 from spherecal.targets.family import make_target_set
 from spherecal_files.atomic import SESSION, write_folder_whole
 from spherecal_files.filesystem import create
-from spherecal_files.observations_file import write_observations
 from spherecal_files.session_json import session_json
+from spherecal_files.table_file import write_observations
 from spherecal_files.target_set_file import write_target_set
 from spherecal_sim import rigs
 from spherecal_sim.observe import ObservingCameras, Seen, lens_misfit, look, observe, shape_changes, spoil

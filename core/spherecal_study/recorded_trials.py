@@ -17,8 +17,8 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.initialise.camera_path import Search
 from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings, Method
-from spherecal_files.observations_file import read_observations, write_observations
 from spherecal_files.read_session import read_session
+from spherecal_files.table_file import read_observations, write_observations
 from spherecal_study.study_agreement import bar_figures, outcome, residual_figures
 
 

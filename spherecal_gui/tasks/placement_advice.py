@@ -16,7 +16,7 @@ from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
 from spherecal_files.filesystem import create
-from spherecal_files.observations_file import COLUMNS
+from spherecal_files.table_file import COLUMNS
 from spherecal_files.target_set_file import write_target_set
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots, SetDots

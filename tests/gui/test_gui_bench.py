@@ -315,8 +315,7 @@ def test_a_handwritten_bench_is_taken_up_with_its_bars_and_their_ids(tmp_path):
 
 
 def test_targets_of_another_family_come_from_a_file(qtbot, dialog, tmp_path):
-    from spherecal_files.marker_targets import make_marker_set
-    from spherecal_files.target_set_file import write_target_set
+    from spherecal_files.target_set_file import make_marker_set, write_target_set
 
     write_target_set(tmp_path / "markers.json", make_marker_set("DICT_4X4_50", 30.0, None, "dark-on-light"))
     dialog.ball.take_targets(tmp_path / "markers.json")

@@ -13,8 +13,8 @@ from spherecal.data.rig import Rig, RigCamera
 from spherecal.data.session import Bar, BarLength
 from spherecal.geometry.camera import is_unfolded, project
 from spherecal.targets.target_set import TargetSet
+from spherecal_verify.departures import LEAST_LENGTHS, MeasuringVolume, volume_box
 from spherecal_verify.marks import MarkFinder, MarkPlace
-from spherecal_verify.measuring_volume import LEAST_LENGTHS, MeasuringVolume, volume_box
 from spherecal_verify.outlying_views import triangulate_checked
 from spherecal_verify.verify_bars import views_of
 

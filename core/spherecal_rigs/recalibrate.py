@@ -33,7 +33,7 @@ from spherecal.scale.metric import MetricFit, Solution, fit_spheres
 from spherecal.steps.ball_stages import ball_network, describe_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_verify.consistency import camera_normal
-from spherecal_verify.measuring_volume import volume_box
+from spherecal_verify.departures import volume_box
 from spherecal_verify.outlying_views import triangulate_checked
 from spherecal_verify.verify_bars import views_of
 

@@ -23,9 +23,8 @@ from spherecal_rigs.pose_plan import BarMarks, cameras_that_see, judge_pose, mea
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 from spherecal_verify.budget import Contribution, certificate_freedom, combine, resolution_mm
-from spherecal_verify.departures import lengths_on_lines
+from spherecal_verify.departures import LINES, MeasuringVolume, lengths_on_lines, volume_box
 from spherecal_verify.limit import LengthLimit, judge_against, parse_limit
-from spherecal_verify.measuring_volume import LINES, MeasuringVolume, volume_box
 from spherecal_verify.verification import LengthBudget, MeasuredLength, Verification
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.export_rigs import make_rig

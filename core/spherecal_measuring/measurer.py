@@ -23,9 +23,10 @@ from spherecal_measuring import measured_sets
 from spherecal_measuring.health import RigHealth
 from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
 from spherecal_measuring.measured_sets import MeasuredSet, ObservedSet
+from spherecal_measuring.measured_values import Unmeasured, measure_bar, measure_ruler
 from spherecal_measuring.measuring_task import Task
 from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
-from spherecal_measuring.pose import Unmeasured, measure_bar, measure_body, measure_ruler
+from spherecal_measuring.pose import measure_body
 from spherecal_measuring.rejection import reject_views
 from spherecal_measuring.series_file import TableKind, write_series
 from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views

@@ -91,7 +91,6 @@ _SAMPLED = 32  # one row of so many tells how often each byte occurs
 
 def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     """A grey image (h, w), uint8 or uint16, as PNG: differences to the row above by frequency, small as deflate's 1."""
-
     (height, width), bits, whole = image.shape, 8 * image.itemsize, np.ascontiguousarray(image)
     below, above = (whole[row::_SAMPLED].view(np.uint8)[: -(-(height - 1) // _SAMPLED)] for row in (1, 0))
     data = zlib_stream(_filtered(image), np.bincount((below - above).ravel(), minlength=256))

@@ -138,7 +138,7 @@ TARGETS = codec.FileFormat(
 )
 
 
-FAMILY = "aruco"
+MARKERS = "aruco"
 _CORNER = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
@@ -161,7 +161,7 @@ def make_marker_set(
     layouts: dict[int, dict[str, FloatArray]] = {
         int(i): dict(zip(CORNERS, corners.copy(), strict=True)) for i in chosen
     }
-    return TargetSet(FAMILY, polarity, size_mm, 0.0, layouts, dictionary)
+    return TargetSet(MARKERS, polarity, size_mm, 0.0, layouts, dictionary)
 
 
 def marker_bits(dictionary: str, marker: int, border: int = BORDER_BITS) -> FloatArray:

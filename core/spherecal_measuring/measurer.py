@@ -23,10 +23,9 @@ from spherecal_measuring import measured_sets
 from spherecal_measuring.health import RigHealth
 from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
 from spherecal_measuring.measured_sets import MeasuredSet, ObservedSet
-from spherecal_measuring.measured_values import Unmeasured, measure_bar, measure_ruler
 from spherecal_measuring.measuring_task import Task
 from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
-from spherecal_measuring.pose import measure_body
+from spherecal_measuring.pose import Unmeasured, measure_bar, measure_body, measure_ruler
 from spherecal_measuring.rejection import reject_views
 from spherecal_measuring.series_file import TableKind, write_series
 from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
@@ -200,9 +199,9 @@ def measure_sets(
 ) -> Iterator[measured_sets.MeasuredSet]:
     """Measure sets as they come; the one seam of command line, window and Python."""
     context = context or Context()
-    for observed in sets:
+    for one in sets:
         context.check()
-        yield measurer.measure(observed)
+        yield measurer.measure(one)
 
 
 def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple[measured_sets.Contradiction, ...]:

@@ -71,7 +71,7 @@ from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.pose_plan import BarMarks, PosePlan, plan_poses
 from spherecal_rigs.recalibrate import LeftOut, Selection, What, cross_validate, recalibrate
-from spherecal_rigs.result_folder import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
+from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile
 from spherecal_rigs.store import apply as put_to_use

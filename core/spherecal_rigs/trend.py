@@ -12,7 +12,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal_rigs.compare_rigs import Comparison, compare, seen_volume
 from spherecal_rigs.kept_checks import read_checks
-from spherecal_rigs.result_folder import entry_volume
+from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import Profile
 
 # A chart of single values with median moving ranges: the median +- 3 sd, sd = median range / 0.954 (the median of the

@@ -16,7 +16,7 @@ from spherecal_gui.tasks.outcome import Compared
 from spherecal_gui.widgets.basic import Chip, add, button, enable, label, once, say
 from spherecal_gui.widgets.table import Table
 from spherecal_rigs.compare_rigs import compare, seen_volume
-from spherecal_rigs.result_folder import entry_volume
+from spherecal_rigs.rig_source import entry_volume
 from spherecal_rigs.store import apply, open_profile
 
 _PICTURE_PX = 300

@@ -332,7 +332,8 @@ def verify(project: Project, context: Context, seen: "Session | None") -> "tuple
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
     from spherecal_files.write_result import write_verification
-    from spherecal_rigs.result_folder import corners_beside, read_bar_report
+    from spherecal_rigs.result_folder import read_bar_report
+    from spherecal_rigs.rig_source import corners_beside
     from spherecal_verify.limit import parse_limit
     from spherecal_verify.verify_bars import VerifySettings
     from spherecal_verify.verify_bars import verify as run
@@ -376,7 +377,7 @@ def check(project: Project, profile: Path, context: Context) -> "Check":
     from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
     from spherecal_rigs.check_rig import read_known_ball
-    from spherecal_rigs.result_folder import points_file, read_source
+    from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)
     session = read_session(project.folder)
@@ -394,7 +395,7 @@ def repair(project: Project, profile: Path, cameras: tuple[str, ...], context: C
     from spherecal_rigs.check_rig import check as run
     from spherecal_rigs.check_rig import read_known_ball
     from spherecal_rigs.repose import repose
-    from spherecal_rigs.result_folder import points_file, read_source
+    from spherecal_rigs.rig_source import points_file, read_source
 
     result = project.repair_folder
     check_folders(project.folder)

@@ -130,7 +130,7 @@ def _places(folder: Path, session: Path) -> "Mapping[str, Place]":
 def _compared(rig: "Rig", profile: Path) -> Compared | None:
     """Against the calibration in use, or the one before where this very one is in use already."""
     from spherecal_rigs.compare_rigs import compare, seen_volume
-    from spherecal_rigs.result_folder import entry_volume
+    from spherecal_rigs.rig_source import entry_volume
     from spherecal_rigs.store import is_profile, open_profile
 
     if not is_profile(profile):

@@ -166,7 +166,7 @@ def _read(document: Document, target_set: TargetSet | None) -> "Session":
 def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "PosePlan | None":
     """The plan for the check bars among `bars`; None without a scale, a volume or such a bar."""
     from spherecal_rigs.pose_plan import BarMarks, plan_poses
-    from spherecal_rigs.result_folder import corners_beside
+    from spherecal_rigs.rig_source import corners_beside
 
     marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
     corners = corners_beside(result_folder)

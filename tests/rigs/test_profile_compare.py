@@ -16,7 +16,7 @@ from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.calibration_age import ValidityLimits, validity
 from spherecal_rigs.compare_rigs import CameraChange, ComparisonVolume, MatchedCamera, compare, seen_volume, sights
 from spherecal_rigs.entry import Entry
-from spherecal_rigs.result_folder import read_source, volume_of
+from spherecal_rigs.rig_source import read_source, volume_of
 from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from spherecal_rigs.trend import Trend, control_limits, make_trend

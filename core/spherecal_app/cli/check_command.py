@@ -24,7 +24,7 @@ from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import Check, read_known_ball
 from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
-from spherecal_rigs.result_folder import points_file, read_source
+from spherecal_rigs.rig_source import points_file, read_source
 from spherecal_rigs.store import is_profile, open_profile
 from spherecal_verify.limit import parse_limit
 

@@ -19,7 +19,7 @@ from spherecal_files.json_file import plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig, rig_bytes
 from spherecal_rigs.framed_rig import FRAME, define_frame, frame_entry, write_frame
-from spherecal_rigs.result_folder import corners_beside, refuse_failed_rig
+from spherecal_rigs.rig_source import corners_beside, refuse_failed_rig
 from spherecal_rigs.user_frame import FrameDefinition
 
 

@@ -35,7 +35,7 @@ from spherecal_measuring.measuring_task import Task, parse_point, parse_ruler, r
 from spherecal_measuring.pose import read_body
 from spherecal_measuring.series_file import SERIES, check_table_kind, set_json
 from spherecal_measuring.stream import MeasurementStream
-from spherecal_rigs.result_folder import read_source
+from spherecal_rigs.rig_source import read_source
 
 _SHOWN_S = 0.5  # between lines of a live measurement on the terminal
 

@@ -19,7 +19,7 @@ from spherecal_rigs.compare_rigs import CameraChange, Comparison
 from spherecal_rigs.compare_rigs import compare as run
 from spherecal_rigs.kept_checks import read_checks
 from spherecal_rigs.limits_file import NAMES, Limits, limits_in_use, limits_path, read_limits
-from spherecal_rigs.result_folder import read_source, volume_of
+from spherecal_rigs.rig_source import read_source, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, copy_is_right, create_profile, is_profile, open_profile, set_limits
 from spherecal_rigs.store import apply as put_to_use

@@ -28,7 +28,8 @@ from spherecal_files.json_file import plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_verification
-from spherecal_rigs.result_folder import answer_for, corners_beside
+from spherecal_rigs.result_folder import answer_for
+from spherecal_rigs.rig_source import corners_beside
 from spherecal_verify.limit import parse_limit
 from spherecal_verify.verification import Verification
 from spherecal_verify.verify_bars import VerifySettings

@@ -101,7 +101,7 @@ def camera_lines(
 
 def _line(connection: "Connection", info: "CameraInfo") -> CameraLine:
     from spherecal_cameras.builtin_driver import on_wire
-    from spherecal_cameras.plan import camera_name
+    from spherecal_cameras.new_recording import camera_name
 
     serial, status = info.serial, connection.source.statuses().get(info.serial)
     name = connection.names.get(serial) or connection.rig.names.get(serial, serial)
@@ -160,7 +160,7 @@ def lens_line(connection: "Connection | None") -> LensLine | None:
     """What is stated of the lenses; None for recorded and simulated cameras, whose lenses are known."""
     if connection is None or connection.source.kind != "genicam":
         return None
-    from spherecal_cameras.plan import pixel_pitch_um
+    from spherecal_cameras.new_recording import pixel_pitch_um
 
     infos = [info for info in connection.discovery.cameras if connection.profile.entry(info.serial).in_rig]
     entries = [connection.profile.entry(info.serial) for info in infos]

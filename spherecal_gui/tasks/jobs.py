@@ -100,7 +100,7 @@ def joined(
 ) -> "Connection":
     """The connection to cameras that are open, each with what is known of it now; it opens nothing."""
     from spherecal_cameras.camera_settings import CameraProfile, default_profile_path, read_profile
-    from spherecal_cameras.plan import session_cameras
+    from spherecal_cameras.new_recording import session_cameras
     from spherecal_gui.tasks.live_detection import Connection
 
     live = project.source.startswith("genicam")

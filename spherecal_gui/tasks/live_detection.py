@@ -20,7 +20,8 @@ from spherecal_cameras.averaging import STILL_PX, stillness
 from spherecal_cameras.camera_network import WireCamera
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.capture import SessionCamera
-from spherecal_cameras.plan import CapturePlan, RigCameras
+from spherecal_cameras.new_recording import RigCameras
+from spherecal_cameras.plan import CapturePlan
 from spherecal_cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
 from spherecal_gui.coverage import Dots, dot_keys
 from spherecal_gui.tasks.jobs import detector_of

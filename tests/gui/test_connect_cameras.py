@@ -22,7 +22,7 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.camera_network import WireCamera
 from spherecal_cameras.camera_settings import CameraProfile, default_profile_path, read_profile
 from spherecal_cameras.genicam import discovery
-from spherecal_cameras.plan import RigCameras, pitch_of_model, pixel_pitch_um
+from spherecal_cameras.new_recording import RigCameras, pitch_of_model, pixel_pitch_um
 from spherecal_cameras.protocol import CameraInfo, Discovery, FeatureReport, SetupReport
 from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
 from spherecal_gui.controllers.controller import Controller

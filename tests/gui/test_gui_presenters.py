@@ -19,7 +19,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
-from spherecal_cameras.plan import RigCameras
+from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal_files.findings_file import Sentence
 from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport

@@ -18,7 +18,8 @@ from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.averaging import AveragedSet, take_averaged
 from spherecal_cameras.capture import SessionFolder
 from spherecal_cameras.in_process import Staged
-from spherecal_cameras.plan import CapturePlan, begun_plan, plan_of, read_plan, session_cameras, simple_plan
+from spherecal_cameras.new_recording import session_cameras
+from spherecal_cameras.plan import CapturePlan, begun_plan, plan_of, read_plan, simple_plan
 from spherecal_cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
 from spherecal_files.json_file import plain_fields
 from spherecal_files.programs import users_environment

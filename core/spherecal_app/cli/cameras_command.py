@@ -13,7 +13,7 @@ from spherecal_app.cli.console import answer, out, say
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import SETTINGS, CameraProfile, write_profile
-from spherecal_cameras.plan import camera_name
+from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, features_of
 from spherecal_files.json_file import plain_fields
 

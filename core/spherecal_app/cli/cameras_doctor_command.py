@@ -19,7 +19,7 @@ from spherecal_cameras.camera_doctor import brightness, covered_camera, examine
 from spherecal_cameras.camera_network import cut_packets, found_on_wire
 from spherecal_cameras.camera_settings import CameraProfile, write_profile
 from spherecal_cameras.network_lines import LineExamination, Stagger, examined, shares
-from spherecal_cameras.plan import camera_name
+from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.protocol import CameraError, CameraSource, Discovery
 from spherecal_files.json_file import plain_fields
 

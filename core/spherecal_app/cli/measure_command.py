@@ -23,7 +23,7 @@ from spherecal_app.cli.console import check_output_folder, figures, kept_in_prof
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import default_profile_path, read_profile
-from spherecal_cameras.plan import camera_name
+from spherecal_cameras.new_recording import camera_name
 from spherecal_files.bar_registry import BAR_REGISTRY
 from spherecal_files.read_session import read_session
 from spherecal_files.target_set_file import read_target_set

@@ -57,14 +57,13 @@ from spherecal_files.rig_file import COVARIANCE_FILE, check_rig_bytes, covarianc
 from spherecal_files.target_set_file import read_target_set, write_target_set
 from spherecal_files.write_result import write_result, write_verification
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
-from spherecal_measuring.measure_sets import run as measure_sets
-from spherecal_measuring.measure_sets import sets_of_session
 from spherecal_measuring.measured_sets import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task
 from spherecal_measuring.points import MeasuredPoints, project_points, triangulate_points
 from spherecal_measuring.pose import read_body, write_body
-from spherecal_measuring.series_file import TableKind
+from spherecal_measuring.series_file import TableKind, sets_of_session
+from spherecal_measuring.series_file import run as measure_sets
 from spherecal_rigs.check_rig import Check, check, read_known_ball
 from spherecal_rigs.compare_rigs import Comparison, compare
 from spherecal_rigs.framed_rig import FRAME, write_frame

@@ -22,10 +22,9 @@ from spherecal_files.write_result import write_verification
 from spherecal_gui.in_use import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
-from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.pose import read_body, write_body
-from spherecal_measuring.series_file import set_json
+from spherecal_measuring.series_file import run, set_json, sets_of_session
 from spherecal_rigs.check_file import check_json, keep
 from spherecal_rigs.check_rig import check, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits

@@ -29,12 +29,11 @@ from spherecal_files.read_session import read_session
 from spherecal_files.target_set_file import read_target_set
 from spherecal_measuring.health import keep_health
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
-from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measured_sets import Health, MeasuredSet, ObservedSet
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Task, parse_point, parse_ruler, registered
 from spherecal_measuring.pose import read_body
-from spherecal_measuring.series_file import SERIES, check_table_kind, set_json
+from spherecal_measuring.series_file import SERIES, check_table_kind, run, set_json, sets_of_session
 from spherecal_measuring.stream import MeasurementStream
 from spherecal_rigs.rig_source import read_source
 

@@ -14,7 +14,6 @@ from spherecal.data.rig_camera import posed
 from spherecal_measuring import measured_sets
 from spherecal_measuring.health import RigHealth
 from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
-from spherecal_measuring.measured_values import Unmeasured, measure_bar, measure_ruler
 from spherecal_measuring.measuring_task import Task
 from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
 from spherecal_measuring.pose import Unmeasured, measure_bar, measure_body, measure_ruler

@@ -15,7 +15,7 @@ from spherecal_sim.truth import SimulationOptions
 from spherecal_study import pages
 from spherecal_study.executor import LocalProcesses
 from spherecal_study.on_sessions import SessionOptions, run_session_study
-from spherecal_study.recorded_trials import apart_mm, seen_along_the_thinnest
+from spherecal_study.trials import apart_mm, seen_along_the_thinnest
 
 
 @pytest.fixture(scope="module")

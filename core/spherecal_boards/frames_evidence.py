@@ -31,7 +31,7 @@ from spherecal_boards.frame_network import FrameModel, dense_couplings
 from spherecal_boards.frames_covariance import frame_factors
 
 if TYPE_CHECKING:
-    from spherecal_boards.board_result import Fit
+    from spherecal_boards.board_findings import Fit
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal_boards.frame_network import FrameModel
-from spherecal_boards.frames_covariance import PointRows
+from spherecal_boards.frames_adjustment import PointRows
 
 
 @dataclass(frozen=True)

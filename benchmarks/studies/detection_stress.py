@@ -9,8 +9,7 @@ from benchmarks.simulators.dot_bound import dot_bounds
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_sim.dot_truth import ball_dots
 from spherecal_sim.optics import Image, Psf, Sensor, expose
-from spherecal_sim.render import Rendered, render_image
-from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.render_session import CLUTTERED, RENDERED, Rendered, render_image
 from spherecal_sim.rigs import CameraKind
 from spherecal_sim.simulated_scene import RenderSettings
 from spherecal_sim.tracing import PAPER

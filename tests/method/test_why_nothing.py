@@ -25,8 +25,7 @@ from spherecal_files.read_session import read_session
 from spherecal_files.table_file import write_observations
 from spherecal_files.target_set_file import write_target_set
 from spherecal_sim.dot_truth import Station, ball_dots
-from spherecal_sim.render import render_image
-from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.render_session import CLUTTERED, RENDERED, render_image
 from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.simulated_scene import ball_scene, lit_for
 

@@ -16,8 +16,7 @@ from spherecal_files.read_session import read_session
 from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots, outline_dots
 from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
 from spherecal_sim.radiance import CELLS, ideal_place
-from spherecal_sim.render import Rendered, render_image
-from spherecal_sim.render_session import RENDERED, demo_session, render_session
+from spherecal_sim.render_session import RENDERED, Rendered, demo_session, render_image, render_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_ball import wrap
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for

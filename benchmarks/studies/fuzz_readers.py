@@ -134,8 +134,7 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal_files.bar_registry import BAR_REGISTRY
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
-    from spherecal_rigs.check_file import check_json
-    from spherecal_rigs.check_rig import check
+    from spherecal_rigs.check_rig import check, check_json
     from spherecal_rigs.kept_checks import keep_check, read_checks
     from spherecal_rigs.limits_file import Limits, read_limits, write_limits
     from spherecal_rigs.save_entry import save_result

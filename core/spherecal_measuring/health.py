@@ -13,8 +13,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal_files.json_file import finite
 from spherecal_measuring.measured_sets import CameraHealth, Health
-from spherecal_rigs.check_file import camera_entry, keep
-from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
+from spherecal_rigs.check_rig import Verdict, camera_cause, camera_entry, camera_state, keep
 from spherecal_verify.consistency import CameraTest, Consistency, examine_cameras
 from spherecal_verify.outlying_views import CheckedPoints, Views
 

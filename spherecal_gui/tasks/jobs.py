@@ -374,9 +374,8 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 def check(project: Project, profile: Path, context: Context) -> "Check":
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FOLDER/check.json`; the engine's answer."""
     from spherecal_files.read_session import read_session
-    from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
-    from spherecal_rigs.check_rig import read_known_ball
+    from spherecal_rigs.check_rig import check_json, keep, read_known_ball
     from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)

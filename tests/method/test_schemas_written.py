@@ -25,8 +25,7 @@ from spherecal_gui.project_folder import save_project
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.pose import read_body, write_body
 from spherecal_measuring.series_file import run, set_json, sets_of_session
-from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import check, read_known_ball
+from spherecal_rigs.check_rig import check, check_json, keep, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits
 from spherecal_sim.simulate_session import write_session
 from spherecal_verify.limit import parse_limit

@@ -18,8 +18,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
-from spherecal_rigs.check_file import check_json
-from spherecal_rigs.check_rig import check, read_known_ball
+from spherecal_rigs.check_rig import check, check_json, read_known_ball
 from spherecal_rigs.repose import repose
 from spherecal_rigs.store import open_profile
 from spherecal_sim.simulate_session import observe_again, simulate_session, write_session

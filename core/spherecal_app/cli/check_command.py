@@ -20,8 +20,7 @@ from spherecal_files.atomic import RESULT, check_folder
 from spherecal_files.json_file import json_bytes
 from spherecal_files.read_session import read_session
 from spherecal_files.write_result import write_result
-from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import Check, read_known_ball
+from spherecal_rigs.check_rig import Check, check_json, keep, read_known_ball
 from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
 from spherecal_rigs.rig_source import points_file, read_source

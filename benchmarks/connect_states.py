@@ -30,8 +30,7 @@ from spherecal_gentl.gige import gige_control
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.gige.gvcp import CONTROL_REGISTER, Gvcp
 from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
-from spherecal_gentl.producer.feed import RigFeed, SessionScenes
-from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.producer_control import ProducerControl, RigFeed, SessionScenes, SimulatedCamera
 from spherecal_sim.render_session import demo_session
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -23,7 +23,7 @@ from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.builtin_driver import prepare
 from spherecal_gentl.gige.gige_control import FAULTS, MOST_CAMERAS, GigeCamera, GigeRig
 from spherecal_gentl.producer.build_producer import build_producer as built
-from spherecal_gentl.producer.feed import RigFeed, SessionScenes
+from spherecal_gentl.producer.producer_control import RigFeed, SessionScenes
 from spherecal_gentl.producer.region import default_name
 from spherecal_sim.render_session import demo_session, render_session
 from spherecal_sim.rigs import PRESETS

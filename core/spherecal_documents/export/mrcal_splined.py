@@ -105,7 +105,7 @@ def fitted(camera: FileCamera) -> tuple[Spline, float]:
     return spline, off
 
 
-def _write(rig: FileRig) -> Mapping[str, str]:
+def _write_splined(rig: FileRig) -> Mapping[str, str]:
     files = {}
     for name, camera in zip(rig.safe_names(), rig.cameras, strict=True):
         spline, off = fitted(camera)
@@ -136,7 +136,7 @@ MRCAL_SPLINED = Format(
     "mrcal cameramodel with splines",
     12,
     ("m", "mm"),
-    _write,
+    _write_splined,
     lambda folder: [_read_camera(path) for path in sorted(folder.glob(f"*{ENDING}"))],
     folder=True,
     ids=FileRig.safe_names,

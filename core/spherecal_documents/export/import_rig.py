@@ -24,7 +24,7 @@ from spherecal_documents.export.file_cameras import MM_PER, FileCamera, Reading,
 from spherecal_documents.export.format import importer
 from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.matlab import MATLAB
-from spherecal_documents.export.mrcal_splined import MRCAL_SPLINED
+from spherecal_documents.export.mrcal import MRCAL_SPLINED
 from spherecal_documents.export.opencv_yaml import read_opencv, read_yaml
 from spherecal_documents.export.write_export import FORMATS
 from spherecal_files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes

@@ -23,8 +23,7 @@ from spherecal_documents.export.file_cameras import MM_PER, FileCamera, FileRig,
 from spherecal_documents.export.format import Format, ImportFormat, exporter
 from spherecal_documents.export.kalibr import KALIBR, ROS
 from spherecal_documents.export.metashape import METASHAPE
-from spherecal_documents.export.mrcal import MC_CALIB, MRCAL, MULTICAL
-from spherecal_documents.export.mrcal_splined import MRCAL_SPLINED
+from spherecal_documents.export.mrcal import MC_CALIB, MRCAL, MRCAL_SPLINED, MULTICAL
 from spherecal_documents.export.opencv_yaml import OPENCV
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat

@@ -12,9 +12,8 @@ from spherecal.data.findings import counted
 from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.targets.detection import Detector
 from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
-from spherecal_app.cli.console import answer, out, say
+from spherecal_app.cli.console import answer, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.averaging import AveragedSet, take_averaged
 from spherecal_cameras.capture import SessionFolder
 from spherecal_cameras.in_process import Staged

@@ -11,9 +11,8 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
 from spherecal.data.findings import counted
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_app.cli.console import answer, out, output_file, say, to_output
+from spherecal_app.cli.console import answer, out, output_file, say, shown_progress, to_output
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.progress import shown_progress
 from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.support.licences import bill_of_materials, licence_text, parts
 from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, write_bundle

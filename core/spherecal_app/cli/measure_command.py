@@ -19,9 +19,8 @@ from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.cameras_source import discovered, open_asking
-from spherecal_app.cli.console import check_output_folder, figures, kept_in_profile, out, say
+from spherecal_app.cli.console import check_output_folder, figures, kept_in_profile, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import default_profile_path, read_profile
 from spherecal_cameras.new_recording import camera_name
 from spherecal_files.bar_registry import BAR_REGISTRY

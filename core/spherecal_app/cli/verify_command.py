@@ -19,9 +19,9 @@ from spherecal_app.cli.console import (
     out,
     say,
     show_findings,
+    shown_progress,
 )
 from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_files.atomic import RESULT
 from spherecal_files.findings_file import FINDING
 from spherecal_files.json_file import plain_fields

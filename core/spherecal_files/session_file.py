@@ -51,9 +51,6 @@ def named_file(about: str) -> codec.Kind[JsonValue]:
     return codec.Kind({"description": about, **schema} if about else schema, lambda value: value)
 
 
-# --- cameras ---------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class _Prior:
     """A camera matrix (3, 3), coefficients in OpenCV's order, None where not stated, and what was only assumed."""
@@ -147,8 +144,6 @@ CAMERAS = codec.items(
     "The cameras.", codec.Kind(_CAMERA.schema | _NEEDED, _read_camera), least=1, most=MOST_CAMERAS, differ="id"
 ).checked(_check_groups)
 
-# --- placements and poses of bars ------------------------------------------------------------------------------------
-
 _IMAGES = codec.entries(
     "Image files by camera id, below the session's folder.", named_file("An image."), codec.identifier("")
 )
@@ -182,8 +177,6 @@ SPHERE = codec.record(
 )
 
 WANTED = codec.positive("The expanded uncertainty (k = 2) that lengths are wanted with; absent: any.", "mm")
-
-# --- scale -----------------------------------------------------------------------------------------------------------
 
 
 def _check_spacing(scale: Scale, f: Mapping[str, JsonValue]) -> None:
@@ -230,9 +223,6 @@ SCALE = replace(
     read=lambda value: _SCALES[value.fields(("kind",))["kind"].choice(*_SCALES)].read(value),
     entry=lambda scale: _SCALES[scale.kind].entry(scale),
 )
-
-
-# --- board -----------------------------------------------------------------------------------------------------------
 
 
 _BOARD_POINT = codec.record(

@@ -82,8 +82,6 @@ class Measurer:
             result = replace(result, latency_s=time.perf_counter() - observed.arrived_s)
         return result
 
-    # --- noise and motion --------------------------------------------------------------------------------------------
-
     def _expected_noise(self, observed: measured_sets.ObservedSet) -> float:
         """What image points of earlier sets showed, in units of sigma; else what their sigmas or the rig say."""
         if self._redundancy >= LEAST_REDUNDANCY:
@@ -164,8 +162,6 @@ class Measurer:
         motion = self._motion.of(names, places.places_mm, at_s)
         self._motion.keep(names, places.places_mm, at_s, motion)
         return np.linalg.norm(motion.mean, axis=1)
-
-    # --- what is asked for -------------------------------------------------------------------------------------------
 
     def _derived(
         self, places: LocatedPoints, errors: PointErrors

@@ -73,8 +73,6 @@ class BenchDesk:
             self.trouble = f"{self.trouble} {error_line(error)}".strip()
             return otherwise
 
-    # --- changes -----------------------------------------------------------------------------------------------------
-
     def change(self, **parts: Any) -> None:
         """Another draft, with these parts."""
         self.draft = replace(self.draft, **parts)
@@ -142,8 +140,6 @@ class BenchDesk:
         except SpherecalError as error:
             return error_line(error)
         return ""
-
-    # --- saving ------------------------------------------------------------------------------------------------------
 
     def checked(self) -> tuple[Bench | None, Problems]:
         """The bench, where it is whole, and what is wrong."""

@@ -56,8 +56,6 @@ class BarsTab(QWidget):
         self.form = self._form()
         add(spaced(QHBoxLayout(self), 18), self._left(), (self.form, 1))
 
-    # --- parts -------------------------------------------------------------------------------------------------------
-
     def _left(self) -> QVBoxLayout:
         self.list = named(QListWidget(), "bars", self.tr("Bars of this computer"))
         self.list.setMinimumWidth(_LIST_PX)
@@ -117,8 +115,6 @@ class BarsTab(QWidget):
         for key, one in self.fields.items():
             one.line.textEdited.connect(lambda text, key=key: self._put(**{key: text}))
         return Downwards(inner)
-
-    # --- changes -----------------------------------------------------------------------------------------------------
 
     @property
     def bar(self) -> BarDraft | None:
@@ -187,8 +183,6 @@ class BarsTab(QWidget):
         if row >= 0 and row != self.chosen:
             self.chosen = row
             self.desk.on_change()
-
-    # --- what is shown -----------------------------------------------------------------------------------------------
 
     def show_draft(self, problems: Problems) -> None:
         """The list, and the chosen bar."""

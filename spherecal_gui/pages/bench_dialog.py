@@ -178,8 +178,6 @@ class BenchDialog(QDialog):
         else:
             super().keyPressEvent(event)
 
-    # --- what is shown -----------------------------------------------------------------------------------------------
-
     def show_draft(self) -> None:
         """The draft as it is, and what is wrong with it."""
         desk = self.desk
@@ -207,8 +205,6 @@ class BenchDialog(QDialog):
         more = self.tr("and {count} more").format(count=len(lines) - _MOST_LINES)
         say(self.message, "\n".join(lines if len(lines) <= _MOST_LINES else [*lines[:_MOST_LINES], more]), level)
         self.message.setToolTip("" if len(lines) <= _MOST_LINES else text)
-
-    # --- the end -----------------------------------------------------------------------------------------------------
 
     def save_bench(self) -> bool:
         """Write library and bench; whether that was done."""

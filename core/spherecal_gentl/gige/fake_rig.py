@@ -83,8 +83,6 @@ class CameraNetwork:
         for camera in self.cameras.values():
             self._start(camera)
 
-    # --- building ----------------------------------------------------------------------------------------------------
-
     def _computer(self, port: str, address: str) -> NetworkNamespace:
         network = NetworkNamespace.new()
         self._cable(network, port, None)
@@ -140,8 +138,6 @@ class CameraNetwork:
 
     def _ask_nft(self, rule: str) -> None:
         self._switch.run("nft", rule)
-
-    # --- faults ------------------------------------------------------------------------------------------------------
 
     def _rules(self, port: str, *rules: str) -> None:
         self._ask_nft(f"flush chain netdev faults {port}")

@@ -5,10 +5,8 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Self
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,14 +123,6 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         for serial, image in images.items():
             self.set_image(serial, image)
 
-    def show_pattern(self, serial: str) -> None:
-        """Show the built-in moving ramp with the frame number again."""
-        self._record(serial)["image_published"] = 0
-
-    def expose_by(self, serial: str, reference_us: float) -> None:
-        """Let exposure and gain change the brightness: images are as given at `reference_us` and 0 dB."""
-        self._record(serial)["exposure_reference_us"] = reference_us
-
     # ---- the world around the cameras ----
 
     def pulse(self) -> None:
@@ -141,17 +131,11 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         header["line_pulse_ns"] = time.monotonic_ns()
         header["line_pulses"] += 1
 
-    def set_temperature(self, serial: str, temperature_c: float) -> None:
-        """Set what DeviceTemperature reads."""
-        self._record(serial)["temperature_c"] = temperature_c
-
-    def set_clock_offset(self, serial: str, seconds: float) -> None:
-        """Set how far a camera's clock is from that of the others (at first 0, as synchronised by PTP)."""
-        self._record(serial)["clock_offset_ns"] = round(seconds * 1e9)
-
-    def set_link(self, serial: str, bytes_per_s: float) -> None:
-        """Set the speed of a camera's link."""
-        self._record(serial)["link_bytes_per_s"] = bytes_per_s
+    def set(self, serial: str, **fields: float) -> None:
+        """Set fields of a camera's record (region.h), of its world or its faults; a `_count` of -1 is for ever."""
+        record = self._record(serial)
+        for name, value in fields.items():
+            record[name] = value
 
     # ---- faults ----
 
@@ -168,60 +152,6 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         record = self._record(serial)
         _unplug(record, time.monotonic_ns() + round(seconds * 1e9))
         record["powered"] = 0
-
-    def refuse_opening(self, serial: str, code: int = ACCESS_DENIED) -> None:
-        """Opening fails."""
-        self._record(serial)["open_error"] = code
-
-    def fail_reads(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register reads fail, of one feature or of any; `times` None: until `clear_faults`; `feature` None: any."""
-        record = self._record(serial)
-        record["read_error"] = code
-        record["read_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
-        record["read_error_count"] = _count(times)
-
-    def fail_writes(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register writes and commands fail, so many times or until `clear_faults`, of one feature or of any."""
-        record = self._record(serial)
-        record["write_error"] = code
-        record["write_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
-        record["write_error_count"] = _count(times)
-
-    def delay_registers(self, serial: str, seconds: float) -> None:
-        """Every register access takes some time."""
-        self._record(serial)["port_delay_us"] = round(seconds * 1e6)
-
-    def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
-        """Waiting for a frame fails; `times` None: until `clear_faults`."""
-        record = self._record(serial)
-        record["event_error"] = code
-        record["event_error_count"] = _count(times)
-
-    def crash(self, serial: str) -> None:
-        """The producer's code crashes (SIGSEGV) in whatever process next reads, writes or waits for this camera."""
-        self._record(serial)["crash_count"] = 1
-
-    def spoil_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames arrive incomplete: the lower half is missing; `times` None: until `clear_faults`."""
-        self._record(serial)["incomplete_count"] = _count(times)
-
-    def lose_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames are exposed and lost on the way, so many or until `clear_faults`: their numbers are left out."""
-        self._record(serial)["lost_frame_count"] = _count(times)
-
-    def drop_triggers(self, serial: str, times: int | None = 1) -> None:
-        """Triggers do not reach the camera, so many or until `clear_faults`: no frame, no gap in their numbers."""
-        self._record(serial)["dropped_trigger_count"] = _count(times)
-
-    def delay_frames(self, serial: str, seconds: float, times: int | None = 1) -> None:
-        """Frames arrive late, so many or until `clear_faults`, stamped at their exposure; those behind them wait."""
-        record = self._record(serial)
-        record["late_ms"] = round(seconds * 1e3)
-        record["late_count"] = _count(times)
-
-    def pad_lines(self, serial: str, padding_bytes: int) -> None:
-        """Every line of an image ends with padding; to be set while the camera does not stream."""
-        self._record(serial)["padding_bytes"] = padding_bytes
 
     def clear_faults(self, serial: str | None = None) -> None:
         """Everything works again, cables included; of all cameras if none is named."""
@@ -253,28 +183,10 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         return self._region.devices[self._index[serial]]
 
 
-@cache
-def feature_address(feature: str) -> int:
-    """The address of the register behind a feature of device.xml."""
-    namespace = "{http://www.genicam.org/GenApi/Version_1_1}"
-    root = ElementTree.parse(Path(__file__).with_name("device.xml")).getroot()
-    nodes = {node.get("Name"): node for node in root}
-    node = nodes.get(feature)
-    while node is not None:
-        if (address := node.findtext(f"{namespace}Address")) is not None:
-            return int(address, 16)
-        node = nodes.get(node.findtext(f"{namespace}pValue"))
-    raise InputError(f"The simulated cameras have no register named {feature}.")
-
-
 _FAULTS = (
     "unplugged_until_ns", "open_error", "read_error_count", "write_error_count", "port_delay_us", "event_error_count",
     "incomplete_count", "dropped_trigger_count", "lost_frame_count", "late_count", "padding_bytes", "crash_count",
 )  # fmt: skip
-
-
-def _count(times: int | None) -> int:
-    return -1 if times is None else times
 
 
 def _unplug(record: Any, until_ns: int) -> None:

@@ -21,7 +21,6 @@ NET, OTHER_NET = "192.168.77", "192.168.78"
 MASK = "255.255.255.0"
 CLIENT, SECOND = f"{NET}.1", f"{NET}.2"
 _FIRST_HOST = 11
-_READY_S = 20.0
 _SEIZE_S = 20.0  # the camera lets go of a silent program after its heartbeat time, 3 s
 _HEARTBEAT_S = 0.5
 _RELEASES = 5

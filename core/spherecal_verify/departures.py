@@ -31,11 +31,6 @@ class MeasuringVolume:
         """The length of the space diagonal."""
         return 2 * float(np.linalg.norm(self.half))
 
-    @property
-    def sides_mm(self) -> FloatArray:
-        """The three sides (3,), shortest first."""
-        return np.sort(2 * self.half)
-
     def point(self, unit: FloatArray) -> FloatArray:
         """A place (3,) in mm in the world, given in half sides from the middle."""
         return self.middle + (unit * self.half) @ self.axes
@@ -106,7 +101,7 @@ def departures(
 
 def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
     longest = max(m.reference_mm for m in measured)
-    requested, shortest = 2 / 3 * box.diagonal_mm, float(box.sides_mm[0])
+    requested, shortest = 2 / 3 * box.diagonal_mm, 2 * float(box.half.min())
     found = []
     if longest < requested:
         percent = 100 * longest / box.diagonal_mm

@@ -14,6 +14,7 @@ from spherecal_cameras.genicam.genicam_source import GenicamSource
 from spherecal_cameras.protocol import CameraSettings, CaptureRequest, EventKind
 from spherecal_gentl.producer import producer_control as control
 from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.region import ANY_ADDRESS
 
 TIMEOUT_S = 0.4
 LIMIT_S = 15.0
@@ -58,6 +59,13 @@ def _nothing(_: Rig, __: str) -> None:
     """Some faults pass by themselves."""
 
 
+def _set(**fields: float) -> Callable[[Rig, str], None]:
+    return lambda rig, serial: rig.control.set(serial, **fields)
+
+
+WIDTH = 0x00  # its register in device.xml
+
+
 def _clear(rig: Rig, serial: str) -> None:
     rig.control.clear_faults(serial)
 
@@ -73,13 +81,13 @@ def _kill(number: signal.Signals) -> Callable[[Rig, str], None]:
 
 def _hold_elsewhere(rig: Rig, serial: str) -> None:
     """Another program takes the camera while it is unplugged."""
-    rig.control.refuse_opening(serial, control.ACCESS_DENIED)
+    rig.control.set(serial, open_error=control.ACCESS_DENIED)
     rig.control.unplug(serial)
     rig.control.plug(serial)
 
 
 def _address_conflict(rig: Rig, serial: str) -> None:
-    rig.control.refuse_opening(serial, control.NOT_AVAILABLE)
+    rig.control.set(serial, open_error=control.NOT_AVAILABLE)
     rig.control.unplug(serial)
     rig.control.plug(serial)
 
@@ -89,23 +97,29 @@ FAULTS = (
     Fault("power cycle of 1 s", lambda r, s: r.control.power_cycle(s, 1.0), _nothing),
     Fault("held by another program", _hold_elsewhere, _clear),
     Fault("address conflict", _address_conflict, _clear),
-    Fault("register reads fail", lambda r, s: r.control.fail_reads(s, None), _clear),
-    Fault("register writes fail", lambda r, s: r.control.fail_writes(s, None), _clear),
-    Fault("registers take 0.3 s", lambda r, s: r.control.delay_registers(s, 0.3), _clear),
-    Fault("stream error", lambda r, s: r.control.fail_stream(s, 1), _nothing),
-    Fault("incomplete image", lambda r, s: r.control.spoil_frames(s, 1), _nothing),
-    Fault("image lost on the way", lambda r, s: r.control.lose_frames(s, 1), _nothing),
-    Fault("trigger dropped", lambda r, s: r.control.drop_triggers(s, 1), _nothing),
-    Fault("image 0.6 s late", lambda r, s: r.control.delay_frames(s, 0.6, 1), _nothing),
     Fault(
-        "register read, unknown error code",
-        lambda r, s: r.control.fail_reads(s, None, control.UNKNOWN_CODE, "Width"),
+        "register reads fail",
+        _set(read_error=control.IO_ERROR, read_error_address=ANY_ADDRESS, read_error_count=-1),
         _clear,
     ),
     Fault(
-        "stream, unknown error code (crash)", lambda r, s: r.control.fail_stream(s, 1, control.UNKNOWN_CODE), _nothing
+        "register writes fail",
+        _set(write_error=control.IO_ERROR, write_error_address=ANY_ADDRESS, write_error_count=-1),
+        _clear,
     ),
-    Fault("producer crashes", lambda r, s: r.control.crash(s), _nothing),
+    Fault("registers take 0.3 s", _set(port_delay_us=300_000), _clear),
+    Fault("stream error", _set(event_error=control.IO_ERROR, event_error_count=1), _nothing),
+    Fault("incomplete image", _set(incomplete_count=1), _nothing),
+    Fault("image lost on the way", _set(lost_frame_count=1), _nothing),
+    Fault("trigger dropped", _set(dropped_trigger_count=1), _nothing),
+    Fault("image 0.6 s late", _set(late_ms=600, late_count=1), _nothing),
+    Fault(
+        "register read, unknown error code",
+        _set(read_error=control.UNKNOWN_CODE, read_error_address=WIDTH, read_error_count=-1),
+        _clear,
+    ),
+    Fault("stream, unknown error code (crash)", _set(event_error=control.UNKNOWN_CODE, event_error_count=1), _nothing),
+    Fault("producer crashes", _set(crash_count=1), _nothing),
     Fault("camera process: SIGSEGV", _kill(signal.SIGSEGV), _nothing, False),
     Fault("camera process: SIGKILL", _kill(signal.SIGKILL), _nothing, False),
     Fault("camera process hangs: SIGSTOP", _kill(signal.SIGSTOP), _nothing, False),

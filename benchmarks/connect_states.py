@@ -30,8 +30,13 @@ from spherecal_gentl.gige import gige_control
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.gige.gvcp import CONTROL_REGISTER, Gvcp
 from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
-from spherecal_gentl.producer.feed import RigFeed, SessionScenes
-from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.producer_control import (
+    ACCESS_DENIED,
+    ProducerControl,
+    RigFeed,
+    SessionScenes,
+    SimulatedCamera,
+)
 from spherecal_sim.render_session import demo_session
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -267,7 +272,7 @@ class States:
     def texts(self) -> None:
         """A producer whose texts are not UTF-8, and one of its cameras is held."""
         with RigFeed(demo_session(Context())) as feed:
-            feed.control.refuse_opening(feed.control.serials[3])
+            feed.control.set(feed.control.serials[3], open_error=ACCESS_DENIED)
             (self.folder / "texts").mkdir(exist_ok=True)
             odd = {DISCOVERY_VARIABLE: str(build_producer(self.folder / "texts").parent)}
             odd |= {**feed.control.environment, **odd, "SPHERECAL_GENTL_ODD": "texts=c4e3bad3"}

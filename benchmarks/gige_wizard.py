@@ -20,7 +20,7 @@ from spherecal_app.cli.main import main as spherecal
 from spherecal_app.cli.producer_command import show_gige
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
 from spherecal_gentl.producer.build_producer import DISCOVERY_VARIABLE, build_producer
-from spherecal_gentl.producer.feed import SessionScenes
+from spherecal_gentl.producer.producer_control import SessionScenes
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_sim.render_session import demo_session
 

@@ -219,9 +219,7 @@ def _bench(p: Photographer) -> None:
     p.live(0.3)
     p.number += 1
     p._save(dialog, p._path("bench-bars", "light", SIZE).stem)
-    while dialog.desk.past:
-        dialog.desk.undo()
-    dialog.close()
+    dialog.done(0)
     p.take_dialog(window.page.drivers.show_makers(), "makers")
 
 

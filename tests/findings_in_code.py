@@ -107,7 +107,7 @@ class _Module:
 
 # These make findings and phrases out of files and other phrases.
 _READERS = (
-    "core/spherecal/data/findings.py", "core/spherecal_files/written_phrase.py",
+    "core/spherecal/data/findings.py", "core/spherecal_files/findings_file.py",
     "core/spherecal/base/messages/catalogue.py", "core/spherecal_files/findings_file.py",
 )  # fmt: skip
 

@@ -15,8 +15,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import camera_matrix, intrinsics_vector, undistort
 from spherecal.targets.target_set import TargetSet
 from spherecal_boards.board_pattern import Figure
-from spherecal_files.marker_targets import marker_bits, sticker_mm
-from spherecal_files.target_set_file import write_target_set
+from spherecal_files.target_set_file import marker_bits, sticker_mm, write_target_set
 
 _NODES = 16  # px between the places where the lens is undone exactly
 _RAYS = 3  # a pixel and direction

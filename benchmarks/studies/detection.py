@@ -90,7 +90,7 @@ def _introduction(page: Report, results: dict[str, list[Any]]) -> None:
     )
     page.text(
         "Errors are to the centre of the rim, of all dots of all targets found; `rms` is over the best 98 %, 2-D. The "
-        "bound (spherecal_sim/dot_bound.py) is that of a dot fitted by itself with nine parameters and known blur; "
+        "bound (simulators/dot_bound.py) is that of a dot fitted by itself with nine parameters and known blur; "
         "eight dots fitted together know more of each other, so that a ratio below 1 is no contradiction. `spread` is "
         "the standard deviation of error over stated sigma: of all dots, and of the best 98 % (0.96 if normal). s.e. "
         "by leaving out one image at a time."

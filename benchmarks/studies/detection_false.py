@@ -20,8 +20,7 @@ from spherecal.targets.images import read_image
 from spherecal.targets.target_set import Polarity, TargetSet
 from spherecal_sim.dot_truth import TrueDots
 from spherecal_sim.optics import Image, Sensor, expose
-from spherecal_sim.render import render_image
-from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.render_session import CLUTTERED, RENDERED, render_image
 
 from .detection_backgrounds import blurred, speckle
 from .detection_clusters import CLUSTERS, Kind, dots_image

@@ -14,8 +14,7 @@ from spherecal.data.session import Session
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import DotTruth, Station, ball_dots
 from spherecal_sim.optics import Image
-from spherecal_sim.render import Rendered, render_image
-from spherecal_sim.render_session import RENDERED, station_at
+from spherecal_sim.render_session import RENDERED, Rendered, render_image, station_at
 from spherecal_sim.rigs import CameraKind, TrueCamera, look_at
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, lit_for

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
+from benchmarks.simulators.dot_bound import dot_bounds
 from spherecal.geometry.rotation import exp_rotation
 from spherecal_sim.dot_truth import ball_dots
 from spherecal_sim.optics import Image, Psf, Sensor, expose
-from spherecal_sim.render import Rendered, render_image
-from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.render_session import CLUTTERED, RENDERED, Rendered, render_image
 from spherecal_sim.rigs import CameraKind
 from spherecal_sim.simulated_scene import RenderSettings
 from spherecal_sim.tracing import PAPER
@@ -50,7 +50,7 @@ class Case:
 
     def render(self, image: int, with_bounds: bool = False) -> Rendered:
         """One of the case's images with its truth, in pixels of the image given."""
-        view, settings = self.view(image), replace(self.settings, bounds=with_bounds)
+        view, settings = self.view(image), replace(self.settings, bounds=dot_bounds if with_bounds else None)
         if self.streak_px:
             rendered = _shaken(view, self.settings, self.streak_px, image)
         elif self.paper is not None:

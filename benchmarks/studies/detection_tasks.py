@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from benchmarks.simulators.dot_bound import dot_bounds
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal_sim.optics import Image, Sensor
 from spherecal_sim.render_session import CLUTTERED, RENDERED
@@ -114,7 +115,9 @@ def of_session(rig: str, placement: int, camera: int) -> Score:
     session, truth = simulate_session(rig, SEED, replace(RENDERED, bar_poses=0))
     view = View(session, truth, placement, camera)
     seed = 100 * placement + camera
-    return _look(view, kept(f"{rig}-{placement}-{camera}", lambda: view.render(replace(CLUTTERED, bounds=True), seed)))
+    return _look(
+        view, kept(f"{rig}-{placement}-{camera}", lambda: view.render(replace(CLUTTERED, bounds=dot_bounds), seed))
+    )
 
 
 def stress(case: Case, image: int) -> Score:

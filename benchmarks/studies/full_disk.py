@@ -16,8 +16,7 @@ from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.kept_checks import keep_check
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 

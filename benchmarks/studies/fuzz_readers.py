@@ -12,10 +12,8 @@ from benchmarks.studies.fuzz import Reader, zipped
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal_documents.export.write_export import export_rig
-from spherecal_files.write_result import write_result
-from spherecal_files.write_verification import write_verification
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_files.write_result import write_result, write_verification
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from spherecal_verify.limit import parse_limit
 from spherecal_verify.verify_bars import VerifySettings, verify
@@ -136,8 +134,7 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal_files.bar_registry import BAR_REGISTRY
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
-    from spherecal_rigs.check_file import check_json
-    from spherecal_rigs.check_rig import check
+    from spherecal_rigs.check_rig import check, check_json
     from spherecal_rigs.kept_checks import keep_check, read_checks
     from spherecal_rigs.limits_file import Limits, read_limits, write_limits
     from spherecal_rigs.save_entry import save_result
@@ -211,7 +208,7 @@ def _foreign_readers(folder: Path) -> list[Reader]:
     from PIL import Image
 
     from spherecal.targets.images import read_image
-    from spherecal_documents.export.priors import read_cameras
+    from spherecal_documents.export.import_rig import read_cameras
     from spherecal_documents.export.write_export import FORMATS
 
     rig = make_rig(4, 3, 1)

@@ -13,7 +13,7 @@ from benchmarks.studies.hostile_inputs import Ground, spoil
 from spherecal_app.cli.main import entry
 
 # Half a second to two each, drawing or computing: as often as the others they would take most of the time.
-_SLOW = {"report pdf", "report html", "report xml", "batch", "guide", "recalibrate", "licences", "trend"}
+_SLOW = {"report pdf", "report html", "report xml", "batch", "guide", "recalibrate", "licences", "profile trend"}
 _SELDOM = 0.15
 
 
@@ -144,8 +144,7 @@ COMMANDS: dict[str, Command] = {
     "profile new": Command(("result1", "session"), "profile save {given}/result1 --to {out} --session {given}/session"),
     "profile restore": Command(("profile",), "profile restore {given}/profile", ("profile",)),
     "profile compare": Command(("profile", "result1"), "profile compare {given}/profile {given}/result1"),
-    "profile trend": Command(("profile",), "profile trend {given}/profile --csv {out}"),
-    "trend": Command(("profile",), "profile trend {given}/profile -o {out}", ending=".svg"),
+    "profile trend": Command(("profile",), "profile trend {given}/profile -o {out}", ending=".svg"),
     "support-bundle": Command(
         ("session", "result1"), "support-bundle {given}/session -o {out} --result {given}/result1", ending=".zip"
     ),

@@ -17,8 +17,7 @@ import numpy as np
 from PIL import Image
 
 from spherecal_app.cli.main import main
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 

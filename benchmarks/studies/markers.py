@@ -12,8 +12,8 @@ from spherecal.calibrate import calibrate
 from spherecal.data.rig import Rig
 from spherecal.targets.family import make_target_set
 from spherecal.targets.target_set import TargetSet
-from spherecal_files.marker_targets import make_marker_set
 from spherecal_files.read_session import read_session
+from spherecal_files.target_set_file import make_marker_set
 
 COUNT, SIZE_MM, RADIUS_MM, DISTANCE_MM = 100, 28.0, 200.0, 1100.0
 CAMERAS, PLACEMENTS, IMAGE, FOCAL_PX = 5, 4, (640, 512), 1050.0

@@ -34,8 +34,7 @@ from spherecal.geometry.transform import PosedCameras
 from spherecal.geometry.triangulation import triangulate
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_files.read_session import read_session
-from spherecal_sim.simulate_session import simulate_session
-from spherecal_sim.simulated_bars import study_bars
+from spherecal_sim.simulate_session import simulate_session, study_bars
 from spherecal_sim.simulated_boards import simulate_board
 from spherecal_sim.truth import SimulationOptions
 from spherecal_verify.verify_bars import verify

@@ -15,6 +15,7 @@ from typing import cast
 
 import numpy as np
 
+from benchmarks.simulators.dot_bound import dot_bounds
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, Bars, bar_errors, make_bars
 from spherecal.base.arrays import FloatArray
@@ -63,7 +64,7 @@ def study(rig: str, seed: int) -> Whole:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(cache or scratch) / f"rendered-{rig}-{seed}"
         if not folder.exists():
-            render_session(rig, seed, folder, settings=replace(CLUTTERED, bounds=True))
+            render_session(rig, seed, folder, settings=replace(CLUTTERED, bounds=dot_bounds))
         session, truth = read_session(folder), simulate_session(rig, seed, RENDERED)[1]
         calibration = calibrate(session)
         verification = verify(observed(session, Context(), bar_poses_only=True), calibration.rig)

@@ -29,8 +29,7 @@ from spherecal.geometry.triangulation import triangulate
 from spherecal.scale.metric import Solution, in_millimetres
 from spherecal.steps.ball_stages import describe_network
 from spherecal.steps.settings import CalibrationSettings
-from spherecal_sim.simulate_session import simulate_session
-from spherecal_sim.simulated_bars import StudyBars, study_bars
+from spherecal_sim.simulate_session import StudyBars, simulate_session, study_bars
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
 from spherecal_verify.participation import lens_corrected
 

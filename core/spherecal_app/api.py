@@ -55,32 +55,29 @@ from spherecal_files.json_file import JsonValue
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import COVARIANCE_FILE, check_rig_bytes, covariance_bytes, read_rig, rig_bytes
 from spherecal_files.target_set_file import read_target_set, write_target_set
-from spherecal_files.write_result import write_result
-from spherecal_files.write_verification import write_verification
+from spherecal_files.write_result import write_result, write_verification
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
-from spherecal_measuring.measure_sets import run as measure_sets
-from spherecal_measuring.measure_sets import sets_of_session
 from spherecal_measuring.measured_sets import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task
 from spherecal_measuring.points import MeasuredPoints, project_points, triangulate_points
 from spherecal_measuring.pose import read_body, write_body
-from spherecal_measuring.series_file import TableKind
+from spherecal_measuring.series_file import TableKind, sets_of_session
+from spherecal_measuring.series_file import run as measure_sets
 from spherecal_rigs.check_rig import Check, check, read_known_ball
 from spherecal_rigs.compare_rigs import Comparison, compare
-from spherecal_rigs.cross_validate import LeftOut, cross_validate
 from spherecal_rigs.framed_rig import FRAME, write_frame
 from spherecal_rigs.framed_rig import define_frame as _define_frame
 from spherecal_rigs.next_placement import Guidance, advise
 from spherecal_rigs.pose_plan import BarMarks, PosePlan, plan_poses
-from spherecal_rigs.recalibrate import Selection, What, recalibrate
+from spherecal_rigs.recalibrate import LeftOut, Selection, What, cross_validate, recalibrate
 from spherecal_rigs.rig_source import Source, corners_beside, points_file, read_source, refuse_failed_rig, volume_of
 from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, create_profile, open_profile
 from spherecal_rigs.store import apply as put_to_use
 from spherecal_rigs.user_frame import FrameDefinition, UserFrame
-from spherecal_sim.session_folder import write_session
 from spherecal_sim.simulate_session import simulate_session as simulate
+from spherecal_sim.simulate_session import write_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 from spherecal_verify.limit import LengthLimit, parse_limit
 from spherecal_verify.verification import Verification

@@ -27,8 +27,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_boards.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, chain_pairs, located, residuals_px
 from spherecal_boards.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
 from spherecal_boards.bar_start import LEAST_COMMON, BarStart, lags_of, start_from_pairs
-from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
-from spherecal_boards.board_result import Fit, assemble_fit
+from spherecal_boards.board_findings import Fit, assemble_fit, common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.camera_lag import flipped_back, in_step, lag_findings
 from spherecal_boards.frames_evidence import frame_evidence, frame_test
 

@@ -18,8 +18,7 @@ from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal_boards import frames_adjustment
 from spherecal_boards.bar_marks import BarModel, BarRecording, Lengths, known_lengths
 from spherecal_boards.frame_network import minimise, redundancy, sum_by
-from spherecal_boards.frames_adjustment import poorly_observed
-from spherecal_boards.frames_covariance import frame_covariance
+from spherecal_boards.frames_adjustment import frame_covariance, poorly_observed
 
 # Twice the logarithm of the likelihoods' ratio from which a bar counts as unsteady: 3.3 standard deviations.
 LEAST_EVIDENCE = 11.0

@@ -12,7 +12,7 @@ from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, Mark, Session
 from spherecal.scale.bar_temperature import reference_length
 from spherecal_boards.frame_network import FrameModel, Ties
-from spherecal_boards.frames_covariance import PointRows
+from spherecal_boards.frames_adjustment import PointRows
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,10 @@ from spherecal_boards.board_adjustment import (
     residuals_px,
 )
 from spherecal_boards.board_chain import BoardStart, chain, common_placements, compare_views, find_links, whole
-from spherecal_boards.board_findings import common_findings, diagnosed, scale_finding, unlinked
+from spherecal_boards.board_findings import Fit, assemble_fit, common_findings, diagnosed, scale_finding, unlinked
 from spherecal_boards.board_images import BoardImages, find_boards
-from spherecal_boards.board_model import BoardViews, board_views
-from spherecal_boards.board_result import Fit, assemble_fit
 from spherecal_boards.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
-from spherecal_boards.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
+from spherecal_boards.board_start import LEAST_POINTS, BoardViews, board_views, poses, start_intrinsics, usable_views
 from spherecal_boards.frames_evidence import frame_evidence
 from spherecal_boards.pattern_entry import board_shape, board_uncertainty, read_board_pattern
 

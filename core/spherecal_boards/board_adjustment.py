@@ -13,11 +13,9 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal_boards import frames_adjustment
-from spherecal_boards.board_model import BoardModel, BoardViews
-from spherecal_boards.board_start import LEAST_POINTS, BoardPose
+from spherecal_boards.board_start import LEAST_POINTS, BoardModel, BoardPose, BoardViews
 from spherecal_boards.frame_network import cameras_only, minimise, redundancy
-from spherecal_boards.frames_adjustment import poorly_observed
-from spherecal_boards.frames_covariance import frame_covariance
+from spherecal_boards.frames_adjustment import frame_covariance, poorly_observed
 
 ViewPoses = dict[tuple[int, int], list[BoardPose]]
 

@@ -12,8 +12,7 @@ from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import nearest_rotation
 from spherecal.geometry.transform import PosedCameras
 from spherecal_boards.board_adjustment import BoardNetwork, ViewPoses, place_boards, robust_start
-from spherecal_boards.board_model import BoardViews
-from spherecal_boards.board_start import BoardPose
+from spherecal_boards.board_start import BoardPose, BoardViews
 from spherecal_boards.camera_lag import MOST_FRAMES, Compared, Link, lagged, least_error
 
 GROUP_SIZE = 4

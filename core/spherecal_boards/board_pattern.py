@@ -8,8 +8,8 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.targets.marker_set import marker_dictionary
-from spherecal_files.board_grid import BoardKind, board_grid
-from spherecal_files.marker_targets import marker_bits
+from spherecal_files.session_file import BoardKind, board_grid
+from spherecal_files.target_set_file import marker_bits
 
 APRILTAGS = "DICT_APRILTAG_36h11"
 KALIBR_BORDER_BITS = 2

@@ -20,10 +20,9 @@ from spherecal.data.findings import Finding
 from spherecal.diagnose.score import make_score_test
 from spherecal.geometry.transform import fit_similarity
 from spherecal_boards.board_adjustment import BoardAdjusted, BoardNetwork, board_points, gate
-from spherecal_boards.board_model import BoardModel
+from spherecal_boards.board_start import BoardModel
 from spherecal_boards.frame_network import cameras_only
-from spherecal_boards.frames_adjustment import priors_of, progress
-from spherecal_boards.frames_covariance import FrameCovariance
+from spherecal_boards.frames_adjustment import FrameCovariance, priors_of, progress
 from spherecal_boards.frames_evidence import Tested, frame_test
 
 # Shifts of points that noise alone makes up explain their own number's worth of residuals: 1.0 +- 0.1 for 80 points.

@@ -28,10 +28,10 @@ from spherecal.initialise.local import LocalNetwork
 from spherecal.initialise.view_graph import CameraGraph
 from spherecal.scale.metric import Solution
 from spherecal_boards.frame_network import FrameModel, dense_couplings
-from spherecal_boards.frames_covariance import frame_factors
+from spherecal_boards.frames_adjustment import frame_factors
 
 if TYPE_CHECKING:
-    from spherecal_boards.board_result import Fit
+    from spherecal_boards.board_findings import Fit
 
 
 @dataclass(frozen=True)

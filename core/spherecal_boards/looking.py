@@ -122,9 +122,6 @@ def _markers(image: Grey, family: str, border: int, inverted: bool, mirrored: bo
     return np.asarray(ids, dtype=np.int64).ravel(), np.asarray(corners, dtype=float).reshape(-1, 4, 2)
 
 
-# --- the layout of markers -------------------------------------------------------------------------------------------
-
-
 def boards_of(markers: Markers) -> Iterator[dict[str, Any]]:
     """The boards that can have these markers, likeliest first: fields of session.json's `board` without lengths.
 
@@ -198,9 +195,6 @@ def _places(own: IntArray, columns: int, kind: str) -> FloatArray:
     return np.column_stack([column, 2 * pair + odd]).astype(float)
 
 
-# --- chessboards -----------------------------------------------------------------------------------------------------
-
-
 def look_for_chessboard(images: Sequence[GreyImage]) -> tuple[int, int] | None:
     """Rows and columns of inner corners of the largest chessboard that is seen; None where none is."""
     seen: dict[tuple[int, int], int] = {}
@@ -210,9 +204,6 @@ def look_for_chessboard(images: Sequence[GreyImage]) -> tuple[int, int] | None:
             rows, columns = sorted(grid.shape[:2])
             seen[rows, columns] = seen.get((rows, columns), 0) + 1
     return max(seen, key=lambda size: (seen[size], size)) if seen else None
-
-
-# --- what would fit --------------------------------------------------------------------------------------------------
 
 
 def with_lengths(board: Mapping[str, Any], pitch_mm: float, marker_mm: float | None) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal_boards.board_pattern import APRILTAGS, BoardKind, BoardPattern
 from spherecal_files.json_file import JsonValue, decode, parse_json, printable, read_bytes, read_json
-from spherecal_files.marker_targets import marker_count
 from spherecal_files.read_session import FORMAT, SESSION_FILE, VERSION
 from spherecal_files.session_file import BOARD
+from spherecal_files.target_set_file import marker_count
 from spherecal_files.toml_text import toml_of
 
 _FIELDS = tuple(BOARD.schema["properties"])

@@ -16,8 +16,7 @@ from spherecal_cameras.averaging import Stillness
 from spherecal_cameras.plan import CapturePlan, PlannedSet
 from spherecal_cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal_files import filesystem
-from spherecal_files.capture_file import CAMERAS as CAPTURED_CAMERAS
-from spherecal_files.capture_file import CAPTURE_FILE, FORMAT, VERSION
+from spherecal_files.capture_file import CAPTURE_FILE, CAPTURED_CAMERAS, FORMAT, VERSION
 from spherecal_files.json_file import JsonValue, plain_fields, read_json
 from spherecal_files.png_file import png_bytes
 from spherecal_files.read_session import FORMAT as SESSION_FORMAT

@@ -68,8 +68,6 @@ class InProcessSource(ABC):
         self._began_s = time.perf_counter()
         self.sets_taken = 0
 
-    # --- to be given -------------------------------------------------------------------------------------------------
-
     @abstractmethod
     def camera_infos(self) -> tuple[protocol.CameraInfo, ...]:
         """The cameras of the source."""
@@ -82,8 +80,6 @@ class InProcessSource(ABC):
 
     def triggered(self, exposed_s: Mapping[str, float]) -> None:  # noqa: B027 - a scene at rest needs nothing
         """A set is to be taken, each image exposed at a moment of perf_counter (s): for sources whose scene moves."""
-
-    # --- the protocol ------------------------------------------------------------------------------------------------
 
     def discover(self, context: Context | None = None) -> protocol.Discovery:
         """The cameras of the recording or the simulated rig."""
@@ -269,8 +265,6 @@ class InProcessSource(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    # --- for what is derived -----------------------------------------------------------------------------------------
 
     def next_frame_id(self, serial: str) -> int:
         """The next number of the camera's own counter of images, from 1."""

@@ -15,9 +15,9 @@ from spherecal_files.capture_file import FORMAT as CAPTURE_FORMAT
 from spherecal_files.capture_file import VERSION as CAPTURE_VERSION
 from spherecal_files.filesystem import create
 from spherecal_files.json_file import read_json
-from spherecal_files.observations_file import COLUMNS
 from spherecal_files.read_session import FORMAT, VERSION, read_session
 from spherecal_files.session_json import assumed_prior, session_json
+from spherecal_files.table_file import COLUMNS
 from spherecal_files.target_set_file import read_target_set, write_target_set
 
 _TAKEN_OVER = ("scale", "sphere", "bars", "board")
@@ -98,7 +98,10 @@ def _plan_in(path: Path) -> CapturePlan:
     document = {key: f[key].value for key in (*_TAKEN_OVER, "cameras") if key in f}
     for key in ("placements", "bar_poses"):
         entries = f[key].items() if key in f else []
-        document[key] = [_without_images(entry.value) for entry in entries]
+        document[key] = [
+            {k: v for k, v in one.items() if k != "images"} if isinstance(one := entry.value, dict) else one
+            for entry in entries
+        ]
     session = _checked(document, target_set, path)
     fields = {key: document[key] for key in _TAKEN_OVER if key in document}
     cameras = document.get("cameras")
@@ -116,10 +119,6 @@ def check_marks(plan: CapturePlan, path: Path) -> None:
                 raise InputError(
                     Phrase("error-mark-not-target", {"file": path, "mark": name, "bar": bar.id, "target": mark.target})
                 )
-
-
-def _without_images(entry: object) -> object:
-    return {k: v for k, v in entry.items() if k != "images"} if isinstance(entry, dict) else entry
 
 
 def _checked(document: dict[str, Any], target_set: TargetSet | None, path: Path) -> Session:

@@ -56,7 +56,7 @@ _FRAME = codec.record(
     codec.unread("motion_px", "How far they moved between frames."),
     codec.unread("noise_px", "Their noise between frames."),
 )
-CAMERAS = codec.items(
+CAPTURED_CAMERAS = codec.items(
     "The cameras.",
     codec.record(
         "",
@@ -103,7 +103,7 @@ CAPTURE = codec.FileFormat(
         dict,
         codec.unread("source", "The source of the images: `kind`, `label`, `simulated`."),
         codec.optional("planned", PLANNED),
-        codec.field("cameras", CAMERAS),
+        codec.field("cameras", CAPTURED_CAMERAS),
         codec.field("sets", SETS),
     ),
 )

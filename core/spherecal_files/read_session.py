@@ -11,14 +11,13 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import BarPose, BoardPoint, Placement, Scale, Session
 from spherecal.targets.target_set import TargetSet
-from spherecal_files.board_grid import board_grid
 from spherecal_files.bundle_file import original_sha256
 from spherecal_files.capture_file import last_taken, read_captured_sets
 from spherecal_files.filesystem import file_sha256
 from spherecal_files.json_file import JsonValue, read_json, unique
-from spherecal_files.observations_file import read_observations
 from spherecal_files.read_bars import read_bars
-from spherecal_files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED
+from spherecal_files.session_file import BAR_POSES, BOARD, CAMERAS, PLACEMENTS, SCALE, SPHERE, WANTED, board_grid
+from spherecal_files.table_file import read_observations
 from spherecal_files.target_set_file import read_target_set
 
 FORMAT = "spherecal/session"

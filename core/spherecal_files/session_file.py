@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -14,10 +14,31 @@ from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, in
 from spherecal.geometry.opencv import FISHEYE_LENGTH
 from spherecal.targets.masks import Rectangle
 from spherecal_files import codec
-from spherecal_files.board_grid import BOARD_KINDS
 from spherecal_files.json_file import MOST_CAMERAS, JsonValue, unique
 from spherecal_files.rig_file import LENS_MATRIX, distortion, read_distortion
 from spherecal_files.target_set_file import given
+
+BoardKind = Literal["circles", "asymmetric-circles", "chessboard", "charuco", "aprilgrid"]
+BOARD_KINDS: tuple[BoardKind, ...] = get_args(BoardKind)
+
+
+def board_grid(kind: str, rows: int, columns: int, pitch_mm: float, marker_mm: float | None) -> FloatArray:
+    """Places (n, 2) mm of points row by row, x along the rows; dots and inner corners are `pitch_mm` apart.
+
+    Every second row of `asymmetric-circles` is shifted by it (OpenCV); an `aprilgrid` has four corners a tag (Kalibr).
+    """
+    if kind == "aprilgrid":
+        assert marker_mm is not None
+        along, across = (
+            np.repeat(np.arange(count) * pitch_mm, 2) + np.tile([0.0, marker_mm], count) for count in (rows, columns)
+        )
+    else:
+        along, across = np.arange(rows) * pitch_mm, np.arange(columns) * pitch_mm
+    x, y = np.tile(across, len(along)), np.repeat(along, len(across))
+    if kind == "asymmetric-circles":
+        x = 2 * x + np.repeat(np.arange(rows) % 2, columns) * pitch_mm
+    return np.column_stack([x, y]).astype(np.float64)
+
 
 _PATH = r"^(?!/)(?!\.$)(?!(.*/)?\.\.(/|$))[^\\\u0000-\u001f]+$"
 _LARGEST_IMAGE_PX = 65536
@@ -28,9 +49,6 @@ def named_file(about: str) -> codec.Kind[JsonValue]:
     """A path below a folder, with "/" between its parts, read as it is: only the caller knows the folder."""
     schema = {"type": "string", "minLength": 1, "maxLength": 500, "pattern": _PATH}
     return codec.Kind({"description": about, **schema} if about else schema, lambda value: value)
-
-
-# --- cameras ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -126,8 +144,6 @@ CAMERAS = codec.items(
     "The cameras.", codec.Kind(_CAMERA.schema | _NEEDED, _read_camera), least=1, most=MOST_CAMERAS, differ="id"
 ).checked(_check_groups)
 
-# --- placements and poses of bars ------------------------------------------------------------------------------------
-
 _IMAGES = codec.entries(
     "Image files by camera id, below the session's folder.", named_file("An image."), codec.identifier("")
 )
@@ -161,8 +177,6 @@ SPHERE = codec.record(
 )
 
 WANTED = codec.positive("The expanded uncertainty (k = 2) that lengths are wanted with; absent: any.", "mm")
-
-# --- scale -----------------------------------------------------------------------------------------------------------
 
 
 def _check_spacing(scale: Scale, f: Mapping[str, JsonValue]) -> None:
@@ -209,9 +223,6 @@ SCALE = replace(
     read=lambda value: _SCALES[value.fields(("kind",))["kind"].choice(*_SCALES)].read(value),
     entry=lambda scale: _SCALES[scale.kind].entry(scale),
 )
-
-
-# --- board -----------------------------------------------------------------------------------------------------------
 
 
 _BOARD_POINT = codec.record(

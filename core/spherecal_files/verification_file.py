@@ -11,9 +11,8 @@ from spherecal.data.findings import Finding
 from spherecal.data.session import BarPose
 from spherecal_files import codec
 from spherecal_files.bar_registry import CERTIFICATE, LENGTH
-from spherecal_files.findings_file import FINDING
+from spherecal_files.findings_file import FINDING, PHRASE, Sentence, sentence, sentence_fields, sentences
 from spherecal_files.json_file import finite
-from spherecal_files.written_phrase import PHRASE, Sentence, sentence, sentence_fields, sentences
 from spherecal_verify.budget import Budget, Contribution
 from spherecal_verify.limit import RULE, Acceptance, Conformity, LengthConformity, LengthLimit, OfLength
 from spherecal_verify.participation import CameraViews, State

@@ -13,8 +13,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal_files.json_file import finite
 from spherecal_measuring.measured_sets import CameraHealth, Health
-from spherecal_rigs.check_file import camera_entry, keep
-from spherecal_rigs.check_rig import Verdict, camera_cause, camera_state
+from spherecal_rigs.check_rig import Verdict, camera_cause, camera_entry, camera_state, keep
 from spherecal_verify.consistency import CameraTest, Consistency, examine_cameras
 from spherecal_verify.outlying_views import CheckedPoints, Views
 
@@ -108,15 +107,12 @@ class RigHealth:
     def _learn(self, number: int, kind: str, found: Consistency) -> None:
         for test in found.cameras:
             self._tests[kind][test.id] = test
-            named = test.moved and test.move_px > self._least_move(test.id)
+            camera = self._rig.camera(test.id)
+            before = (camera.rms_px or 0.0) if camera is not None else 0.0
+            named = test.moved and test.move_px > max(_LEAST_MOVE_PX, _OF_CALIBRATION * before)
             self._moved[kind][test.id] = test if named else None
             if named:
                 self._named_at.setdefault(test.id, number)
-
-    def _least_move(self, camera: str) -> float:
-        placed = self._rig.camera(camera)
-        before = 0.0 if placed is None or placed.rms_px is None else placed.rms_px
-        return max(_LEAST_MOVE_PX, _OF_CALIBRATION * before)
 
     @property
     def state(self) -> Health:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -91,11 +92,12 @@ class LiveSets:
 
     def __iter__(self) -> Iterator[ObservedSet]:
         capture_pool, search_pool = ThreadPoolExecutor(1, "capture"), ThreadPoolExecutor(_WORKERS, "search")
-        began = time.perf_counter()
+        began, most = time.perf_counter(), self._settings
+        last, until = most.sets or inf, began + (most.seconds or inf)
         number, captured_s, searched_s = 0, 0.0, 0.0
         try:
             future = capture_pool.submit(self._capture, 0.0)
-            while not self._is_over(number, began):
+            while not self._stop.is_set() and number < last and time.perf_counter() < until:
                 taken, captured_s = self._wait(future)
                 # captured so that it is there when this set is done, not before: waiting images are late ones
                 pause = max(searched_s - captured_s, 1 / self._settings.rate_hz - captured_s, 0.0)
@@ -108,11 +110,6 @@ class LiveSets:
             self._stop.set()
             for pool in (capture_pool, search_pool):
                 pool.shutdown(wait=True, cancel_futures=True)
-
-    def _is_over(self, number: int, began: float) -> bool:
-        s = self._settings
-        timed_out = s.seconds is not None and time.perf_counter() - began >= s.seconds
-        return self._stop.is_set() or timed_out or (s.sets is not None and number >= s.sets)
 
     def _capture(self, pause_s: float) -> tuple[FrameSet, float]:
         """A set with one image or more, and the seconds that it took."""

@@ -14,10 +14,9 @@ from spherecal.data.rig_camera import posed
 from spherecal_measuring import measured_sets
 from spherecal_measuring.health import RigHealth
 from spherecal_measuring.lateness import Timing, Velocities, at_one_moment
-from spherecal_measuring.measured_values import Unmeasured, measure_bar, measure_ruler
 from spherecal_measuring.measuring_task import Task
 from spherecal_measuring.places import Layouts, LocatedPoints, triangulate_places
-from spherecal_measuring.pose import measure_body
+from spherecal_measuring.pose import Unmeasured, measure_bar, measure_body, measure_ruler
 from spherecal_measuring.rejection import reject_views
 from spherecal_verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 from spherecal_verify.participation import lens_corrected
@@ -82,8 +81,6 @@ class Measurer:
         if observed.arrived_s is not None:
             result = replace(result, latency_s=time.perf_counter() - observed.arrived_s)
         return result
-
-    # --- noise and motion --------------------------------------------------------------------------------------------
 
     def _expected_noise(self, observed: measured_sets.ObservedSet) -> float:
         """What image points of earlier sets showed, in units of sigma; else what their sigmas or the rig say."""
@@ -166,8 +163,6 @@ class Measurer:
         self._motion.keep(names, places.places_mm, at_s, motion)
         return np.linalg.norm(motion.mean, axis=1)
 
-    # --- what is asked for -------------------------------------------------------------------------------------------
-
     def _derived(
         self, places: LocatedPoints, errors: PointErrors
     ) -> tuple[
@@ -190,9 +185,9 @@ def measure_sets(
 ) -> Iterator[measured_sets.MeasuredSet]:
     """Measure sets as they come; the one seam of command line, window and Python."""
     context = context or Context()
-    for observed in sets:
+    for one in sets:
         context.check()
-        yield measurer.measure(observed)
+        yield measurer.measure(one)
 
 
 def _contradictions(rig: Rig, checked: CheckedPoints, target: IntArray) -> tuple[measured_sets.Contradiction, ...]:

@@ -12,7 +12,6 @@ from spherecal.data.rig import Rig, Verdict
 from spherecal_files import codec
 from spherecal_files.codec import serial
 from spherecal_files.filesystem import read_below
-from spherecal_files.json_file import software_entry
 from spherecal_files.rig_file import read_rig
 from spherecal_files.verification_file import OVERRIDE, Override
 
@@ -180,11 +179,6 @@ ENTRY = codec.FileFormat(
     ("`volume_mm` has the low corner first.",),
     more="profiles.md",
 )
-
-
-def entry_bytes(entry: Entry) -> bytes:
-    """The contents of entry.json."""
-    return ENTRY.bytes(entry, software=software_entry(None))
 
 
 def read_entry(folder: Path) -> Entry:

@@ -8,10 +8,15 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Rig, RigCamera
-from spherecal.data.session import BarLength
+from spherecal.data.session import Bar, BarLength
 from spherecal.geometry.camera import is_unfolded, project
-from spherecal_verify.measuring_volume import LEAST_LENGTHS, MeasuringVolume, volume_box
+from spherecal.targets.target_set import TargetSet
+from spherecal_verify.departures import LEAST_LENGTHS, MeasuringVolume, volume_box
+from spherecal_verify.marks import MarkFinder, MarkPlace
+from spherecal_verify.outlying_views import triangulate_checked
+from spherecal_verify.verify_bars import views_of
 
 # Where the three edge lines run, in half sides of the box: on edges that do not meet.
 _EDGES = ((0, (0.0, -1.0, -1.0)), (1, (1.0, 0.0, -1.0)), (2, (-1.0, 1.0, 0.0)))
@@ -284,3 +289,23 @@ def judge_pose(pose: PlannedPose, ends_mm: FloatArray | None) -> PoseAnswer:
     off_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
     off_mm = float(np.linalg.norm(requested.mean(axis=0) - ends_mm.mean(axis=0)))
     return PoseAnswer(off_mm <= ACCEPT_MM and off_deg <= ACCEPT_DEG, off_mm, off_deg)
+
+
+def measured_ends(
+    rig: Rig, bar: Bar, target_set: TargetSet | None, observations: Observations, placement: int = 0
+) -> FloatArray | None:
+    """The places (2, 3) in mm of the bar's first and last mark in one placement; None unless two cameras see both."""
+    index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+    in_rig = np.array([index.get(name, -1) for name in observations.cameras], dtype=np.int64)
+    targets = [mark.target for mark in bar.marks.values()]
+    requested = (observations.placement == placement) & np.isin(observations.target, targets)
+    own = observations.select(requested & (in_rig[observations.camera] >= 0))
+    if not len(own):
+        return None
+    features = find_features(own)
+    views, noise = views_of(own, features, in_rig[own.camera], rig)
+    finder = MarkFinder(own, features, triangulate_checked(views, noise), target_set)
+    marks = BarMarks.of(bar.id, bar.lengths)
+    places = [finder.find(placement, bar.marks[name]) for name in (marks.names[0], marks.names[-1])]
+    ends = [place.place_mm for place in places if isinstance(place, MarkPlace)]
+    return np.stack(ends) if len(ends) == 2 else None

@@ -21,10 +21,10 @@ from spherecal.data.observations import name_problem
 from spherecal.data.rig import Rig
 from spherecal_files import filesystem
 from spherecal_files.codec import FileFormat, field, items, name, number, optional, record, software, text, time
-from spherecal_files.json_file import JsonValue
+from spherecal_files.json_file import JsonValue, software_entry
 from spherecal_files.lock import LOCK, locked
 from spherecal_rigs.calibration_age import Validity, ValidityLimits, validity
-from spherecal_rigs.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, entry_bytes, read_entry
+from spherecal_rigs.entry import ENTRY, ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
 from spherecal_rigs.kept_checks import FOLDER as CHECKS
 from spherecal_rigs.kept_checks import last_check
 
@@ -272,7 +272,7 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
     root = profile.folder
     new = f"{HISTORY}/.{secrets.token_hex(6)}{filesystem.PARTIAL}"
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
-    written = {**files, ENTRY_FILE: entry_bytes(replace(entry, files=hashes))}
+    written = {**files, ENTRY_FILE: ENTRY.bytes(replace(entry, files=hashes), software=software_entry(None))}
     try:
         with locked(root / PROFILE_FILE):
             # what crashed processes have left half written, older than an hour (or so far ahead: a clock put back)

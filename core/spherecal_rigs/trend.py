@@ -135,26 +135,3 @@ def _cameras(comparisons: Sequence[Comparison | None]) -> tuple[TrendSeries, ...
     changes = [{} if c is None else {one.id: one.ray_rms_mm for one in c.cameras} for c in comparisons]
     names = sorted({name for found in changes for name in found})
     return tuple(_series(name, "mm", [found.get(name, np.nan) for found in changes], 0.0) for name in names)
-
-
-def trend_table(trend: Trend) -> str:
-    """The trend as CSV, one row a calibration or check."""
-    columns = [*trend.series, *trend.cameras]
-    first, of_camera = (
-        (["calibration", "calibrated_at"], "rays")
-        if trend.kind == "calibration"
-        else (["check", "checked_at", "verdict"], "point")
-    )
-    names = [f"{s.name} [{s.unit}]" for s in trend.series] + [f"{s.name} {of_camera} [mm]" for s in trend.cameras]
-    lines = [",".join([*first, *names])]
-    for i, (key, time) in enumerate(zip(trend.ids, trend.times, strict=True)):
-        about = [key, time.isoformat(), *trend.verdicts[i : i + 1]]
-        lines.append(",".join([*about, *(_cell(s.values[i]) for s in columns)]))
-    for name, place in (("centre line", "centre"), ("lower limit", "low"), ("upper limit", "high")):
-        values = [_cell(getattr(s.limits, place, np.nan)) for s in columns]
-        lines.append(",".join([name, *[""] * (len(first) - 1), *values]))
-    return "\n".join(lines) + "\n"
-
-
-def _cell(value: float) -> str:
-    return f"{value:.7g}" if np.isfinite(value) else ""

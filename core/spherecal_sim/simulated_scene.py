@@ -1,5 +1,6 @@
 """What is in front of the simulated cameras: the ball or a bar in a lit room with clutter, dirt and an arm."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -29,7 +30,9 @@ class RenderSettings:
     arm: bool = False
     specks: float = 0.0  # mean count a sticker
     scratches: float = 0.0
-    bounds: bool = False  # add each dot's Cramer-Rao bound to its truth, 1 ms a dot
+    bounds: Callable[..., FloatArray] | None = (
+        None  # each dot's Cramer-Rao bound (benchmarks/simulators), for its truth
+    )
 
     def psf_at(self, camera: str) -> Psf:
         """The point-spread function of a camera."""

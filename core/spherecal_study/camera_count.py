@@ -1,7 +1,5 @@
 """Fig. 13: four to ten cameras of rig A."""
 
-from typing import Any
-
 import numpy as np
 
 from spherecal_study.executor import Trial
@@ -44,7 +42,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
         chosen = {n: some for n, some in chosen.items() if some}
         px[name] = {n: mean_px(some) for n, some in chosen.items()}
         sd[name] = {n: bar_sd(some, _BAR) for n, some in chosen.items()}
-        off[name] = {n: estimate([_mean_error(r) for r in some]) for n, some in chosen.items()}
+        errors = {n: [r["bars"].get(_BAR) for r in some] for n, some in chosen.items()}
+        off[name] = {n: estimate([abs(float(np.mean(e))) if e else None for e in own]) for n, own in errors.items()}
     paper = {"paper: best": 0.0593, "paper: worst": 0.0875}
     document.curves(px, "cameras", "mean reprojection error, px", lines=paper)
     document.curves(sd, "cameras", "A3A4: standard deviation, mm", lines={"paper: below": 0.1})
@@ -59,11 +58,6 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
 
 
 _ByCount = dict[int, Estimate]
-
-
-def _mean_error(result: dict[str, Any]) -> float | None:
-    errors = result["bars"].get(_BAR)
-    return abs(float(np.mean(errors))) if errors else None
 
 
 _PIPELINES = {"free": "free", "rigid where possible": "auto"}

@@ -153,7 +153,7 @@ class LocalProcesses:
 
     def _in_a_pool(
         self, numbers: Sequence[int], trials: Sequence[Trial], context: Context
-    ) -> Iterator[tuple[int, Result]]:
+    ) -> Iterator[tuple[int, Result | None]]:
         """Results of some trials as they come; BrokenProcessPool once a worker dies."""
         # spawned, not forked: no locks of other threads are inherited, and all systems behave alike
         method = multiprocessing.get_context("spawn")
@@ -182,14 +182,20 @@ def _leave_with(parent: int) -> None:
     os._exit(1)
 
 
-def _follow(futures: dict[Future[Result], int], context: Context) -> Iterator[tuple[int, Result]]:
-    """Results as they come, looking up from time to time whether the user wants to stop."""
+def _follow(
+    futures: dict[Future[Result], int], context: Context, lost: tuple[type[BaseException], ...] = ()
+) -> Iterator[tuple[int, Result | None]]:
+    """Results as they come, None for an error that is `lost`, looking up whether the user wants to stop."""
     pending = set(futures)
     while pending:
         context.check()
         done, pending = wait(pending, timeout=_PATIENCE_S, return_when=FIRST_COMPLETED)
         for future in done:
-            yield futures[future], future.result()
+            try:
+                result = future.result()
+            except lost:
+                result = None
+            yield futures[future], result
 
 
 @dataclass(frozen=True)
@@ -205,22 +211,10 @@ class DaskCluster:
         from distributed import KilledWorker
 
         try:
-            futures = {
-                client.submit(self.run, trial, pure=False, retries=_ATTEMPTS): i for i, trial in enumerate(trials)
-            }
-            pending = set(futures)
-            while pending:
-                context.check()
-                done = {future for future in pending if future.done()}
-                for future in done:
-                    try:
-                        result = future.result()
-                    except KilledWorker:
-                        result = None
-                    yield futures[future], result
-                pending -= done
-                if not done:
-                    _wait_a_little(pending)
+            pool = client.get_executor(pure=False, retries=_ATTEMPTS)
+            yield from _follow(
+                {pool.submit(self.run, one): i for i, one in enumerate(trials)}, context, (KilledWorker,)
+            )
         finally:
             client.close()
 
@@ -238,15 +232,6 @@ class DaskCluster:
                 f"No Dask scheduler answers at {self.address}: {error}.",
                 "Start one: dask scheduler; dask worker ADDRESS.",
             ) from error
-
-
-def _wait_a_little(pending: set) -> None:
-    from distributed import wait as wait_for
-
-    try:
-        wait_for(list(pending), timeout=_PATIENCE_S, return_when="FIRST_COMPLETED")
-    except TimeoutError:
-        return
 
 
 def workers_for(count: int, cluster: str | None) -> Workers:

@@ -15,10 +15,10 @@ from spherecal_files.read_session import read_session
 from spherecal_study.batch_of_sessions import fingerprint_of
 from spherecal_study.executor import Result, Trial, Workers, run_trials
 from spherecal_study.path_study import SEARCHES, draw_graph
-from spherecal_study.recorded_trials import apart_mm, seen_along_the_thinnest
 from spherecal_study.studies import write_page
 from spherecal_study.study_agreement import Results, all_errors, mean, pooled_rms
 from spherecal_study.study_page import Document
+from spherecal_study.trials import apart_mm, seen_along_the_thinnest
 
 NAMES = ("layouts", "path", "cameras")
 _WHY_NOT = {

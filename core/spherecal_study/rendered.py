@@ -23,8 +23,7 @@ from spherecal_files.read_session import read_session
 from spherecal_files.session_json import session_json
 from spherecal_files.target_set_file import write_target_set
 from spherecal_sim.dot_truth import Station, TrueDots, bar_dots
-from spherecal_sim.render import render_image
-from spherecal_sim.render_session import CLUTTERED, render_session, station_at, write_png
+from spherecal_sim.render_session import CLUTTERED, render_image, render_session, station_at, write_png
 from spherecal_sim.rigs import Layout
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_boards import SimulatedRecording, simulate_board

@@ -11,7 +11,7 @@ from spherecal.data.rig import Calibration
 from spherecal.data.rig_camera import posed
 from spherecal.data.session import Session
 from spherecal.geometry.triangulation import triangulate
-from spherecal_sim.simulated_bars import study_bars
+from spherecal_sim.simulate_session import study_bars
 from spherecal_sim.truth import Truth
 from spherecal_study.executor import Trial
 from spherecal_verify.verify_bars import verify

@@ -5,12 +5,56 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.base.messages.values import Phrase
+from spherecal.data.rig import Rig
 from spherecal.data.session import Bar
 from spherecal_verify.budget import Budget
 from spherecal_verify.limit import Acceptance, LengthLimit
-from spherecal_verify.measuring_volume import LEAST_LENGTHS, LINES, MeasuringVolume
 from spherecal_verify.verification import MeasuredLength
+
+LINES = 7
+LEAST_LENGTHS = 5  # test lengths on a line (VDI/VDE 2634-1)
+_DIAGONALS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]], dtype=float)
+
+
+@dataclass(frozen=True)
+class MeasuringVolume:
+    """The volume: its middle (3,), its axes as rows (3, 3), half its sides (3,), mm in the rig's world."""
+
+    middle: FloatArray
+    axes: FloatArray
+    half: FloatArray
+
+    @property
+    def diagonal_mm(self) -> float:
+        """The length of the space diagonal."""
+        return 2 * float(np.linalg.norm(self.half))
+
+    def point(self, unit: FloatArray) -> FloatArray:
+        """A place (3,) in mm in the world, given in half sides from the middle."""
+        return self.middle + (unit * self.half) @ self.axes
+
+    def unit(self, place_mm: FloatArray) -> FloatArray:
+        """Half sides from the middle to places (..., 3)."""
+        return (place_mm - self.middle) @ self.axes.T / self.half
+
+    def directions(self) -> FloatArray:
+        """The seven lines' directions (7, 3) in the world, of length 1: three edges, then four space diagonals."""
+        along = np.vstack([np.eye(3), _DIAGONALS * self.half])
+        return (along / np.linalg.norm(along, axis=1, keepdims=True)) @ self.axes
+
+
+def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> MeasuringVolume:
+    """The box to verify: that of the rig's map of lengths, with its axes, else the box between two corners (3,)."""
+    found = rig.length_map
+    if found is not None and len(found.places_mm) > 1 and len(found.directions) >= 3:
+        middle, axes = found.places_mm.mean(axis=0), found.directions[:3]
+        half = np.abs((found.places_mm - middle) @ axes.T).max(axis=0)
+        if np.abs(axes @ axes.T - np.eye(3)).max() < 1e-3 and half.min() > 0:
+            return MeasuringVolume(middle, axes, half)
+    low, high = corners_mm
+    return MeasuringVolume((low + high) / 2, np.eye(3), np.maximum((high - low) / 2, 1e-6))
 
 
 @dataclass(frozen=True)
@@ -57,7 +101,7 @@ def departures(
 
 def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
     longest = max(m.reference_mm for m in measured)
-    requested, shortest = 2 / 3 * box.diagonal_mm, float(box.sides_mm[0])
+    requested, shortest = 2 / 3 * box.diagonal_mm, 2 * float(box.half.min())
     found = []
     if longest < requested:
         percent = 100 * longest / box.diagonal_mm

@@ -22,7 +22,7 @@ from spherecal.scale.bar_temperature import reference_length
 from spherecal_verify.agreement import decide, mean_uncertainty
 from spherecal_verify.budget import length_budgets
 from spherecal_verify.consistency import examine_cameras, noise_alone
-from spherecal_verify.departures import TITLE, Procedure, departures
+from spherecal_verify.departures import TITLE, Procedure, departures, volume_box
 from spherecal_verify.doubts import (
     DOUBTS,
     bar_doubts,
@@ -35,7 +35,6 @@ from spherecal_verify.doubts import (
 )
 from spherecal_verify.limit import LengthLimit, judge_against, with_doubts
 from spherecal_verify.marks import MarkFinder, MarkPlace
-from spherecal_verify.measuring_volume import volume_box
 from spherecal_verify.outlying_views import Views, triangulate_checked
 from spherecal_verify.participation import (
     cameras_in_rig,

@@ -58,8 +58,6 @@ class Controller(ProjectController):
         self._held = ExitStack()
         self._resolved: tuple[Project, Running, WorkflowState] | None = None
 
-    # --- workflow ----------------------------------------------------------------------------------------------------
-
     @property
     def running(self) -> Running:
         """What goes on now: the work, the cameras that are open, those that are lost or were moved."""
@@ -96,8 +94,6 @@ class Controller(ProjectController):
         if state is None or self.project is None or step == self.project.step or not state.of(step).open:
             return
         self.move(replace(self.project, step=step))
-
-    # --- projects ----------------------------------------------------------------------------------------------------
 
     def new_project(self, source: str, parent: Path, bench: str = "") -> None:
         """Begin a calibration in a new folder."""

@@ -48,8 +48,6 @@ class LimitsDialog(QDialog):
         self.show_limits(self.desk.kept)
         self._refresh()
 
-    # --- parts -------------------------------------------------------------------------------------------------------
-
     def _scrolled(self) -> QWidget:
         inner = QWidget()
         column = QVBoxLayout(inner)
@@ -97,8 +95,6 @@ class LimitsDialog(QDialog):
         self.save = button(self.tr("Save"), "save-limits", act=self._save)
         self.close_button = button(self.tr("Close"), "close-limits", act=self.accept)
         return add(QHBoxLayout(), self.delivered, None, self.save, self.close_button)
-
-    # --- values ------------------------------------------------------------------------------------------------------
 
     @property
     def limits(self) -> Limits:

@@ -87,8 +87,6 @@ class MeasurePage(Page):
         row = add(QHBoxLayout(), (left, 4), (add(QVBoxLayout(), self.large, (self.table, 1), (self.chart, 1)), 5))
         add(QVBoxLayout(self), self.trust, self.pace, (row, 1), self.recording)
 
-    # --- the measurement ---------------------------------------------------------------------------------------------
-
     def enter(self, step: Step) -> None:
         """Begin to measure."""
         super().enter(step)
@@ -216,8 +214,6 @@ class MeasurePage(Page):
         self.hint.setText(ruler_hint(self._chosen))
         if self._run is not None:
             self._run.ask(rulers_of(self._chosen))
-
-    # --- the series --------------------------------------------------------------------------------------------------
 
     def says(self) -> Said:
         """Record a series, or end it."""

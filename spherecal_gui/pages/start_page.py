@@ -51,8 +51,6 @@ class StartPage(QWidget):
         cards = add(spaced(QHBoxLayout(), theme.PAD), (self._calibrate(), 1), (self._verify(), 1), (self._check(), 1))
         add(bare(QVBoxLayout(middle), theme.PAD), self._rig(), (cards, 6), (self._recent(), 4))
 
-    # --- cards -------------------------------------------------------------------------------------------------------
-
     def _rig(self) -> Card:
         """The rig in use: picture, state, when it was calibrated and verified, when the next check is due."""
         card = Card(horizontal=True)
@@ -120,8 +118,6 @@ class StartPage(QWidget):
         add(self.recent.body, head, self._rows, None, line)
         return self.recent
 
-    # --- what is shown -----------------------------------------------------------------------------------------------
-
     @property
     def profile_folder(self) -> Path:
         """The rig's profile; where there is none yet, that of training."""
@@ -174,8 +170,6 @@ class StartPage(QWidget):
         where, source = label(line.where, level=line.level), label(line.source, "soft", wrap=False)
         add(bare(QHBoxLayout(box)), go, (where, 1), source)
         return box
-
-    # --- what is done ------------------------------------------------------------------------------------------------
 
     def _open(self, title: str) -> None:
         if folder := QFileDialog.getExistingDirectory(self, title, str(self.projects)):

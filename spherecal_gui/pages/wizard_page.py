@@ -75,8 +75,6 @@ class Page(QWidget):
             own: dict[Deed, Callable[[], object]] = {"finish": self.finished.emit, **self.deeds}
             (self.controller.cancel if action.does == "cancel" else own[action.does])()
 
-    # --- its state ---------------------------------------------------------------------------------------------------
-
     def said(self) -> Said:
         """What the page's step says of itself; nothing where no step is shown."""
         return self.says() if self.project is not None and self.step is not None else Said("none", "")

@@ -4,16 +4,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from spherecal_cameras.builtin_driver import BuiltinDriver, DriverTrouble, state
+from spherecal_cameras.camera_network import InterfaceFact
 from spherecal_cameras.makers import ANY_MAKER, MAKERS, maker_of
 from spherecal_gui import languages
 from spherecal_gui.languages import translate
 from spherecal_gui.standing import Level
-
-if TYPE_CHECKING:
-    from spherecal_cameras.camera_network import InterfaceFact
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
 

@@ -197,6 +197,13 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
     turn = translate("State", "Turn or move the ball: {names} sees too little").format(names=few)
     where = "" if f.to_go is None else move_text(f.to_go)
     before = translate("State", "Move the ball, or confirm that it was turned")
+    of_board: tuple[tuple[bool, Level, str], ...] = (
+        (not seen, "bad", translate("State", "Show the board to the cameras")),
+        (f.as_before, "caution", translate("State", "Move the board: elsewhere, and tilted otherwise")),
+        (scene.still is None, "none", translate("State", "Checking that the board is still")),
+        (not scene.still, "caution", translate("State", "Hold the board still")),
+        (True, "good", ready_text(())),
+    )
     return _first(
         (f.work == "exposing", "caution", translate("State", "Hold still: images are being captured")),
         (f.work == "computing", "none", translate("State", "The images are there; their dots are being found")),
@@ -205,7 +212,7 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
         (bool(lost), "bad", reason_text(Reason("cameras lost", scene.lost))),
         (f.recorded and not seen, "bad", translate("State", "The recording shows no targets here")),
         (f.recorded, "good", translate("State", "Recorded images. Press space to take them over")),
-        *(_board_rows(scene, f.as_before) if scene.board else ()),
+        *(of_board if scene.board else ()),
         (not seen, "bad", translate("State", "Put the ball where the cameras see it")),
         (f.away, "none", where),
         (f.stuck, "caution", short_text(scene.short)),
@@ -214,17 +221,6 @@ def _placement_instruction(f: PlacementFacts) -> tuple[Level, str]:
         (scene.still is None, "none", translate("State", "Checking that the ball is still")),
         (not scene.still, "caution", translate("State", "Let the ball come to rest")),
         (True, "good", ready_text(poor)),
-    )
-
-
-def _board_rows(scene: Scene, as_before: bool) -> tuple[tuple[bool, Level, str], ...]:
-    moving = translate("State", "Move the board: elsewhere, and tilted otherwise")
-    return (
-        (not any(scene.counts.values()), "bad", translate("State", "Show the board to the cameras")),
-        (as_before, "caution", moving),
-        (scene.still is None, "none", translate("State", "Checking that the board is still")),
-        (not scene.still, "caution", translate("State", "Hold the board still")),
-        (True, "good", ready_text(())),
     )
 
 

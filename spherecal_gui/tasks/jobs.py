@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from spherecal.data.session import Bar, Session
     from spherecal.targets.detection import Detector
-    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_boards.board_images import BoardDetector
     from spherecal_cameras.averaging import Stillness
     from spherecal_cameras.camera_network import InterfaceFact, WireCamera
     from spherecal_cameras.genicam.trust import Ask
@@ -165,7 +165,7 @@ def board_of(plan: "CapturePlan") -> Document | None:
 def detector_of(plan: "CapturePlan") -> "Detector | BoardDetector | None":
     """What finds in images what calibrates: coded targets, or the points of a board; None where neither is known."""
     from spherecal.targets.detection import Detector
-    from spherecal_boards.board_detector import BoardDetector
+    from spherecal_boards.board_images import BoardDetector
     from spherecal_boards.pattern_entry import board_pattern
 
     if plan.target_set is not None:
@@ -331,7 +331,7 @@ def verify(project: Project, context: Context, seen: "Session | None") -> "tuple
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
-    from spherecal_files.write_verification import write_verification
+    from spherecal_files.write_result import write_verification
     from spherecal_rigs.result_folder import read_bar_report
     from spherecal_rigs.rig_source import corners_beside
     from spherecal_verify.limit import parse_limit
@@ -374,9 +374,8 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 def check(project: Project, profile: Path, context: Context) -> "Check":
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FOLDER/check.json`; the engine's answer."""
     from spherecal_files.read_session import read_session
-    from spherecal_rigs.check_file import check_json, keep
     from spherecal_rigs.check_rig import check as run
-    from spherecal_rigs.check_rig import read_known_ball
+    from spherecal_rigs.check_rig import check_json, keep, read_known_ball
     from spherecal_rigs.rig_source import points_file, read_source
 
     context.report("reading the session", 0.0)

@@ -10,8 +10,7 @@ from spherecal.base.errors import SpherecalError
 from spherecal_files.codec import boolean, choice, field, items, number, optional, record, text
 from spherecal_files.findings_file import FINDING
 from spherecal_files.json_file import read_json
-from spherecal_rigs.check_file import FORMAT, VERSION
-from spherecal_rigs.check_rig import BallCheck, Check, CheckedCamera, Verdict
+from spherecal_rigs.check_rig import FORMAT, VERSION, BallCheck, Check, CheckedCamera, Verdict
 from spherecal_verify.consistency import CameraTest
 
 FILE = "check.json"

@@ -15,7 +15,7 @@ from spherecal.targets.family import make_target_set
 from spherecal.targets.following import Follower
 from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
-from spherecal_boards.board_detector import BoardDetector
+from spherecal_boards.board_images import BoardDetector
 from spherecal_cameras.averaging import STILL_PX, stillness
 from spherecal_cameras.camera_network import WireCamera
 from spherecal_cameras.camera_settings import CameraProfile

@@ -16,7 +16,7 @@ from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
 from spherecal_files.filesystem import create
-from spherecal_files.observations_file import COLUMNS
+from spherecal_files.table_file import COLUMNS
 from spherecal_files.target_set_file import write_target_set
 from spherecal_gui import limits_in_force as limits
 from spherecal_gui.coverage import Dots, SetDots
@@ -178,7 +178,7 @@ def plan_poses_of(result_folder: Path, rig: "Rig", bars: "Sequence[Bar]") -> "Po
 
 def lying_ends(rig: "Rig", bar: "Bar", target_set: TargetSet | None, dots: Mapping[str, Dots]) -> FloatArray | None:
     """Where the first and the last mark of a bar are, (2, 3) mm in the rig's world; None where not found."""
-    from spherecal_rigs.live_pose import measured_ends
+    from spherecal_rigs.pose_plan import measured_ends
 
     return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}, target_set))
 

@@ -139,8 +139,6 @@ class WindowFrame(QMainWindow):
         at_first = name == "dark" or (name == "goes-on" and self.goes_on_at_first)
         return bool(self.settings.value(name, at_first, type=bool))
 
-    # --- look --------------------------------------------------------------------------------------------------------
-
     def _options(self) -> dict[str, QAction]:
         head = self.header
         return {"dark": head.dark, "far": head.far, "mute": head.mute, "goes-on": head.goes_on}

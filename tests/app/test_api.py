@@ -19,8 +19,7 @@ import spherecal
 from spherecal.base.arrays import ByValue
 from spherecal_app import api
 from spherecal_app.cli.main import main
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 

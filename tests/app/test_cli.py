@@ -23,8 +23,7 @@ from spherecal_app.cli import calibrate_command as command
 from spherecal_app.cli.exit_codes import BAD_INPUT, CANCELLED, DONE, NOT_VALID
 from spherecal_app.cli.main import main
 from spherecal_files.rig_file import read_rig
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from tests.method.test_calibrate import cloud, line
 from tests.networks import observed, session_of_points, simulated, with_observations

@@ -14,8 +14,8 @@ from spherecal.base import early
 from spherecal.data.findings import counted
 from spherecal.initialise.camera_path import BASE
 from spherecal.initialise.view_graph import TH_ER_PX
+from spherecal_app.cli import console as commands
 from spherecal_app.cli import doctor_command as doctor
-from spherecal_app.cli import progress
 from spherecal_app.cli.console import out as console
 from spherecal_app.cli.exit_codes import BAD_INPUT, DONE, NOT_VALID
 from spherecal_app.cli.main import main
@@ -244,7 +244,7 @@ def test_quiet_says_nothing_but_the_json(session_folder: Path, result_folder: Pa
     assert capsys.readouterr() == ("", "")
     assert run("calibrate", tmp_path / "none", "-o", tmp_path / "c", "-q") == BAD_INPUT
     assert "there is no such folder" in capsys.readouterr().err
-    assert not console.quiet and not progress.quiet, "the next command speaks again"
+    assert not console.quiet and not commands.quiet, "the next command speaks again"
     assert run(*verify) == DONE
     assert capsys.readouterr().out.startswith("CONSISTENT")
 

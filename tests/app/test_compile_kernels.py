@@ -17,8 +17,7 @@ from spherecal_app import kernel_state as kernels
 from spherecal_app.cli.compile_kernels import compile_all, compile_first
 from spherecal_app.cli.main import main
 from spherecal_app.cli.options import TABLE
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 # Steps that note that they ran, in the file that the environment names; what `trial_that_fails` does is in its name.

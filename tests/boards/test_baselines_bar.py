@@ -17,8 +17,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_boards.bar import calibrate_bar
 from spherecal_boards.bar_marks import bar_recording, known_lengths
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.simulated_boards import SimulatedRecording, simulate_waved_bar
 from spherecal_sim.truth import SimulationOptions
 

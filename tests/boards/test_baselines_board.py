@@ -20,8 +20,8 @@ from spherecal_app.cli.main import main
 from spherecal_boards.board import calibrate_board
 from spherecal_boards.board_images import find_boards
 from spherecal_boards.pattern_entry import read_board_pattern
-from spherecal_files.observations_file import write_observations
 from spherecal_files.read_session import read_session
+from spherecal_files.table_file import write_observations
 from spherecal_sim.simulated_boards import SimulatedRecording, simulate_board
 
 PITCH = 33.0

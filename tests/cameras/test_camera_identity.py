@@ -114,7 +114,7 @@ def test_a_capture_goes_on_with_its_own_plan_and_names_incomplete_sets(rig, comm
     session = tmp_path / "session"
     line = ["cameras", "capture", *common, "-o", str(session), "--retries", "0", "--timeout", "8"]
     begin = [*line, "--targets", str(tmp_path / "targets.json"), "--placements", "3", "--diameter-mm", "400"]
-    rig.lose_frames("S1")
+    rig.set("S1", lost_frame_count=1)
     assert main([*begin, "--before-each", 'test "$SPHERECAL_SET" != P2']) == 2
     capsys.readouterr()
     assert main([*line, "--continue", "--before-each", "true"]) == 3
@@ -136,7 +136,7 @@ def test_a_set_of_which_no_camera_sent_an_image_is_taken_again(rig, common, tmp_
     write_target_set(tmp_path / "targets.json", make_target_set(20))
     for serial in ("S0", "S1", "S2"):
         assert main(["cameras", "set", serial, *common, "--focal-length-mm", "8", "--pixel-pitch-um", "3.45"]) == 0
-        rig.lose_frames(serial)
+        rig.set(serial, lost_frame_count=1)
     line = ["cameras", "capture", *common, "-o", str(tmp_path / "s"), "--retries", "0", "--before-each", "true"]
     assert main([*line, "--targets", str(tmp_path / "targets.json"), "--placements", "2"]) == 3
     assert [one.id for one in read_session(tmp_path / "s").placements] == ["P2"]

@@ -406,7 +406,7 @@ def test_a_camera_held_elsewhere_is_busy_and_an_address_conflict_is_explained(fo
 def test_a_camera_that_crashes_its_driver_again_and_again_is_left_out(four):
     for _ in range(3):
         four.source.take_events()
-        four.control.crash("SIM1")
+        four.control.set("SIM1", crash_count=1)
         events = []
         assert _wait(
             lambda seen=events: (
@@ -453,7 +453,7 @@ def test_images_arrive_pixel_by_pixel_in_every_format_padded_or_not(four, pixel_
     image = rng.integers(0, 256, (SMALL[1], SMALL[0])).astype(np.uint8)
     four.source.stop_live()
     if pixel_format in ("Mono8", "BayerRG8"):
-        four.control.pad_lines("SIM0", 16)
+        four.control.set("SIM0", padding_bytes=16)
     four.control.set_image("SIM0", image)
     four.source.apply({"SIM0": CameraSettings(exposure_us=1000.0, pixel_format=pixel_format)})
     frame = four.source.capture_set(CaptureRequest(cameras=("SIM0",))).frames["SIM0"]
@@ -481,7 +481,7 @@ def test_hardware_triggered_sets_are_matched_and_silence_is_named(four):
         assert taken.complete
         assert taken.spread_s is not None
         assert taken.spread_s < 0.02
-        four.control.lose_frames("SIM1", 1)
+        four.control.set("SIM1", lost_frame_count=1)
         assert four.source.capture_set(CaptureRequest(timeout_s=2.0)).complete  # by the next pulse
     finally:
         stop.set()

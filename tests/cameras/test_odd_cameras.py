@@ -628,7 +628,7 @@ def test_every_camera_of_such_a_driver_is_served_and_a_held_one_is_told(
     with ProducerControl(cameras) as rig, GenicamSource(log_file=tmp_path / "log") as source:
         monkeypatch.setenv("SPHERECAL_GENTL_REGION", rig.name)
         serials = source.discover().serials
-        rig.refuse_opening("A2", -1005)
+        rig.set("A2", open_error=-1005)
         source.open(serials, {})
         states = {serial: status.state for serial, status in source.statuses().items()}
         assert states == {"A1": CameraState.CONNECTED, "A2": CameraState.BUSY, "A3": CameraState.CONNECTED}
@@ -647,7 +647,7 @@ def test_the_first_set_is_complete_in_the_first_try_though_its_images_take_secon
     with ProducerControl(cameras) as rig, GenicamSource(log_file=tmp_path / "log") as source:
         monkeypatch.setenv("SPHERECAL_GENTL_REGION", rig.name)
         source.open(source.discover().serials, {})
-        rig.delay_frames("A2", 2.5, 1)
+        rig.set("A2", late_ms=2500, late_count=1)
         taken = source.capture_set()
         assert taken.complete and taken.attempts == 1 and taken.seconds > 2.0
 

@@ -16,8 +16,7 @@ from spherecal.base.errors import InputError
 from spherecal_app.cli.main import main
 from spherecal_documents.support.support_bundle import BundleContents, BundleOptions, unpacked_session, write_bundle
 from spherecal_files.read_session import read_session
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from tests.example_session import VALID, changed, make_session
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from spherecal.base.errors import InputError
 from spherecal_app.cli.main import main
 from spherecal_documents.export.colmap import read_colmap
+from spherecal_documents.export.import_rig import matched, read_cameras
 from spherecal_documents.export.opencv_yaml import read_yaml
-from spherecal_documents.export.priors import matched, read_cameras
 from spherecal_documents.export.write_export import export_rig
 from spherecal_files.read_session import read_session
 from tests.example_session import VALID, changed, make_session

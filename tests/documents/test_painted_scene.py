@@ -13,8 +13,7 @@ from pytestqt.qtbot import QtBot
 from spherecal_documents.scene.model import SceneData, scene_data
 from spherecal_gui.widgets.scene_view import SceneView
 from spherecal_rigs.result_folder import read_result
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 

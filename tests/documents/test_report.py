@@ -34,8 +34,7 @@ from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig, rig_bytes
 from spherecal_files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_rigs.result_folder import read_result
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 IMAGES = (("P1", "C01", 8), ("P1", "C08", 16), ("P2", "C02", 8))

@@ -382,9 +382,9 @@ def test_one_picture_for_the_report(data: SceneData, monkeypatch: pytest.MonkeyP
     monkeypatch.delenv("SPHERECAL_3D")
     eye = fitting_view(data.every_place(), "oblique", 300, 180).eye(320, 200)
     with PictureProcess() as process:
+        if process.trouble():
+            pytest.skip("OpenGL does not work here")
         picture = process.picture(data, paper_style(), eye)
-    if picture is None:
-        pytest.skip("OpenGL does not work here")
     assert picture.shape == (200, 320, 3)
     assert picture[2, 2].tolist() == [255, 255, 255]
     names, places = named_places(data)

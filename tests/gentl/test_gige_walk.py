@@ -16,7 +16,7 @@ from spherecal_cameras.simulated.stage import Stage
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_gentl.gige.gige_control import GigeCamera, GigeRig
-from spherecal_gentl.producer.feed import SessionScenes
+from spherecal_gentl.producer.producer_control import SessionScenes
 from tests.gige_rig import aravis_producer, wired_as
 
 # The drawn images have camera noise of their own in each run: an error in mm would test the draw. Measured over eight

@@ -9,12 +9,10 @@ import pytest
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal_gentl.producer import build_producer as build
-from spherecal_gentl.producer import region as layout
 from spherecal_gentl.producer.build_producer import build_producer, compile_command
 from spherecal_gentl.producer.producer_control import (
     ProducerControl,
     SimulatedCamera,
-    feature_address,
     simulated_cameras,
 )
 from spherecal_gentl.producer.region import attach
@@ -104,7 +102,7 @@ def test_a_region_of_another_user_is_left_alone(cti: Path, monkeypatch: pytest.M
 def test_every_register_of_the_description_answers(rig: tuple[ProducerControl, Client]) -> None:
     simulated, client = rig
     nodes = client.open("A2").remote_device.node_map
-    simulated.set_temperature("A2", 47.25)
+    simulated.set("A2", temperature_c=47.25)
     told = {n: getattr(nodes, n).value for n in dir(nodes) if n[0].isupper() and hasattr(getattr(nodes, n), "value")}
     assert told["DeviceSerialNumber"] == "A2"
     assert (told["SensorWidth"], told["SensorHeight"], told["PayloadSize"]) == (*SMALL, SMALL[0] * SMALL[1])
@@ -198,12 +196,3 @@ def _resident_kib() -> int:
 def test_impossible_rigs_are_refused(cameras: list[SimulatedCamera], words: str) -> None:
     with pytest.raises(InputError, match=words):
         ProducerControl(cameras)
-
-
-def test_features_are_found_by_their_names() -> None:
-    fields = layout.REGISTERS.fields
-    assert fields is not None
-    assert feature_address("ExposureTime") == fields["exposure_us"][1]
-    assert feature_address("PixelFormat") == fields["pixel_format"][1]
-    with pytest.raises(InputError, match="no register named Colour"):
-        feature_address("Colour")

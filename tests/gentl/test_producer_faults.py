@@ -13,9 +13,10 @@ import pytest
 from spherecal.base.errors import InputError
 from spherecal_gentl.producer import producer_control as control
 from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.region import ANY_ADDRESS
 from tests.producer_client import SMALL, Client, built_cti, end, gentl, new_client, noise, picture, shoot, small_rig  # noqa: F401 (fixtures)
 
-# ---- faults ----
+TEMPERATURE = 0x210  # its register in device.xml
 
 
 def test_unplugged_and_back_while_the_others_go_on(rig: tuple[ProducerControl, Client]) -> None:
@@ -77,7 +78,7 @@ def test_a_camera_held_by_another_program(
     rig: tuple[ProducerControl, Client], code: int, kind: str, status: int
 ) -> None:
     simulated, client = rig
-    simulated.refuse_opening("B1", code)
+    simulated.set("B1", open_error=code)
     (about,) = [one for one in client.harvester.device_info_list if one.serial_number == "B1"]
     assert about.access_status == status
     with pytest.raises(getattr(gentl, kind)):
@@ -89,13 +90,13 @@ def test_a_camera_held_by_another_program(
 def test_register_errors_of_one_feature_or_all(rig: tuple[ProducerControl, Client]) -> None:
     simulated, client = rig
     nodes = client.open("A1").remote_device.node_map
-    simulated.fail_reads("A1", 2, feature="DeviceTemperature")
+    simulated.set("A1", read_error=control.IO_ERROR, read_error_address=TEMPERATURE, read_error_count=2)
     assert nodes.ExposureTime.value == 10000
     for _ in range(2):
         with pytest.raises(gentl.IoException):
             _ = nodes.DeviceTemperature.value
     assert nodes.DeviceTemperature.value == 41.5
-    simulated.fail_writes("A1", None, control.ACCESS_DENIED)
+    simulated.set("A1", write_error=control.ACCESS_DENIED, write_error_address=ANY_ADDRESS, write_error_count=-1)
     for _ in range(3):
         with pytest.raises(gentl.AccessDeniedException):
             nodes.Gain.value = 3
@@ -108,12 +109,12 @@ def test_unknown_error_codes_pass_for_success_in_genicam(rig: tuple[ProducerCont
     simulated, client = rig
     camera = client.open("A1", "Software")
     nodes = camera.remote_device.node_map
-    simulated.fail_reads("A1", 1, control.UNKNOWN_CODE, "DeviceTemperature")
+    simulated.set("A1", read_error=control.UNKNOWN_CODE, read_error_address=TEMPERATURE, read_error_count=1)
     _ = nodes.DeviceTemperature.value  # any number at all
     assert simulated.counters("A1").reads > 0
     assert nodes.DeviceTemperature.value == 41.5
     camera.start()
-    simulated.fail_stream("A1", 1, control.UNKNOWN_CODE)
+    simulated.set("A1", event_error=control.UNKNOWN_CODE, event_error_count=1)
     with pytest.raises(gentl.GenericException, match="not announced"):
         picture(camera)
     shoot(camera)
@@ -122,7 +123,7 @@ def test_unknown_error_codes_pass_for_success_in_genicam(rig: tuple[ProducerCont
 def test_slow_registers(rig: tuple[ProducerControl, Client]) -> None:
     simulated, client = rig
     nodes = client.open("A1").remote_device.node_map
-    simulated.delay_registers("A1", 0.2)
+    simulated.set("A1", port_delay_us=200_000)
     began = time.monotonic()
     _ = nodes.DeviceTemperature.value
     assert 0.2 <= time.monotonic() - began < 0.4
@@ -136,7 +137,7 @@ def test_errors_of_the_stream(rig: tuple[ProducerControl, Client], code: int, ki
     simulated, client = rig
     camera = client.open("A1", "Software")
     camera.start()
-    simulated.fail_stream("A1", 1, code)
+    simulated.set("A1", event_error=code, event_error_count=1)
     with pytest.raises(getattr(gentl, kind)):
         picture(camera)
     shoot(camera)
@@ -155,7 +156,7 @@ def test_incomplete_frames_are_seen_and_pass(rig: tuple[ProducerControl, Client]
     camera, spoilt = client.open("A1", "Software"), Count()
     camera.add_callback(ImageAcquirer.Events.INCOMPLETE_BUFFER, spoilt)
     camera.start()
-    simulated.spoil_frames("A1", 2)
+    simulated.set("A1", incomplete_count=2)
     for _ in range(2):
         camera.remote_device.node_map.TriggerSoftware.execute()
         assert camera.try_fetch(timeout=0.2) is None
@@ -168,11 +169,11 @@ def test_a_trigger_dropped_leaves_no_gap_and_a_frame_lost_leaves_one(rig: tuple[
     camera = client.open("A1", "Software")
     camera.start()
     shoot(camera)
-    simulated.drop_triggers("A1")
+    simulated.set("A1", dropped_trigger_count=1)
     with pytest.raises(gentl.TimeoutException):
         shoot(camera, 0.1)
     assert shoot(camera)[1] == 2
-    simulated.lose_frames("A1")
+    simulated.set("A1", lost_frame_count=1)
     with pytest.raises(gentl.TimeoutException):
         shoot(camera, 0.1)
     assert shoot(camera)[1] == 4
@@ -185,7 +186,7 @@ def test_a_late_frame_comes_in_order_with_the_time_of_its_exposure(rig: tuple[Pr
     camera = client.open("A1", "Software")
     nodes = camera.remote_device.node_map
     camera.start()
-    simulated.delay_frames("A1", 0.3)
+    simulated.set("A1", late_ms=300, late_count=1)
     asked = time.monotonic_ns()
     nodes.TriggerSoftware.execute()
     with pytest.raises(gentl.TimeoutException):
@@ -200,7 +201,7 @@ def test_a_late_frame_comes_in_order_with_the_time_of_its_exposure(rig: tuple[Pr
 def test_a_slow_link_takes_its_time(rig: tuple[ProducerControl, Client]) -> None:
     simulated, client = rig
     camera = client.open("A1", "Software")
-    simulated.set_link("A1", SMALL[0] * SMALL[1] / 0.1)
+    simulated.set("A1", link_bytes_per_s=SMALL[0] * SMALL[1] / 0.1)
     camera.start()
     began = time.monotonic()
     shoot(camera)
@@ -240,7 +241,7 @@ camera = harvester.create({"serial_number": "A1"})
 camera.remote_device.node_map.TriggerMode.value = "On"
 camera.start()
 if "crash" in sys.argv:
-    ProducerControl.attached(os.environ["SPHERECAL_GENTL_REGION"]).crash("A1")
+    ProducerControl.attached(os.environ["SPHERECAL_GENTL_REGION"]).set("A1", crash_count=1)
 camera.remote_device.node_map.TriggerSoftware.execute()
 with camera.fetch(timeout=2) as buffer:
     print(int(buffer.payload.components[0].data.sum()), flush=True)

@@ -18,10 +18,8 @@ from spherecal_app.cli import producer_command as command
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_files.target_set_file import write_target_set
-from spherecal_gentl.producer.feed import RigFeed
-from spherecal_gentl.producer.producer_control import ProducerControl
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_gentl.producer.producer_control import ProducerControl, RigFeed
+from spherecal_sim.simulate_session import simulate_session, write_session
 from tests.producer_client import (
     SMALL,
     built_cti,  # noqa: F401 (fixtures)

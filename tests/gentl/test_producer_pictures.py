@@ -70,7 +70,7 @@ def test_padded_lines(rig: tuple[ProducerControl, Client], name: str, padding: i
     simulated, client = rig
     image = noise(7)
     simulated.set_image("B1", image)
-    simulated.pad_lines("B1", padding)
+    simulated.set("B1", padding_bytes=padding)
     camera = client.open("B1", "Software")
     camera.remote_device.node_map.PixelFormat.value = name
     camera.start()
@@ -103,12 +103,12 @@ def test_exposure_and_gain_change_the_brightness_where_asked(rig: tuple[Producer
     nodes = camera.remote_device.node_map
     camera.start()
     assert shoot(camera)[0].max() == 100
-    simulated.expose_by("A1", 2000)
+    simulated.set("A1", exposure_reference_us=2000)
     assert shoot(camera)[0].max() == 50
     nodes.Gain.value = 20
     assert shoot(camera)[0].min() == 255
-    simulated.show_pattern("A1")
-    simulated.expose_by("A1", 0)
+    simulated.set("A1", image_published=0)
+    simulated.set("A1", exposure_reference_us=0)
     assert len(np.unique(shoot(camera)[0][100:])) == 256
 
 
@@ -127,7 +127,7 @@ def test_wrong_pictures_are_refused(rig: tuple[ProducerControl, Client]) -> None
 
 def test_a_pulse_on_the_line_exposes_all_at_the_same_time(rig: tuple[ProducerControl, Client]) -> None:
     simulated, client = rig
-    simulated.set_clock_offset("B2", 100.0)
+    simulated.set("B2", clock_offset_ns=100_000_000_000)
     cameras = [client.open(serial, "Line1") for serial in simulated.serials]
     for camera in cameras:
         camera.start()

@@ -24,7 +24,7 @@ from spherecal_cameras.camera_settings import CameraProfile, default_profile_pat
 from spherecal_cameras.genicam import discovery
 from spherecal_cameras.new_recording import RigCameras, pitch_of_model, pixel_pitch_um
 from spherecal_cameras.protocol import CameraInfo, Discovery, FeatureReport, SetupReport
-from spherecal_gentl.producer.producer_control import ProducerControl, SimulatedCamera
+from spherecal_gentl.producer.producer_control import ACCESS_DENIED, ProducerControl, SimulatedCamera
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.connect_page import ConnectPage
 from spherecal_gui.presenters.connect_presenter import CameraLine, camera_lines, connect_summary
@@ -85,7 +85,7 @@ def test_six_cameras_show_six_pictures_and_no_lens_is_asked_for(connect: Any) ->
 
 
 def test_one_that_is_held_hinders_nobody_and_joins_when_it_is_let_go(connect: Any, control: ProducerControl) -> None:
-    control.refuse_opening("SIM2")
+    control.set("SIM2", open_error=ACCESS_DENIED)
     connect.search()
     pump(lambda: _pictures(connect.page) == 5)
     row = connect.page._rows["SIM2"]
@@ -100,7 +100,7 @@ def test_a_driver_whose_texts_are_not_utf8_shows_its_cameras_too(
     connect: Any, control: ProducerControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SPHERECAL_GENTL_ODD", "texts=c4e3bad3")  # GBK
-    control.refuse_opening("SIM5")
+    control.set("SIM5", open_error=ACCESS_DENIED)
     connect.search()
     pump(lambda: _pictures(connect.page) == 5)
     levels = {name: row.line.level for name, row in connect.page._rows.items()}
@@ -108,7 +108,7 @@ def test_a_driver_whose_texts_are_not_utf8_shows_its_cameras_too(
 
 
 def test_whoever_is_left_out_stays_out(connect: Any, control: ProducerControl) -> None:
-    control.refuse_opening("SIM4")
+    control.set("SIM4", open_error=ACCESS_DENIED)
     connect.search()
     box = connect.page._rows["SIM4"].in_rig
     QTest.mouseClick(box, Qt.MouseButton.LeftButton)
@@ -139,7 +139,7 @@ def test_capture_takes_the_good_ones_and_names_the_bad_one(
     control: ProducerControl, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["targets", "export", "-o", str(tmp_path / "t.json")]) == 0
-    control.refuse_opening("SIM1")
+    control.set("SIM1", open_error=ACCESS_DENIED)
     line = ["cameras", "capture", "--targets", str(tmp_path / "t.json"), "--no-wait", "--placements", "1", "--json"]
     capsys.readouterr()
     assert main([*line, "-o", str(tmp_path / "a")]) == 3, "one of the rig is missing"

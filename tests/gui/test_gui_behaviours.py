@@ -45,7 +45,7 @@ from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.wizard.window_settings import expected_s, pace_key, read_durations, with_duration
 from spherecal_gui.workflow import Step
-from spherecal_rigs.check_file import FORMAT, VERSION
+from spherecal_rigs.check_rig import FORMAT, VERSION
 from spherecal_rigs.save_entry import SaveOptions, save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
 from tests.gui_walking import pump, settle

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from installer.walk import GOES_ON_S, virtual_screen
-from spherecal_gentl.producer.feed import RigFeed
+from spherecal_gentl.producer.producer_control import RigFeed
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
 

@@ -181,7 +181,7 @@ def test_detection_that_breaks_is_said_once_and_the_window_lives(qtbot, tmp_path
 @pytest.mark.skipif(os.name == "nt", reason="kills by signal")
 def test_the_camera_process_killed_is_seen_and_the_walk_goes_on(qapp, tmp_path, monkeypatch):
     from spherecal.base.context import Context
-    from spherecal_gentl.producer.feed import RigFeed
+    from spherecal_gentl.producer.producer_control import RigFeed
     from spherecal_sim.render_session import demo_session
 
     cti = built_producer()

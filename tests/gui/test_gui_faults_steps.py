@@ -19,7 +19,7 @@ from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QPushButton
 
 from spherecal_cameras.simulated.simulated_source import SimulatedFault, SimulatedSource
-from spherecal_gentl.producer.feed import RigFeed
+from spherecal_gentl.producer.producer_control import RigFeed
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.pages.placement_page import PlacementPage
 from spherecal_gui.project_folder import load_project, save_project

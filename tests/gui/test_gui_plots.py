@@ -15,8 +15,8 @@ from PySide6.QtGui import QTextLayout
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
+from spherecal_files.findings_file import Sentence
 from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
-from spherecal_files.written_phrase import Sentence
 from spherecal_gui import languages
 from spherecal_gui.presenters.bars_presenter import Errors
 from spherecal_gui.presenters.bars_presenter import errors_of as verification_errors

@@ -21,8 +21,8 @@ from spherecal_boards import board_images
 from spherecal_cameras.camera_settings import CameraProfile
 from spherecal_cameras.new_recording import RigCameras
 from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
+from spherecal_files.findings_file import Sentence
 from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
-from spherecal_files.written_phrase import Sentence
 from spherecal_gui import coverage as cov
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.languages import word

@@ -40,7 +40,7 @@ from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.widgets.results_views import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
 from spherecal_rigs.result_folder import read_result
-from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import write_session
 from tests.networks import calibrated, one_thread, simulated
 
 __all__ = ["one_thread"]

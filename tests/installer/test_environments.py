@@ -17,8 +17,7 @@ import pytest
 from conftest import ROOT
 
 from spherecal_app.cli.main import main
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 LINUX_HERE = sys.platform.startswith("linux")

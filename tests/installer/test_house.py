@@ -133,7 +133,6 @@ MAY_WRITE = {
     "spherecal_gui/sounds.py": {"open", "NamedTemporaryFile"},  # in memory; a tone for the player
     "spherecal_gui/tasks/placement_advice.py": {"TemporaryDirectory"},
     "spherecal_gui/tasks/jobs.py": {"TemporaryDirectory"},  # a report that is drawn in a thread
-    "spherecal_gui/tasks/scene_process.py": {"unlink"},  # shared memory
     "spherecal_gui/controllers/recording_controller.py": {"save"},  # a method of ours
 }
 

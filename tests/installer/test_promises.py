@@ -11,8 +11,7 @@ from conftest import ROOT
 from spherecal_app.cli.main import main
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 

@@ -24,14 +24,12 @@ from spherecal_app.cli.main import main
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery
 from spherecal_cameras.simulated.simulated_source import SimulatedSource
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, known_of, rig_cameras_of
-from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.search_regions import RegionSearch, _boxes
-from spherecal_measuring.series_file import write_series
+from spherecal_measuring.series_file import run, sets_of_session, write_series
 from spherecal_measuring.stream import MeasurementStream
 from spherecal_rigs.kept_checks import read_checks
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 
 BODY = {

@@ -14,12 +14,12 @@ from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.targets.centre import centre_by_point, target_centre
 from spherecal_measuring.health import RigHealth, health_document
-from spherecal_measuring.measure_sets import one_set, sets_of_session
 from spherecal_measuring.measured_sets import MeasuredSet, ObservedSet
 from spherecal_measuring.measurer import Measurer, measure_sets
 from spherecal_measuring.measuring_task import Body, BodyPoint, PointName, Ruler, Task, parse_point, parse_ruler
 from spherecal_measuring.places import Layouts, _centres
 from spherecal_measuring.rejection import reject_views
+from spherecal_measuring.series_file import one_set, sets_of_session
 from spherecal_rigs.check_rig import check
 from spherecal_verify.consistency import CameraTest, Consistency
 from spherecal_verify.outlying_views import CheckedPoints, Views

@@ -28,7 +28,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_files.ball_file import BALL, read_ball
 from spherecal_files.write_result import write_result
-from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import write_session
 from spherecal_sim.truth import Truth
 from tests.method.test_covariance import assert_matrices_agree, whole_by_brute_force, with_world
 from tests.networks import codes, dense_equations, observed, one_thread, simulated, small_network

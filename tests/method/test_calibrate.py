@@ -22,8 +22,7 @@ from spherecal.geometry.transform import fit_similarity
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_files.read_session import read_session
 from spherecal_files.write_result import write_result
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import CameraMove, SimulationOptions
 from tests.networks import (
     calibrated,

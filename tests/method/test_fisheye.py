@@ -26,9 +26,9 @@ from spherecal.geometry.camera import (
 )
 from spherecal.geometry.lens_fit import fit_lens, image_field
 from spherecal_documents.export.colmap import read_colmap
+from spherecal_documents.export.import_rig import write_with_priors
 from spherecal_documents.export.kalibr import read_kalibr
 from spherecal_documents.export.opencv_yaml import read_opencv
-from spherecal_documents.export.priors import write_with_priors
 from spherecal_documents.export.write_export import FORMATS, export_rig
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig, rig_bytes

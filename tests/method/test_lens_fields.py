@@ -26,7 +26,7 @@ from spherecal.result.camera_effects import image_motions, shared_with_fields
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_documents.export.file_cameras import FileCamera, FileRig, Pose
 from spherecal_documents.export.import_rig import import_rig
-from spherecal_documents.export.mrcal_splined import MOST_PX, MRCAL_SPLINED
+from spherecal_documents.export.mrcal import MOST_PX, MRCAL_SPLINED
 from spherecal_documents.export.write_export import check_points, export_rig
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig

@@ -17,8 +17,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions, Truth
 from tests.networks import codes, one_thread
 

@@ -31,9 +31,8 @@ from spherecal.targets.marker_set import CORNERS
 from spherecal.targets.target_set import TargetSet
 from spherecal_app.cli.main import main
 from spherecal_documents.sheets.sticker_sheet import scaled, sticker_places, write_sheet
-from spherecal_files.marker_targets import make_marker_set, sticker_mm
 from spherecal_files.rig_file import read_rig
-from spherecal_files.target_set_file import read_target_set, write_target_set
+from spherecal_files.target_set_file import make_marker_set, read_target_set, sticker_mm, write_target_set
 from spherecal_gui.coverage import Dots
 from spherecal_gui.tasks.placement_advice import observations_of, printed_scale
 from spherecal_measuring.live_sets import collected

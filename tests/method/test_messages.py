@@ -18,9 +18,8 @@ from spherecal.base.messages.catalogue import LANGUAGES, PLURALS, TemplateField,
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
 from spherecal.data.findings import AdvisedRepair, Finding, leave_out
-from spherecal_files.findings_file import as_written, findings_document, read_findings, with_values
+from spherecal_files.findings_file import as_json, as_written, findings_document, from_json, read_findings, with_values
 from spherecal_files.json_file import read_json
-from spherecal_files.written_phrase import as_json, from_json
 from spherecal_verify.verify_bars import verify
 from tests.conftest import ROOT
 from tests.findings_in_code import errors_in_words, findings_in_code, phrases_in_code

@@ -32,7 +32,7 @@ from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli.main import main
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
-from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated
 from tests.wrong_recordings import recording, sagged

@@ -17,8 +17,8 @@ from spherecal_files import atomic
 from spherecal_files import filesystem as files
 from spherecal_files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
 from spherecal_files.findings_file import as_written
-from spherecal_files.observations_file import read_observations, write_observations
 from spherecal_files.rig_file import read_rig, rig_bytes
+from spherecal_files.table_file import read_observations, write_observations
 from spherecal_files.target_set_file import read_target_set, write_target_set
 from spherecal_files.write_result import write_result
 

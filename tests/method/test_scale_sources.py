@@ -21,8 +21,7 @@ from spherecal.targets.target_set import TargetSet
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_files.read_session import read_session
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_verify.verification import Verification
 from spherecal_verify.verify_bars import verify

@@ -18,18 +18,16 @@ from spherecal_files.bar_registry import BAR_REGISTRY, REGISTERED_BAR
 from spherecal_files.bundle_file import bundle_bytes
 from spherecal_files.json_file import JsonValue
 from spherecal_files.rig_file import read_rig
-from spherecal_files.write_verification import write_verification
+from spherecal_files.write_result import write_verification
 from spherecal_gui.in_use import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project
-from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.pose import read_body, write_body
-from spherecal_measuring.series_file import set_json
-from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import check, read_known_ball
+from spherecal_measuring.series_file import run, set_json, sets_of_session
+from spherecal_rigs.check_rig import check, check_json, keep, read_known_ball
 from spherecal_rigs.limits_file import Limits, write_limits
-from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import write_session
 from spherecal_verify.limit import parse_limit
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.example_session import VALID

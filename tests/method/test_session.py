@@ -10,10 +10,9 @@ import pytest
 
 from spherecal.data.observations import Observations
 from spherecal.data.session import Mark, Scale
-from spherecal_files.observations_file import read_observations, write_observations
 from spherecal_files.read_session import read_session
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_files.table_file import read_observations, write_observations
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from tests.example_session import OBSERVATIONS, VALID, changed, make_session
 

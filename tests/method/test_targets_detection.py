@@ -20,8 +20,7 @@ from spherecal.targets.images import read_image
 from spherecal.targets.looks import looks_of
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.dot_truth import Station, ball_dots
-from spherecal_sim.render import Rendered, render_image
-from spherecal_sim.render_session import RENDERED
+from spherecal_sim.render_session import RENDERED, Rendered, render_image
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, lit_for
 

@@ -22,8 +22,7 @@ from spherecal_files.filesystem import create, write_whole
 from spherecal_files.lock import LOCK, locked, short_name
 from spherecal_files.read_session import read_session
 from spherecal_gui.project_folder import load_project, recent_projects
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from spherecal_study.batch_of_sessions import fingerprint_of
 

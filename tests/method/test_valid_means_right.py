@@ -42,7 +42,7 @@ from spherecal_rigs.check_rig import check
 from spherecal_rigs.pose_plan import BarMarks, facing_cameras, plan_poses
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile
-from spherecal_sim.session_folder import write_session
+from spherecal_sim.simulate_session import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from spherecal_verify.limit import parse_limit
 from spherecal_verify.verify_bars import VerifySettings, verify

@@ -18,15 +18,13 @@ from spherecal.data.rig import Rig, RigScale
 from spherecal.data.session import BarLength, Certificate, Session
 from spherecal_files.bar_registry import REGISTERED_BAR, RegisteredBar
 from spherecal_files.rig_file import rig_bytes
-from spherecal_files.write_verification import write_verification
-from spherecal_rigs.live_pose import measured_ends
-from spherecal_rigs.pose_plan import BarMarks, cameras_that_see, judge_pose, plan_poses
+from spherecal_files.write_result import write_verification
+from spherecal_rigs.pose_plan import BarMarks, cameras_that_see, judge_pose, measured_ends, plan_poses
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 from spherecal_verify.budget import Contribution, certificate_freedom, combine, resolution_mm
-from spherecal_verify.departures import lengths_on_lines
+from spherecal_verify.departures import LINES, MeasuringVolume, lengths_on_lines, volume_box
 from spherecal_verify.limit import LengthLimit, judge_against, parse_limit
-from spherecal_verify.measuring_volume import LINES, MeasuringVolume, volume_box
 from spherecal_verify.verification import LengthBudget, MeasuredLength, Verification
 from spherecal_verify.verify_bars import VerifySettings, verify
 from tests.export_rigs import make_rig

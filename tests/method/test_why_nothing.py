@@ -21,14 +21,12 @@ from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import Cause, why_nothing
 from spherecal_app.cli.main import main
-from spherecal_files.observations_file import write_observations
 from spherecal_files.read_session import read_session
+from spherecal_files.table_file import write_observations
 from spherecal_files.target_set_file import write_target_set
 from spherecal_sim.dot_truth import Station, ball_dots
-from spherecal_sim.render import render_image
-from spherecal_sim.render_session import CLUTTERED, RENDERED
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.render_session import CLUTTERED, RENDERED, render_image
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.simulated_scene import ball_scene, lit_for
 
 Grey = NDArray[np.uint8]

@@ -19,12 +19,10 @@ from spherecal_documents.report.style import report_style
 from spherecal_documents.report.trend_chart import save_guidance_picture
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
-from spherecal_rigs.cross_validate import cross_validate
 from spherecal_rigs.limits_file import Limits
 from spherecal_rigs.next_placement import ENOUGH_DOTS, advise
-from spherecal_rigs.recalibrate import Selection, recalibrate
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import observe_again
+from spherecal_rigs.recalibrate import Selection, cross_validate, recalibrate
+from spherecal_sim.simulate_session import observe_again, write_session
 from spherecal_sim.truth import CameraMove
 from tests.networks import calibrated, observed, one_thread, simulated, unstrained
 

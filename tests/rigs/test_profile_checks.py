@@ -13,7 +13,7 @@ from spherecal_app.cli.console import kept_in_profile
 from spherecal_files import filesystem as files
 from spherecal_files.rig_file import rig_bytes
 from spherecal_rigs.calibration_age import ValidityLimits, validity
-from spherecal_rigs.check_file import keep
+from spherecal_rigs.check_rig import keep
 from spherecal_rigs.kept_checks import keep_check, last_check, read_checks
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import Profile, apply, create_profile, open_profile

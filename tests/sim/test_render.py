@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.simulators.dot_bound import dot_bounds
 from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, InputError
 from spherecal.data.session import Session
@@ -15,8 +16,7 @@ from spherecal_files.read_session import read_session
 from spherecal_sim.dot_truth import DotTruth, Station, TrueDots, ball_dots, bar_dots, outline_dots
 from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
 from spherecal_sim.radiance import CELLS, ideal_place
-from spherecal_sim.render import Rendered, render_image
-from spherecal_sim.render_session import RENDERED, demo_session, render_session
+from spherecal_sim.render_session import RENDERED, Rendered, demo_session, render_image, render_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_ball import wrap
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for
@@ -286,8 +286,8 @@ def isolated(dots: DotTruth) -> np.ndarray:
 
 def test_bounds_follow_the_rule_of_thumb_and_the_light(simulated) -> None:
     sensor = Sensor(bits=16, read_noise_e=0.0, noise=False)
-    little = ball_image(simulated, replace(FLAT, sensor=sensor, bounds=True)).dots
-    much = ball_image(simulated, replace(FLAT, sensor=replace(sensor, full_well_e=42_000.0), bounds=True)).dots
+    little = ball_image(simulated, replace(FLAT, sensor=sensor, bounds=dot_bounds)).dots
+    much = ball_image(simulated, replace(FLAT, sensor=replace(sensor, full_well_e=42_000.0), bounds=dot_bounds)).dots
     some = isolated(little)
     assert some.sum() > 20
     np.testing.assert_allclose(little.bound_px[some] / much.bound_px[some], 2.0, rtol=0.02)

@@ -11,12 +11,10 @@ from spherecal.data.observations import Observations, find_features, seen_matrix
 from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.targets.family import make_target_set
-from spherecal_files.observations_file import read_observations
+from spherecal_files.table_file import read_observations
 from spherecal_sim.rigs import PRESETS, ball_places, ball_turns, rig_design
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import observe_again, simulate_session
+from spherecal_sim.simulate_session import observe_again, simulate_session, study_bars, write_session
 from spherecal_sim.simulated_ball import make_ball, random_bumps, wrap
-from spherecal_sim.simulated_bars import study_bars
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth, camera_pose
 
 

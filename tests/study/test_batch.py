@@ -13,8 +13,7 @@ import pytest
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal_app.cli.main import main
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from spherecal_study.batch_of_sessions import COLUMNS, find_sessions, run_batch
 from spherecal_study.executor import LocalProcesses, run_here

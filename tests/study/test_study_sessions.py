@@ -10,13 +10,12 @@ import pytest
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal_app.cli.main import main
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from spherecal_study import pages
 from spherecal_study.executor import LocalProcesses
 from spherecal_study.on_sessions import SessionOptions, run_session_study
-from spherecal_study.recorded_trials import apart_mm, seen_along_the_thinnest
+from spherecal_study.trials import apart_mm, seen_along_the_thinnest
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from spherecal_files.read_session import read_session
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
 from spherecal_rigs.pose_plan import LINE_NAMES, BarMarks, plan_poses
 from spherecal_rigs.rig_source import read_source, volume_of
+from spherecal_verify.departures import LEAST_LENGTHS
 from spherecal_verify.expiry import expiry
-from spherecal_verify.measuring_volume import LEAST_LENGTHS
 
 
 def list_bars(options: argparse.Namespace) -> int:

@@ -19,9 +19,9 @@ from spherecal.steps.repairs import Repairs
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_app.cli import console
 from spherecal_app.cli.compile_kernels import compile_first
+from spherecal_app.cli.console import shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.options import search_of
-from spherecal_app.cli.progress import shown_progress
 from spherecal_files.atomic import RESULT
 from spherecal_files.ball_file import read_ball
 from spherecal_files.findings_file import FINDING

@@ -12,15 +12,15 @@ from spherecal.data.findings import counted
 from spherecal.data.session import STANDARD_PLACEMENTS
 from spherecal.targets.detection import Detector
 from spherecal_app.cli.cameras_source import ask, discovered, open_named, profile_of
-from spherecal_app.cli.console import answer, out, say
+from spherecal_app.cli.console import answer, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.averaging import AveragedSet, take_averaged
 from spherecal_cameras.capture import SessionFolder
 from spherecal_cameras.in_process import Staged
 from spherecal_cameras.new_recording import session_cameras
 from spherecal_cameras.plan import CapturePlan, begun_plan, plan_of, read_plan, simple_plan
 from spherecal_cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
+from spherecal_files.json_file import plain_fields
 from spherecal_files.programs import users_environment
 
 
@@ -53,7 +53,10 @@ def capture(options: argparse.Namespace) -> int:
             averaged = take_averaged(source, options.average, detector, request, context)
             session.add(planned, averaged.taken, averaged.stillness)
             poor += _show_set(planned.id, averaged, names)
-            record.append(_record_of(planned.id, averaged, names))
+            taken = averaged.taken
+            missing, moved = [names[one.camera] for one in taken.missing], [names[serial] for serial in averaged.moved]
+            about = {"id": planned.id, "images": len(taken.frames), "missing": missing, "moved": moved}
+            record.append({**about, **plain_fields(taken, "attempts spread_s")})
     total, incomplete = len(plan.sets), session.incomplete
     without = {found.names[serial]: error.message for serial, error in found.problems.items()}
     document = {"session": options.output, "cameras": list(names.values()), "without": without, "sets": record}
@@ -64,18 +67,6 @@ def capture(options: argparse.Namespace) -> int:
     for name, missing in incomplete.items():
         say(f"{name} has no image of {', '.join(missing)}.")
     return NOT_VALID if poor or incomplete or without else DONE
-
-
-def _record_of(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> dict[str, object]:
-    taken = averaged.taken
-    return {
-        "id": set_id,
-        "images": len(taken.frames),
-        "missing": [names[one.camera] for one in taken.missing],
-        "moved": [names[serial] for serial in averaged.moved],
-        "attempts": taken.attempts,
-        "spread_s": taken.spread_s,
-    }
 
 
 def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:

@@ -9,9 +9,8 @@ from rich.table import Table
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal_app.cli.cameras_source import advice_for, discovered, open_named, profile_of
-from spherecal_app.cli.console import answer, out, say
+from spherecal_app.cli.console import answer, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import SETTINGS, CameraProfile, write_profile
 from spherecal_cameras.new_recording import camera_name
 from spherecal_cameras.protocol import CameraError, CameraInfo, Discovery, Region, features_of

@@ -12,9 +12,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal_app.cli.cameras_source import advice_for, ask, discovered, open_named, profile_of
-from spherecal_app.cli.console import answer, out, say
+from spherecal_app.cli.console import answer, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_doctor import brightness, covered_camera, examine
 from spherecal_cameras.camera_network import cut_packets, found_on_wire
 from spherecal_cameras.camera_settings import CameraProfile, write_profile

@@ -13,15 +13,22 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import answer, figures, kept_in_profile, out, say, show_findings, to_output
+from spherecal_app.cli.console import (
+    answer,
+    figures,
+    kept_in_profile,
+    out,
+    say,
+    show_findings,
+    shown_progress,
+    to_output,
+)
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_files.atomic import RESULT, check_folder
 from spherecal_files.json_file import json_bytes
 from spherecal_files.read_session import read_session
 from spherecal_files.write_result import write_result
-from spherecal_rigs.check_file import check_json, keep
-from spherecal_rigs.check_rig import Check, read_known_ball
+from spherecal_rigs.check_rig import Check, check_json, keep, read_known_ball
 from spherecal_rigs.check_rig import check as run
 from spherecal_rigs.repose import repose
 from spherecal_rigs.rig_source import points_file, read_source

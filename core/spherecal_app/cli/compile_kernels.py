@@ -22,8 +22,7 @@ from spherecal.base.context import Context
 from spherecal.base.errors import Cancelled, SpherecalError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import is_installed
-from spherecal_app.cli.console import out
-from spherecal_app.cli.progress import shown_progress
+from spherecal_app.cli.console import out, shown_progress
 from spherecal_app.kernel_state import is_marked, mark_compiled, state, wanted
 
 log = logging.getLogger("spherecal")

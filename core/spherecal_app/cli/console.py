@@ -1,9 +1,11 @@
-"""What commands tell and write: words on standard output (rich's console), JSON for other programs, findings, files."""
+"""What commands tell and write: progress, words on standard output (rich), JSON for other programs, findings, files."""
 
 import argparse
 import json
+import logging
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from math import isfinite
@@ -12,16 +14,76 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from rich.console import Console
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 from rich.table import Table
 
+from spherecal.base import interrupts
+from spherecal.base.context import Context, Progress
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.catalogue import language
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal_app.cli.parsing import is_standard_output
-from spherecal_app.cli.progress import log
 from spherecal_files.atomic import Marker, check_folder, write_file_whole
 from spherecal_files.json_file import plain
+
+log = logging.getLogger("spherecal")
+quiet = False  # set by `-q` while a command runs
+
+
+@contextmanager
+def shown_progress() -> Iterator[Context]:
+    """A context whose progress events appear on standard error (never on standard output) and in the log."""
+    if quiet:
+        yield Context(lambda event: None, interrupts.came)
+        return
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield Context(_Plain(), interrupts.came)
+        return
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Bar(*columns, console=console, transient=True) as bar:
+        yield Context(_Terminal(bar), interrupts.came)
+
+
+class _Plain:
+    """One line for every stage that lasts: says that something is going on, without flooding a log file."""
+
+    def __init__(self) -> None:
+        self._stage, self._since = "", 0.0
+
+    def __call__(self, event: Progress) -> None:
+        if event.stage == self._stage:
+            return
+        self._stage = event.stage
+        log.info("stage: %s", event.stage)
+        with suppress(OSError, ValueError):  # nobody who reads it, or a full disk: the work goes on
+            print(f"  {event.stage} ...", file=sys.stderr, flush=True)
+
+
+class _Terminal:
+    def __init__(self, bar: Bar) -> None:
+        self._bar, self._stage, self._task, self._shown = bar, "", None, 0.0
+
+    def __call__(self, event: Progress) -> None:
+        now = time.monotonic()
+        if event.stage != self._stage:
+            if self._task is not None:
+                self._bar.update(self._task, visible=False)
+            log.info("stage: %s", event.stage)
+            self._stage, self._task = event.stage, self._bar.add_task(event.stage, total=1.0, note="")
+        elif now - self._shown < 0.05 and event.fraction < 1.0:
+            return  # drawing more often than 20 times a second only costs time
+        self._shown = now
+        assert self._task is not None
+        self._bar.update(self._task, completed=event.fraction, note=event.message)
 
 
 class _Output(Console):

@@ -13,17 +13,15 @@ from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict_words import WORDS
 from spherecal_app.cli.compile_kernels import demo_kernels
-from spherecal_app.cli.console import answer, check_output_folder, out, say
+from spherecal_app.cli.console import answer, check_output_folder, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_app.cli.main import main
 from spherecal_app.cli.parsing import is_standard_output
-from spherecal_app.cli.progress import shown_progress
 from spherecal_files.atomic import SESSION
 from spherecal_files.rig_file import read_rig
 from spherecal_rigs.result_folder import read_bar_report
 from spherecal_sim.render_session import demo_session, render_session
-from spherecal_sim.session_folder import write_session
-from spherecal_sim.simulate_session import simulate_session
+from spherecal_sim.simulate_session import simulate_session, write_session
 
 
 def demo(options: argparse.Namespace) -> int:

@@ -9,9 +9,8 @@ from pathlib import Path
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
-from spherecal_app.cli.console import answer, out, output_file, say, to_output
+from spherecal_app.cli.console import answer, out, output_file, say, shown_progress, to_output
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.progress import shown_progress
 from spherecal_documents.scene.renderer import PictureProcess, can_render
 from spherecal_documents.support.licences import bill_of_materials, licence_text, parts
 

@@ -10,7 +10,7 @@ from spherecal.data.verdict_words import WORDS, named
 from spherecal_app.cli.console import answer, check_output_folder, out, output_file, say, to_output
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_documents.export.import_rig import import_rig as run
-from spherecal_documents.export.priors import matched, read_cameras, write_with_priors
+from spherecal_documents.export.import_rig import matched, read_cameras, write_with_priors
 from spherecal_documents.export.refit import Loss
 from spherecal_documents.export.scene_formats import SceneFormat
 from spherecal_documents.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig

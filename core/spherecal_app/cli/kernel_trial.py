@@ -82,7 +82,7 @@ def _rendered_images() -> Iterator[tuple[np.ndarray, TargetSet]]:
     for bits in (8, 12):
         settings = RenderSettings(
             sensor=Sensor(bits=bits), blobs=20, arm=True, specks=0.3, scratches=0.3,
-            lighting="rings" if bits == 8 else "flat", bounds=bits == 8,
+            lighting="rings" if bits == 8 else "flat",
         )  # fmt: skip
         shown = render_placement(replace(session, observations=None), truth, 0, 0, settings)
         yield shown.image, targets

@@ -154,18 +154,18 @@ def _speaking(verbose: bool, quiet: bool, as_json: bool, beside: bool) -> Iterat
     `beside`: what it says goes to standard error, since standard output takes the file.
     """
     # here, since they load rich, which --help does not need
-    from spherecal_app.cli import progress
+    from spherecal_app.cli import console
     from spherecal_app.cli.console import out
 
     logger, handler, level = logging.getLogger("spherecal"), logging.StreamHandler(sys.stderr), logging.INFO
     handler.setFormatter(logging.Formatter("  %(message)s"))
     handler.addFilter(lambda record: record.levelno < logging.ERROR)  # errors are printed by themselves
-    before = logger.level, out.quiet, progress.quiet
+    before = logger.level, out.quiet, console.quiet
     if verbose:
         logger.addHandler(handler)
         logger.setLevel(level)
     if quiet or as_json:
-        out.quiet, progress.quiet = True, quiet or progress.quiet
+        out.quiet, console.quiet = True, quiet or console.quiet
     if beside:
         out.file = sys.stderr
     try:
@@ -175,7 +175,7 @@ def _speaking(verbose: bool, quiet: bool, as_json: bool, beside: bool) -> Iterat
             out.file = None  # type: ignore[assignment]  # whatever standard output is then
         logger.removeHandler(handler)
         logger.setLevel(before[0])
-        out.quiet, progress.quiet = before[1:]
+        out.quiet, console.quiet = before[1:]
 
 
 def _complain(error: SpherecalError) -> None:

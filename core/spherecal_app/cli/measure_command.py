@@ -19,9 +19,8 @@ from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal.targets.family import make_target_set
 from spherecal_app.cli.cameras_source import discovered, open_asking
-from spherecal_app.cli.console import check_output_folder, figures, kept_in_profile, out, say
+from spherecal_app.cli.console import check_output_folder, figures, kept_in_profile, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.camera_settings import default_profile_path, read_profile
 from spherecal_cameras.new_recording import camera_name
 from spherecal_files.bar_registry import BAR_REGISTRY
@@ -29,12 +28,11 @@ from spherecal_files.read_session import read_session
 from spherecal_files.target_set_file import read_target_set
 from spherecal_measuring.health import keep_health
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
-from spherecal_measuring.measure_sets import run, sets_of_session
 from spherecal_measuring.measured_sets import Health, MeasuredSet, ObservedSet
 from spherecal_measuring.measurer import Measurer
 from spherecal_measuring.measuring_task import Task, parse_point, parse_ruler, registered
 from spherecal_measuring.pose import read_body
-from spherecal_measuring.series_file import SERIES, check_table_kind, set_json
+from spherecal_measuring.series_file import SERIES, check_table_kind, run, set_json, sets_of_session
 from spherecal_measuring.stream import MeasurementStream
 from spherecal_rigs.rig_source import read_source
 

@@ -71,9 +71,6 @@ def search_of(options: argparse.Namespace) -> "Search":
     return "first" if options.no_opt else "dijkstra" if options.dijkstra else "opt"
 
 
-# --- rows of the table -----------------------------------------------------------------------------------------------
-
-
 def _add_option(to: argparse._ActionsContainer, row: Mapping[str, Any]) -> None:
     """Add an option: its kind has the name of its value in the help, what else it has is argparse's."""
     given: dict[str, Any] = {

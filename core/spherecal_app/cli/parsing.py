@@ -22,7 +22,7 @@ class _HelpAll(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         assert isinstance(parser, Parser)
-        print(parser.whole_help(), end="")
+        print(argparse.ArgumentParser.format_help(parser), end="")
         parser.exit()
 
 
@@ -36,10 +36,6 @@ class Parser(argparse.ArgumentParser):
         """Let `--help` show these options alone, and `--help-all` the whole."""
         self.brief = names
         self.add_argument("--help-all", action=_HelpAll, nargs=0, help="show this help with all options, and end")
-
-    def whole_help(self) -> str:
-        """The help with every option."""
-        return super().format_help()
 
     def format_help(self) -> str:
         """The help that `--help` prints."""

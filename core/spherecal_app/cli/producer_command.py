@@ -17,13 +17,12 @@ import numpy as np
 
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.data.findings import counted
-from spherecal_app.cli.console import answer, say
+from spherecal_app.cli.console import answer, say, shown_progress
 from spherecal_app.cli.exit_codes import CANCELLED, DONE
-from spherecal_app.cli.progress import shown_progress
 from spherecal_cameras.builtin_driver import prepare
 from spherecal_gentl.gige.gige_control import FAULTS, MOST_CAMERAS, GigeCamera, GigeRig
 from spherecal_gentl.producer.build_producer import build_producer as built
-from spherecal_gentl.producer.feed import RigFeed, SessionScenes
+from spherecal_gentl.producer.producer_control import RigFeed, SessionScenes
 from spherecal_gentl.producer.region import default_name
 from spherecal_sim.render_session import demo_session, render_session
 from spherecal_sim.rigs import PRESETS

@@ -11,7 +11,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.verdict_words import WORDS
-from spherecal_app.cli.console import answer, say, to_output
+from spherecal_app.cli.console import answer, say
 from spherecal_app.cli.exit_codes import DONE
 from spherecal_files.json_file import finite, plain_fields
 from spherecal_rigs.calibration_age import Validity, ValidityLimits
@@ -24,7 +24,7 @@ from spherecal_rigs.save_entry import SaveOptions, prepare
 from spherecal_rigs.store import Profile, add_entry, copy_is_right, create_profile, is_profile, open_profile, set_limits
 from spherecal_rigs.store import apply as put_to_use
 from spherecal_rigs.store import restore as put_back
-from spherecal_rigs.trend import Trend, TrendSeries, make_check_trend, make_trend, trend_table
+from spherecal_rigs.trend import Trend, TrendSeries, make_check_trend, make_trend
 
 
 def save(options: argparse.Namespace) -> int:
@@ -237,8 +237,6 @@ def trend(options: argparse.Namespace) -> int:
         from spherecal_documents.report.trend_chart import write_trend_chart  # here, since it loads matplotlib
 
         write_trend_chart(trend, options.output)
-    if options.csv is not None:
-        to_output(options.csv, trend_table(trend).encode())
     answer(options, _trend_entry(trend))
     if trend.verdicts:
         counts = ", ".join(f"{trend.verdicts.count(word)} {word}" for word in dict.fromkeys(trend.verdicts))

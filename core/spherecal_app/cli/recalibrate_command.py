@@ -12,17 +12,16 @@ from spherecal.calibrate import calibrate
 from spherecal.detect.session_images import observed
 from spherecal_app.cli.calibrate_command import calibration_summary, show_calibration
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import answer, check_output_folder, out
+from spherecal_app.cli.console import answer, check_output_folder, out, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_files.atomic import RESULT
 from spherecal_files.json_file import plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
 from spherecal_files.write_result import write_result
-from spherecal_rigs.cross_validate import cross_validate as run_without
 from spherecal_rigs.next_placement import advise
 from spherecal_rigs.recalibrate import Selection
+from spherecal_rigs.recalibrate import cross_validate as run_without
 from spherecal_rigs.recalibrate import recalibrate as run
 
 

@@ -6,9 +6,8 @@ from rich.markup import escape
 
 from spherecal.data.findings import counted
 from spherecal_app.api import new_session
-from spherecal_app.cli.console import answer, figures, out, say
+from spherecal_app.cli.console import answer, figures, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.progress import shown_progress
 from spherecal_files.json_file import plain_fields
 
 

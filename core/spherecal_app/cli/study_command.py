@@ -13,10 +13,9 @@ from spherecal.base.messages.values import Phrase
 from spherecal.initialise.camera_path import BASE
 from spherecal.initialise.view_graph import TH_ER_PX
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import answer, out, say
+from spherecal_app.cli.console import answer, out, say, shown_progress
 from spherecal_app.cli.exit_codes import DONE, NOT_VALID
 from spherecal_app.cli.options import STUDY_NAMES, search_of
-from spherecal_app.cli.progress import shown_progress
 from spherecal_sim.rigs import rig_design
 from spherecal_study.batch_of_sessions import run_batch
 from spherecal_study.executor import workers_for

@@ -14,12 +14,10 @@ from spherecal.targets.family import make_target_set
 from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import why_nothing_in
 from spherecal_app.cli.compile_kernels import compile_first
-from spherecal_app.cli.console import answer, out, output_file, say, to_output
+from spherecal_app.cli.console import answer, out, output_file, say, shown_progress, to_output
 from spherecal_app.cli.exit_codes import DONE
-from spherecal_app.cli.progress import shown_progress
 from spherecal_documents.sheets.sticker_sheet import scaled, write_sheet
-from spherecal_files.marker_targets import make_marker_set, marker_count
-from spherecal_files.target_set_file import read_target_set, write_target_set
+from spherecal_files.target_set_file import make_marker_set, marker_count, read_target_set, write_target_set
 
 
 def export(options: argparse.Namespace) -> int:

@@ -19,15 +19,15 @@ from spherecal_app.cli.console import (
     out,
     say,
     show_findings,
+    shown_progress,
 )
 from spherecal_app.cli.exit_codes import BOTH, CANNOT_TELL, DONE, LIMIT_EXCEEDED, NOT_VALID
-from spherecal_app.cli.progress import shown_progress
 from spherecal_files.atomic import RESULT
 from spherecal_files.findings_file import FINDING
 from spherecal_files.json_file import plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
-from spherecal_files.write_verification import write_verification
+from spherecal_files.write_result import write_verification
 from spherecal_rigs.result_folder import answer_for
 from spherecal_rigs.rig_source import corners_beside
 from spherecal_verify.limit import parse_limit

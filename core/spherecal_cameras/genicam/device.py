@@ -75,7 +75,8 @@ class Device:
 
         class Incomplete(Callback):
             def emit(self, context: object | None = None) -> None:
-                device._note_incomplete()
+                device._incomplete += 1
+                device.last_incomplete_s = time.perf_counter()
 
         self._acquirer.add_callback(self._acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
 
@@ -87,10 +88,6 @@ class Device:
         self._acquirer.num_buffers = max(BUFFERS, int(self._acquirer.min_num_buffers))
         # ms; genicam keeps Python's lock while it waits. With 0 drivers differ: 1 is what Harvesters has of itself
         self._acquirer.timeout_period_on_update_event_data_call = 1
-
-    def _note_incomplete(self) -> None:
-        self._incomplete += 1
-        self.last_incomplete_s = time.perf_counter()
 
     # --- setting up --------------------------------------------------------------------------------------------------
 

@@ -240,12 +240,9 @@ class _Attempt:
                 missing = self._matcher.missing()
             if len(missing) < lacking:
                 lacking, deadline = len(missing), max(deadline, time.perf_counter() + timeout_s)
-            if missing and self._hopeless(missing):
+            states, refused = self._service.status_log.statuses(), self._service.refusals(self.number)
+            if missing and all(serial in refused or not _expected(states.get(serial)) for serial in missing):
                 return
-
-    def _hopeless(self, missing: Sequence[str]) -> bool:
-        statuses, refused = self._service.status_log.statuses(), self._service.refusals(self.number)
-        return all(serial in refused or not _expected(statuses.get(serial)) for serial in missing)
 
     def offer(self, meta: FrameMeta) -> None:
         """Take an image if it fits; called in the service's thread."""

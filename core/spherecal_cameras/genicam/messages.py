@@ -8,9 +8,6 @@ from spherecal_cameras import protocol
 WIRE_VERSION = 4
 
 
-# --- commands --------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class RequestedCamera:
     """A camera to keep open: its producer file, what to load for it, its hash, the driver's name, its settings."""
@@ -94,9 +91,6 @@ class Quit:
 
 
 Command = Open | Apply | UseRing | Acquire | Live | Trigger | Describe | Indicate | Quit
-
-
-# --- reports ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

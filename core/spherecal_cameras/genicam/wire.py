@@ -69,7 +69,10 @@ def _check_of(hint: Any) -> Check:
         return lambda value: value if value in arguments else _refuse(hint, value)
     if origin in (tuple, dict):
         return _tuple_check(arguments) if origin is tuple else _dict_check(_check_of(arguments[1]))
-    return _enum_check(hint) if issubclass(hint, enum.Enum) else _PLAIN[hint]
+    if not issubclass(hint, enum.Enum):
+        return _PLAIN[hint]
+    known = {one.value: one for one in hint}
+    return lambda value: known[value] if isinstance(value, str) and value in known else _refuse(hint, value)
 
 
 def _refuse(hint: Any, value: Any) -> typing.NoReturn:
@@ -99,11 +102,6 @@ def _bool(value: Any) -> bool:
 
 
 _PLAIN: dict[type, Check] = {int: _int, float: _float, str: _str, bool: _bool}
-
-
-def _enum_check(kind: type[enum.Enum]) -> Check:
-    known = {one.value: one for one in kind}
-    return lambda value: known[value] if isinstance(value, str) and value in known else _refuse(kind, value)
 
 
 def _optional_check(inner: Check) -> Check:

@@ -93,8 +93,6 @@ class SimulatedSource(InProcessSource):
         for fault in faults:
             self.inject(fault)
 
-    # --- the scene ---------------------------------------------------------------------------------------------------
-
     @property
     def shown(self) -> str:
         """The id of what is shown."""
@@ -115,8 +113,6 @@ class SimulatedSource(InProcessSource):
     def heal(self, camera: str) -> None:
         """Take all faults of a camera (its id or serial) away."""
         self.faults = tuple(fault for fault in self.faults if fault.camera not in (camera, PREFIX + camera))
-
-    # --- images ------------------------------------------------------------------------------------------------------
 
     def camera_infos(self) -> tuple[CameraInfo, ...]:
         """The rig's cameras; the name of each is its id."""

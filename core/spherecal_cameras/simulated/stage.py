@@ -18,8 +18,7 @@ from spherecal.targets.target_set import TargetSet
 from spherecal_cameras.protocol import CameraError
 from spherecal_cameras.simulated.draw import Solid, draw
 from spherecal_sim.dot_truth import Station, TrueDots, ball_dots, bar_dots
-from spherecal_sim.render import render_image
-from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.render_session import CLUTTERED, RENDERED, render_image
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.simulated_scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal_sim.tracing import TracedScene

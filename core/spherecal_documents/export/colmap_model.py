@@ -88,9 +88,6 @@ def _pose(where: str, seven: Sequence[float] | FloatArray) -> Pose:
     return Pose(Rotation.from_quat(values[[1, 2, 3, 0]]).as_matrix(), values[4:])
 
 
-# --- text ------------------------------------------------------------------------------------------------------------
-
-
 def _lines(path: Path) -> list[tuple[int, str]]:
     return list(enumerate(decode(path, read_bytes(path, _MOST_BYTES)).splitlines(), 1))
 
@@ -151,9 +148,6 @@ def _text_rigs(path: Path) -> list[ModelRig]:
             raise InputError(f"{where} is not a rig of COLMAP's.") from None
         rigs.append(ModelRig(reference, others))
     return rigs
-
-
-# --- binary ----------------------------------------------------------------------------------------------------------
 
 
 class _Bytes:

@@ -23,8 +23,7 @@ from spherecal_documents.export.file_cameras import MM_PER, FileCamera, FileRig,
 from spherecal_documents.export.format import Format, ImportFormat, exporter
 from spherecal_documents.export.kalibr import KALIBR, ROS
 from spherecal_documents.export.metashape import METASHAPE
-from spherecal_documents.export.mrcal import MC_CALIB, MRCAL, MULTICAL
-from spherecal_documents.export.mrcal_splined import MRCAL_SPLINED
+from spherecal_documents.export.mrcal import MC_CALIB, MRCAL, MRCAL_SPLINED, MULTICAL
 from spherecal_documents.export.opencv_yaml import OPENCV
 from spherecal_documents.export.refit import Box, Loss, dropped, refit
 from spherecal_documents.export.scene_formats import SCENES, SceneFormat
@@ -261,14 +260,13 @@ def _manifest(
         "cameras": dict(zip((camera.id for camera in rig.cameras), form.ids(rig), strict=True)),
         "files_sha256": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         "fields_lost": {name: {"max_px": one.max_px, "max_mm": one.max_mm} for name, one in lost.items()},
-        "refit": {name: _refit_entry(loss) for name, loss in losses.items()},
+        "refit": {
+            name: {"rms_px": one.rms_px, "max_px": one.max_px}
+            | ({} if one.image_px is None else {"max_px_over_image": one.image_px})
+            for name, one in losses.items()
+        },
         "software": software_entry(None),
     }
-
-
-def _refit_entry(loss: Loss) -> dict[str, float]:
-    entry = {"rms_px": loss.rms_px, "max_px": loss.max_px}
-    return entry if loss.image_px is None else entry | {"max_px_over_image": loss.image_px}
 
 
 def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:

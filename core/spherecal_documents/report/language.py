@@ -8,7 +8,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.catalogue import LANGUAGES, phrase
 from spherecal.base.messages.values import Phrase, Value
 from spherecal.data.findings import Finding
-from spherecal_files.written_phrase import Sentence
+from spherecal_files.findings_file import Sentence
 
 _now: ContextVar[str] = ContextVar("language", default="en")
 

@@ -34,9 +34,12 @@ def scene_picture(
     width, height = _SIZE_PX
     eye = fitting_view(data.every_place(), "oblique", _ROOM * width, _ROOM * height).eye(width, height)
     with process or PictureProcess() as started:
-        pixels = started.picture(data, paper_style(), eye)
-    if pixels is None:
-        return None
+        try:
+            if started.trouble():
+                return None
+            pixels = started.picture(data, paper_style(), eye)
+        except (EOFError, OSError):
+            return None
     names, places = named_places(data)
     return ScenePicture(pixels, names, eye.flat(places), data.floor.step)
 

@@ -3,7 +3,6 @@
 import contextlib
 import multiprocessing
 import os
-from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing import shared_memory
 from multiprocessing.connection import Connection
@@ -17,19 +16,9 @@ from spherecal_documents.scene.shapes import Lines, Mesh, Picture, SceneStyle, s
 
 _FAR = 6.0  # the eye's distance, in radii of the scene; a parallel projection does not depend on it
 _PLAIN = ("painted", "2d")  # what SPHERECAL_3D asks for the painted view by
+_END_S = 1.0
 _PATIENCE_S = 60.0  # for one picture; the first on a new machine takes some seconds
 _FINE = 2  # at rest a picture is rendered so many times larger and averaged, which smooths edges
-
-
-@dataclass(frozen=True, eq=False)
-class RenderedFrame:
-    """A picture as the process reports it: the number of the eye that was sent for it, its size px, its time s."""
-
-    number: int
-    width: int
-    height: int
-    fine: bool
-    took_s: float
 
 
 class ScenePlotter:
@@ -127,9 +116,7 @@ def can_render() -> bool:
 
 
 def serve(pipe: Connection) -> None:
-    """Answer until the other end closes: `ready`, then a RenderedFrame for each eye; `failed` with the reason."""
-    import time
-
+    """Answer until the other end closes: `ready`, then the number of pixels for each eye; `failed` with the reason."""
     try:
         # VTK would say on standard error that there is no screen, and then render without one
         from vtkmodules.vtkCommonCore import vtkLogger
@@ -148,49 +135,65 @@ def serve(pipe: Connection) -> None:
             if word == "scene":
                 stage.show(*given)
                 continue
-            name, number, eye, fine = given
+            name, eye, fine = given
             if memory is None or memory.name != name:
                 if memory is not None:
                     memory.close()
                 memory = shared_memory.SharedMemory(name=name)
-            began = time.perf_counter()
             picture = stage.picture(eye, fine)
             np.ndarray(picture.shape, np.uint8, memory.buf)[:] = picture
-            pipe.send(("frame", RenderedFrame(number, eye.width, eye.height, fine, time.perf_counter() - began)))
+            pipe.send(picture.size)
     if memory is not None:
         memory.close()
     stage.close()
 
 
 class PictureProcess(contextlib.AbstractContextManager["PictureProcess"]):
-    """A process that renders one picture with smooth edges. It loads VTK while its maker does something else."""
+    """A process that renders pictures. It loads VTK while its maker does something else; EOFError where it ends."""
 
-    def __init__(self) -> None:
+    def __init__(self, patience_s: float | None = _PATIENCE_S) -> None:
+        """`patience_s` None: as long as it takes."""
         context = multiprocessing.get_context("spawn")
+        self._patience_s, self._shown = patience_s, object()
+        self._memory: shared_memory.SharedMemory | None = None
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-picture")
+        self._process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-scene")
         self._process.start()
+        self.pid = self._process.pid
         theirs.close()
 
     def __exit__(self, *_: object) -> None:
         self._pipe.close()
+        self._free()
+        self._process.join(_END_S)
         self._process.terminate()
         self._process.join()
 
-    def picture(self, data: SceneData, style: SceneStyle, eye: Eye) -> Any:
-        """The picture, (height, width, 3) uint8; None where that fails."""
-        memory = shared_memory.SharedMemory(create=True, size=3 * eye.width * eye.height)
-        try:
-            if not self._pipe.poll(_PATIENCE_S) or self._pipe.recv()[0] != "ready":
-                return None
+    def _free(self) -> None:
+        if self._memory is not None:
+            self._memory.close()
+            self._memory.unlink()
+            self._memory = None
+
+    def _answer(self) -> Any:
+        if not self._pipe.poll(self._patience_s):
+            raise EOFError("no answer")
+        return self._pipe.recv()
+
+    def trouble(self) -> str:
+        """Why it cannot render, once that is known; empty where it can."""
+        word, reason = self._answer()
+        return "" if word == "ready" else reason or word
+
+    def picture(self, data: SceneData, style: SceneStyle, eye: Eye, fine: bool = True, scene: object = None) -> Any:
+        """The picture, (height, width, 3) uint8; data and style are sent only where `scene` is another than before."""
+        if scene != self._shown:
             self._pipe.send(("scene", (data, style)))
-            self._pipe.send(("eye", (memory.name, 0, eye, True)))
-            if not self._pipe.poll(_PATIENCE_S):
-                return None
-            self._pipe.recv()
-            return np.ndarray((eye.height, eye.width, 3), np.uint8, memory.buf).copy()
-        except (EOFError, OSError):
-            return None
-        finally:
-            memory.close()
-            memory.unlink()
+            self._shown = scene
+        size = 3 * eye.width * eye.height
+        if self._memory is None or self._memory.size < size:
+            self._free()
+            self._memory = shared_memory.SharedMemory(create=True, size=size + size // 2)
+        self._pipe.send(("eye", (self._memory.name, eye, fine)))
+        self._answer()
+        return np.ndarray((eye.height, eye.width, 3), np.uint8, self._memory.buf).copy()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal_documents.scene.model import MovedCamera, SceneData
+from spherecal_documents.scene.model import SceneData
 
 LAYERS = ("map", "links", "ellipsoids", "images", "dots")
 SHOWN_AT_FIRST = frozenset(("images", "dots"))
@@ -402,22 +402,14 @@ def rgb(name: str) -> Tint:
     return int(name[1:3], 16), int(name[3:5], 16), int(name[5:7], 16)
 
 
-def moved_frusta(data: SceneData) -> list[tuple[MovedCamera, FloatArray]]:
-    """Centre and corners (5, 3) mm where each moved camera was, its shift drawn longer by `shift_factor`."""
-    now = {camera.id: np.vstack([camera.centre, camera.corners]) for camera in data.scene.cameras}
-    factor = data.shift_factor
-    return [
-        (one, now[one.id] + factor * (np.vstack([one.centre, one.corners]) - now[one.id]))
-        for one in data.moved
-        if one.id in now
-    ]
-
-
 def _moved(data: SceneData, style: SceneStyle) -> list[Lines]:
-    """Before, as a frustum in the colour of caution; lines from there to where the camera is now."""
+    """Before, so many times as far off, in the colour of caution; lines from there to where the camera is now."""
     ends = []
     now = {camera.id: np.vstack([camera.centre, camera.corners]) for camera in data.scene.cameras}
-    for one, before in moved_frusta(data):
+    for one in data.moved:
+        if one.id not in now:
+            continue
+        before = now[one.id] + data.shift_factor * (np.vstack([one.centre, one.corners]) - now[one.id])
         ends += [(before[0], before[i]) for i in range(1, 5)]
         ends += [(before[i], before[i % 4 + 1]) for i in range(1, 5)]
         ends += list(zip(before, now[one.id], strict=True))

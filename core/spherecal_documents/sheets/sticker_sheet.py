@@ -15,7 +15,7 @@ from spherecal_boards.board_pattern import marker_parts
 from spherecal_documents.sheets.pdf_canvas import POINTS_PER_MM as MM
 from spherecal_documents.sheets.pdf_canvas import PdfCanvas
 from spherecal_files.filesystem import write_whole
-from spherecal_files.marker_targets import marker_bits, sticker_mm
+from spherecal_files.target_set_file import marker_bits, sticker_mm
 
 Page = Literal["A4", "Letter"]
 PAGE_SIZES_MM: dict[str, tuple[float, float]] = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}

@@ -30,9 +30,9 @@ from spherecal_files.bundle_file import BUNDLE_FILE, bundle_bytes
 from spherecal_files.capture_file import CAPTURE_FILE
 from spherecal_files.filesystem import as_id, new_file, read_below, write_whole
 from spherecal_files.json_file import json_bytes, read_bytes, read_json
-from spherecal_files.observations_file import observations_bytes
 from spherecal_files.read_session import FORMAT as SESSION_FORMAT
 from spherecal_files.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
+from spherecal_files.table_file import observations_bytes
 from spherecal_rigs.result_folder import RESULT_FILES
 
 SESSION_FOLDER = "session"

@@ -21,7 +21,6 @@ NET, OTHER_NET = "192.168.77", "192.168.78"
 MASK = "255.255.255.0"
 CLIENT, SECOND = f"{NET}.1", f"{NET}.2"
 _FIRST_HOST = 11
-_READY_S = 20.0
 _SEIZE_S = 20.0  # the camera lets go of a silent program after its heartbeat time, 3 s
 _HEARTBEAT_S = 0.5
 _RELEASES = 5
@@ -83,8 +82,6 @@ class CameraNetwork:
         for camera in self.cameras.values():
             self._start(camera)
 
-    # --- building ----------------------------------------------------------------------------------------------------
-
     def _computer(self, port: str, address: str) -> NetworkNamespace:
         network = NetworkNamespace.new()
         self._cable(network, port, None)
@@ -140,8 +137,6 @@ class CameraNetwork:
 
     def _ask_nft(self, rule: str) -> None:
         self._switch.run("nft", rule)
-
-    # --- faults ------------------------------------------------------------------------------------------------------
 
     def _rules(self, port: str, *rules: str) -> None:
         self._ask_nft(f"flush chain netdev faults {port}")

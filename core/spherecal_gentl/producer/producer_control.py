@@ -5,15 +5,16 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Self
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
+from spherecal.data.session import CameraSpec
+from spherecal.targets.images import read_image
+from spherecal_files.read_session import read_session
 from spherecal_gentl.producer import region as layout
 from spherecal_gentl.producer.region import REGION_VARIABLE, SharedRegion, attach, create, default_name
 
@@ -122,14 +123,6 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         for serial, image in images.items():
             self.set_image(serial, image)
 
-    def show_pattern(self, serial: str) -> None:
-        """Show the built-in moving ramp with the frame number again."""
-        self._record(serial)["image_published"] = 0
-
-    def expose_by(self, serial: str, reference_us: float) -> None:
-        """Let exposure and gain change the brightness: images are as given at `reference_us` and 0 dB."""
-        self._record(serial)["exposure_reference_us"] = reference_us
-
     # ---- the world around the cameras ----
 
     def pulse(self) -> None:
@@ -138,17 +131,11 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         header["line_pulse_ns"] = time.monotonic_ns()
         header["line_pulses"] += 1
 
-    def set_temperature(self, serial: str, temperature_c: float) -> None:
-        """Set what DeviceTemperature reads."""
-        self._record(serial)["temperature_c"] = temperature_c
-
-    def set_clock_offset(self, serial: str, seconds: float) -> None:
-        """Set how far a camera's clock is from that of the others (at first 0, as synchronised by PTP)."""
-        self._record(serial)["clock_offset_ns"] = round(seconds * 1e9)
-
-    def set_link(self, serial: str, bytes_per_s: float) -> None:
-        """Set the speed of a camera's link."""
-        self._record(serial)["link_bytes_per_s"] = bytes_per_s
+    def set(self, serial: str, **fields: float) -> None:
+        """Set fields of a camera's record (region.h), of its world or its faults; a `_count` of -1 is for ever."""
+        record = self._record(serial)
+        for name, value in fields.items():
+            record[name] = value
 
     # ---- faults ----
 
@@ -165,60 +152,6 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         record = self._record(serial)
         _unplug(record, time.monotonic_ns() + round(seconds * 1e9))
         record["powered"] = 0
-
-    def refuse_opening(self, serial: str, code: int = ACCESS_DENIED) -> None:
-        """Opening fails."""
-        self._record(serial)["open_error"] = code
-
-    def fail_reads(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register reads fail, of one feature or of any; `times` None: until `clear_faults`; `feature` None: any."""
-        record = self._record(serial)
-        record["read_error"] = code
-        record["read_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
-        record["read_error_count"] = _count(times)
-
-    def fail_writes(self, serial: str, times: int | None = 1, code: int = IO_ERROR, feature: str | None = None) -> None:
-        """Register writes and commands fail, so many times or until `clear_faults`, of one feature or of any."""
-        record = self._record(serial)
-        record["write_error"] = code
-        record["write_error_address"] = layout.ANY_ADDRESS if feature is None else feature_address(feature)
-        record["write_error_count"] = _count(times)
-
-    def delay_registers(self, serial: str, seconds: float) -> None:
-        """Every register access takes some time."""
-        self._record(serial)["port_delay_us"] = round(seconds * 1e6)
-
-    def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
-        """Waiting for a frame fails; `times` None: until `clear_faults`."""
-        record = self._record(serial)
-        record["event_error"] = code
-        record["event_error_count"] = _count(times)
-
-    def crash(self, serial: str) -> None:
-        """The producer's code crashes (SIGSEGV) in whatever process next reads, writes or waits for this camera."""
-        self._record(serial)["crash_count"] = 1
-
-    def spoil_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames arrive incomplete: the lower half is missing; `times` None: until `clear_faults`."""
-        self._record(serial)["incomplete_count"] = _count(times)
-
-    def lose_frames(self, serial: str, times: int | None = 1) -> None:
-        """Frames are exposed and lost on the way, so many or until `clear_faults`: their numbers are left out."""
-        self._record(serial)["lost_frame_count"] = _count(times)
-
-    def drop_triggers(self, serial: str, times: int | None = 1) -> None:
-        """Triggers do not reach the camera, so many or until `clear_faults`: no frame, no gap in their numbers."""
-        self._record(serial)["dropped_trigger_count"] = _count(times)
-
-    def delay_frames(self, serial: str, seconds: float, times: int | None = 1) -> None:
-        """Frames arrive late, so many or until `clear_faults`, stamped at their exposure; those behind them wait."""
-        record = self._record(serial)
-        record["late_ms"] = round(seconds * 1e3)
-        record["late_count"] = _count(times)
-
-    def pad_lines(self, serial: str, padding_bytes: int) -> None:
-        """Every line of an image ends with padding; to be set while the camera does not stream."""
-        self._record(serial)["padding_bytes"] = padding_bytes
 
     def clear_faults(self, serial: str | None = None) -> None:
         """Everything works again, cables included; of all cameras if none is named."""
@@ -250,28 +183,10 @@ class ProducerControl(AbstractContextManager["ProducerControl"]):
         return self._region.devices[self._index[serial]]
 
 
-@cache
-def feature_address(feature: str) -> int:
-    """The address of the register behind a feature of device.xml."""
-    namespace = "{http://www.genicam.org/GenApi/Version_1_1}"
-    root = ElementTree.parse(Path(__file__).with_name("device.xml")).getroot()
-    nodes = {node.get("Name"): node for node in root}
-    node = nodes.get(feature)
-    while node is not None:
-        if (address := node.findtext(f"{namespace}Address")) is not None:
-            return int(address, 16)
-        node = nodes.get(node.findtext(f"{namespace}pValue"))
-    raise InputError(f"The simulated cameras have no register named {feature}.")
-
-
 _FAULTS = (
     "unplugged_until_ns", "open_error", "read_error_count", "write_error_count", "port_delay_us", "event_error_count",
     "incomplete_count", "dropped_trigger_count", "lost_frame_count", "late_count", "padding_bytes", "crash_count",
 )  # fmt: skip
-
-
-def _count(times: int | None) -> int:
-    return -1 if times is None else times
 
 
 def _unplug(record: Any, until_ns: int) -> None:
@@ -310,3 +225,92 @@ def _check_room(needed: int) -> None:
             "The shared memory of this machine (/dev/shm) is full.",
             "Give it more room (a container: --shm-size=1g), or simulate fewer cameras.",
         )
+
+
+class SessionScenes:
+    """What the cameras of a session folder see in each placement, then each bar pose, by its name."""
+
+    def __init__(self, session_folder: Path) -> None:
+        session = read_session(session_folder)
+        self._images = {scene.id: scene.images for scene in (*session.placements, *session.bar_poses) if scene.images}
+        if not self._images:
+            raise InputError(f"{session_folder} has no images to show.", "Take or render a session with images.")
+        self.names = tuple(self._images)
+        self.cameras = {serial_of(camera): camera for camera in session.cameras}
+        self.bits = {
+            serial: _bits([images[camera.id] for images in self._images.values() if camera.id in images])
+            for serial, camera in self.cameras.items()
+        }
+
+    def images(self, scene: str) -> dict[str, NDArray[Any]]:
+        """What each camera sees, by serial number, (height, width); black where it has no image."""
+        if scene not in self._images:
+            raise InputError(f"There is no scene {scene!r}; there are {', '.join(self._images)}.")
+        return {serial: self._image(scene, serial) for serial in self.cameras}
+
+    def _image(self, scene: str, serial: str) -> NDArray[Any]:
+        camera, kind = self.cameras[serial], np.uint8 if self.bits[serial] == 8 else np.uint16
+        width, height = camera.image_size
+        if (path := self._images[scene].get(camera.id)) is None:
+            return np.zeros((height, width), kind)
+        image = read_image(path)
+        if image.shape != (height, width) or image.dtype != kind:
+            raise InputError(
+                f"{path} is {image.shape[1]} x {image.shape[0]} px as {image.dtype}; the session and the camera's "
+                f"other images say {width} x {height} as {kind.__name__}."
+            )
+        return image
+
+
+class RigFeed(AbstractContextManager["RigFeed"]):
+    """One simulated camera for each of a session, by serial number or id; `control` steers them, `scenes` names all."""
+
+    def __init__(
+        self, session_folder: Path, name: str | None = None, scene: str | None = None, running: bool = False
+    ) -> None:
+        self._scenes = SessionScenes(session_folder)
+        self.scenes, self.scene = self._scenes.names, ""
+        if running:
+            self.control = ProducerControl.attached(name)
+        else:
+            self.control = ProducerControl([self._simulated(serial) for serial in self._scenes.cameras], name)
+        try:
+            self.show(self.scenes[0] if scene is None else scene)
+        except BaseException:
+            self.close()
+            raise
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Switch the rig off; simulated cameras of another program stay."""
+        self.control.close()
+
+    def show(self, scene: str) -> None:
+        """Let every camera see this scene from its next exposure on, all at once; black where it has none."""
+        self.control.set_images(self._scenes.images(scene))
+        self.scene = scene
+
+    def _simulated(self, serial: str) -> SimulatedCamera:
+        camera = self._scenes.cameras[serial]
+        width, height = camera.image_size
+        return SimulatedCamera(
+            serial, width, height, self._scenes.bits[serial], camera.id, (camera.model or "Simulated")[:31]
+        )
+
+
+def serial_of(camera: CameraSpec) -> str:
+    """The serial number that a camera of a session has when it is simulated: its own, else its id."""
+    return camera.serial or camera.id
+
+
+def _bits(paths: Iterable[Path]) -> int:
+    """How many bits a camera's images have: 16-bit files are taken for 12-bit recordings as long as they fit."""
+    largest = 0
+    for path in paths:
+        image = read_image(path)
+        if image.dtype == np.uint8:
+            return 8
+        largest = max(largest, int(image.max()))
+    return 8 if largest == 0 else 12 if largest < 4096 else 16

@@ -18,7 +18,6 @@ from spherecal.adjust.schur_kernel import (
     inverse_damped,
     keep_point,
     meet,
-    most_columns,
     subtract_gradient,
     subtract_point,
     weigh,
@@ -79,7 +78,7 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
     n_all = len(blocks.offset)
     place, place_in_own = np.full(n_all, -1), np.full(n_all, -1)
     met, own_met = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
-    most = most_columns(part, blocks, place)
+    most = blocks.width.sum()  # memory that is never touched costs nothing
     coupling, weighted = np.empty(3 * most), np.empty(3 * most)
     own, own_weighted = np.empty(3 * most), np.empty(3 * most)  # W' of a place by the blocks that it meets
     v, q, p = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

@@ -290,23 +290,6 @@ def add_squares(reduced, square, blocks):
 
 
 @njit(**INNER)
-def most_columns(part, blocks, place):
-    """The largest number of columns that are coupled to one point; `place`: working space (b,), -1 before and after."""
-    most = 0
-    for p in range(len(part.begin)):
-        columns = 0
-        for k in range(part.begin[p], part.end[p]):
-            for kind in range(_KINDS):
-                b = _block(kind, k, part, blocks)
-                if b >= 0 and place[b] != p:
-                    place[b] = p
-                    columns += blocks.width[b]
-        most = max(most, columns)
-    place[:] = -1
-    return most
-
-
-@njit(**INNER)
 def keep_point(reduced, blocks, kept, v, g, met, n_met, coupling, size):
     """Keep a point of a length row: its own block and its coupling go into the reduced system.
 

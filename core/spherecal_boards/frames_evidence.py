@@ -15,7 +15,7 @@ from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import free_network
 from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit
-from spherecal.ball.selection import FormName, ModelChoice
+from spherecal.ball.rigid import FormName, ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase

@@ -10,7 +10,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.fit import Run, solve_free
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
@@ -26,7 +26,8 @@ from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, Solution, fit_spheres
-from spherecal.steps.ball_stages import ball_network, describe_network, select_ball_model
+from spherecal.steps.ball_stages import describe_network
+from spherecal.steps.selection import ball_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_verify.consistency import camera_normal
 from spherecal_verify.measuring_volume import volume_box

@@ -9,7 +9,7 @@ from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit, Run, with_effects_unknown, with_lengths
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import ModelChoice
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Findings
 from spherecal.data.rig import RigScale

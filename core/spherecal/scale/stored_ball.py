@@ -8,8 +8,7 @@ from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.ball.ball_shape import Anchored, KnownDots, anchored
 from spherecal.ball.fit import BallFit, Run, rigid_solution, with_effects_unknown, without_priors
-from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import LEAST_SHARED, BallNetwork, ModelChoice
 from spherecal.base.arrays import BoolArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase

@@ -169,7 +169,7 @@ def frame_evidence(
         fit.placed,
         solved,
         ModelChoice(form, Phrase("as-asked")),
-        Solution(state, None, 1.0, scale, 0.0, {}),
+        Solution(state, None, 1.0, scale, {}),
         fit.residual,
         adjusted.used,
         context,

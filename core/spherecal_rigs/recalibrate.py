@@ -150,7 +150,7 @@ def recalibrate(
     state, cofactors = fit.by_features.state, fit.cofactors
     spheres = fit_spheres(state.points, features.placement, len(session.placements))
     cameras = None if cofactors is None else fit.adjusted.variance * cofactors.all_cameras()
-    solution = Solution(state, cofactors, 1.0, rig.scale, 0.0, spheres, cameras)
+    solution = Solution(state, cofactors, 1.0, rig.scale, spheres, cameras)
     done = build_result(recording, local, MetricFit(fit, choice, solution), "selected", run)
     done = replace(done, rig=_with_uncertainties(session, done.rig, rig, selection))
     return with_fields(done, rig)

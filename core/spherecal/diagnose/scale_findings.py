@@ -120,9 +120,10 @@ def bar_doubt(findings: Iterable[Finding]) -> float:
 
 def stretched_print(e: Evidence) -> list[Finding]:
     """Where stickers that give the scale are longer in one direction of the print than across it, or of two sheets."""
+    found = e.solution.found
     return [
         Finding("print-stretched", "warning" if off > MOST_STRETCH else "info", {"percent": 100 * off}, kind=kind)
-        for off, kind in ((e.solution.stretch, "across"), (e.solution.sheets, "sheets"))
+        for off, kind in ([] if found is None else [(found.stretch, "across"), (found.sheets, "sheets")])
         if off
     ]
 

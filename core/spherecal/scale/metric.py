@@ -15,7 +15,7 @@ from spherecal.data.findings import Findings
 from spherecal.data.rig import RigScale
 from spherecal.data.session import Recording, Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
-from spherecal.scale.bar_scale import OddPoses, left_out, length_rows, odd_poses, scale_from_bars
+from spherecal.scale.bar_scale import length_rows, odd_poses, scale_from_bars
 from spherecal.scale.spacing import FoundScale, Located, Spacing, scale_from_mean_distance, scale_from_spacing
 
 
@@ -24,21 +24,17 @@ class Solution:
     """The network in the reference camera's frame and in millimetres (arbitrary lengths where `scale.source` is none).
 
     `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres. `cameras` is the
-    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance). `stretch`: of the print
-    that gives the scale, relative, and `sheets`, by how much some of its stickers are larger than others. `odd`: poses
-    of the bar that gives it which disagree with the others.
+    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance). `found`: what gave the
+    scale; None without one, or where it is another's.
     """
 
     state: State
     covariance: Covariance | None
     factor: float
     scale: RigScale
-    scatter: float
     spheres: dict[int, Sphere]
     cameras: FloatArray | None = None
-    stretch: float = 0.0
-    odd: OddPoses | None = None
-    sheets: float = 0.0
+    found: FoundScale | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +54,7 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     solution, scale = metric_solution(recording, fit, literal=run.plain), recording.session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return fit, solution
-    rows = length_rows(recording, scale.bar, solution.state.points, left_out(solution.odd))
+    rows = length_rows(recording, scale.bar, solution.state.points, solution.found and solution.found.odd)
     if rows is None:
         return fit, solution
     again = with_effects_unknown(with_lengths(fit, rows, solution.factor, run))
@@ -68,7 +64,7 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
     cameras = again.adjusted.variance * again.cofactors.with_size().all_cameras()
-    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras, odd=solution.odd)
+    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), spheres, cameras, solution.found)
 
 
 def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
@@ -88,7 +84,7 @@ def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[
         cameras = _metric_cameras(state, 1.0, found, fit.cofactors, fit.adjusted.variance)
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     scale = RigScale("ball", ball.relative_uncertainty)
-    return Solution(state, fit.cofactors, 1.0, scale, 0.0, spheres, cameras), differs
+    return Solution(state, fit.cofactors, 1.0, scale, spheres, cameras), differs
 
 
 def _surer(one: RigScale, other: RigScale) -> bool:
@@ -109,10 +105,8 @@ def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -
         scale = RigScale(found.source or session.scale.kind, found.relative_uncertainty)
     if cofactors is not None:
         cameras = _metric_cameras(state.scaled(factor), factor, found, cofactors, adjusted.variance)
-    scatter, stretch, odd = (found.scatter, found.stretch, found.odd) if found else (0.0, 0.0, None)
-    sheets = found.sheets if found else 0.0
     spheres = {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()}
-    return Solution(state.scaled(factor), cofactors, factor, scale, scatter, spheres, cameras, stretch, odd, sheets)
+    return Solution(state.scaled(factor), cofactors, factor, scale, spheres, cameras, found)
 
 
 def _metric_cameras(
@@ -166,8 +160,7 @@ def _find_scale(
     if scale.kind == "bar":
         assert scale.bar is not None
         odd = None if literal else odd_poses(recording, scale.bar, located)
-        by_bar = scale_from_bars(recording, scale.bar, located, left_out(odd))
-        return None if by_bar is None else replace(by_bar, odd=odd)
+        return scale_from_bars(recording, scale.bar, located, odd)
     assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
     if scale.from_point not in names or scale.to_point not in names:
         return None

@@ -96,7 +96,7 @@ def effects_of(
     gradient -= follow.T @ sums.of_columns
     before = np.zeros(m) if start is None else start
     squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))
-    taken = 0 if network.corrections is None else round(network.corrections.freedom)
+    taken = 0 if network.corrections is None else round(float(network.corrections.freedom.sum()))
     redundancy = adjusted.redundancy + taken
     quadratic = Effects(matrix, gradient - matrix @ before, squares, redundancy, design.part, design.kind)
     return EffectSystem(quadratic, sums.by_columns, shifts, (3 * problem.n_points, m))

@@ -22,7 +22,7 @@ from spherecal.adjust.schur_kernel import (
     subtract_point,
     weigh,
 )
-from spherecal.adjust.substitution_kernel import add_change, change_of_row, most_rows, step_point
+from spherecal.adjust.substitution_kernel import add_change, change_of_row, step_point
 from spherecal.base.kernels import njit
 
 
@@ -127,7 +127,7 @@ def _add_squares_after(begin, end, by_point, step, change, squares):
     """Returns `squares` and those of residuals (in `change`) after their point's step."""
     for k in range(begin, end):
         for e in range(2):
-            value = change[k - begin, e]
+            value = change[k, e]
             for j in range(3):
                 value += by_point[k, e, j] * step[j]
             squares += value * value
@@ -155,8 +155,7 @@ def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, res
         _noise_of_place(first, last, by_point, shape_sd[of_row[first]] ** 2, q, p)
         met[:] = 0.0
         for k in range(first, last):
-            at = k - begin
-            add_change(by_point, k, change[at, 0] - residual[k, 0], change[at, 1] - residual[k, 1], met)
+            add_change(by_point, k, change[k, 0] - residual[k, 0], change[k, 1] - residual[k, 1], met)
         for i in range(3):
             out[i] += p[i, 0] * met[0] + p[i, 1] * met[1] + p[i, 2] * met[2]
         first = last
@@ -172,7 +171,7 @@ def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step
         _noise_of_place(first, last, by_point, shape_sd[of_row[first]] ** 2, q, p)
         met[:] = 0.0
         for k in range(first, last):
-            d0, d1 = change[k - begin, 0], change[k - begin, 1]
+            d0, d1 = change[k, 0], change[k, 1]
             for j in range(3):
                 d0 += by_point[k, 0, j] * step[j]
                 d1 += by_point[k, 1, j] * step[j]
@@ -190,14 +189,13 @@ def substitute_places(part, is_kept, shape_sd, offset, n_cameras, reduced, step,
     As `substitute_points`, with what the shape noise of the places takes off the squares; `shape_sd`: tau of each place
     that `part.place` names.
     """
-    change = np.empty((most_rows(part.begin, part.end), 2))
-    q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     of_row, residual, by_point = part.place, part.linear.residual, part.linear.by_point
+    change, q, p, g = np.empty_like(residual), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for n in range(len(part.points)):
         point, begin, end = part.points[n], part.begin[n], part.end[n]
         g[:] = reduced.point_gradient[point]
         for k in range(begin, end):
-            change[k - begin] = change_of_row(k, part, offset, n_cameras, step)
+            change[k] = change_of_row(k, part, offset, n_cameras, step)
         _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
         if not is_kept[point]:
             step_point(point_step[point], reduced.point_inverse[point], g[0], g[1], g[2])

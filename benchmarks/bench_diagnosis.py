@@ -22,7 +22,7 @@ from spherecal import calibrate as calibration
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.diagnose import run_checks as checks
-from spherecal.steps import ball_stages
+from spherecal.steps import ball_stages, selection
 from spherecal_files.read_session import read_session
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions
@@ -36,8 +36,8 @@ _PARTS: dict[str, tuple[Any, str]] = {
     "local_network": (calibration, "local"),
     "grow": (ball_stages, "start"),
     "solve_free": (calibration, "adjustment"),
-    "select_ball_model": (ball_stages, "adjustment"),
-    "in_millimetres": (ball_stages, "scale"),
+    "select_ball_model": (selection, "adjustment"),
+    "in_millimetres": (selection, "scale"),
     "diagnose": (checks, "diagnosis"),
 }
 PARTS = ("local", "start", "adjustment", "scale", "diagnosis", "whole")

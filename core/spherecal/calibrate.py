@@ -33,8 +33,9 @@ from spherecal.steps.automatic_repairs import (
     is_settled,
     moves_are_all,
 )
-from spherecal.steps.ball_stages import fit_ball_model, local_network, run_of, start_values
+from spherecal.steps.ball_stages import local_network, run_of, start_values
 from spherecal.steps.repairs import Repairs, recorded, repaired
+from spherecal.steps.selection import fit_ball_model
 from spherecal.steps.settings import CalibrationSettings, Method, as_stated, check_settings
 from spherecal.steps.tao2021 import calibrate_as_published
 

@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError
 from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Free
 from spherecal.adjust.least_squares import assembled, predicted_decrease
-from spherecal.adjust.levenberg import Damping, Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
+from spherecal.adjust.levenberg import Minimum, OnStep, Settings, levenberg_marquardt, solve_damped
 from spherecal.adjust.linear import Reduced
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem, moved, prior_residuals
@@ -203,10 +203,6 @@ class _Frames:
     cauchy: float | None
 
     @property
-    def damping(self) -> Damping:
-        return Damping()
-
-    @property
     def count(self) -> int:
         return len(self.model.part)
 
@@ -218,9 +214,6 @@ class _Frames:
 
     def cost(self, state: State, linear: Linearised) -> float:
         return total_cost(self.model, state, self.cauchy)
-
-    def accepted(self, state: State, cost: float) -> tuple[Linearised | None, float]:
-        return None, cost
 
     def step(self, state: State, linear: Linearised, damping: float) -> tuple[State, float] | None:
         problem = self.model.problem

@@ -15,7 +15,7 @@ from spherecal.adjust.linear import Linearisation
 from spherecal.adjust.network import free_network
 from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit
-from spherecal.ball.selection import FormName, ModelChoice
+from spherecal.ball.rigid import FormName, ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
@@ -169,7 +169,7 @@ def frame_evidence(
         fit.placed,
         solved,
         ModelChoice(form, Phrase("as-asked")),
-        Solution(state, None, 1.0, scale, 0.0, {}),
+        Solution(state, None, 1.0, scale, {}),
         fit.residual,
         adjusted.used,
         context,

@@ -10,7 +10,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.fit import Run, solve_free
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
@@ -30,7 +30,8 @@ from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.result.build_result import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, Solution, fit_spheres
-from spherecal.steps.ball_stages import ball_network, describe_network, select_ball_model
+from spherecal.steps.ball_stages import describe_network
+from spherecal.steps.selection import ball_network, select_ball_model
 from spherecal.steps.settings import CalibrationSettings
 from spherecal_verify.consistency import camera_normal
 from spherecal_verify.departures import volume_box
@@ -153,7 +154,7 @@ def recalibrate(
     state, cofactors = fit.by_features.state, fit.cofactors
     spheres = fit_spheres(state.points, features.placement, len(session.placements))
     cameras = None if cofactors is None else fit.adjusted.variance * cofactors.all_cameras()
-    solution = Solution(state, cofactors, 1.0, rig.scale, 0.0, spheres, cameras)
+    solution = Solution(state, cofactors, 1.0, rig.scale, spheres, cameras)
     done = build_result(recording, local, MetricFit(fit, choice, solution), "selected", run)
     done = replace(done, rig=_with_uncertainties(session, done.rig, rig, selection))
     return with_fields(done, rig)

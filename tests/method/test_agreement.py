@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import spherecal.ball.selection
+import spherecal.steps.selection
 from benchmarks.simulators.realistic import simulate_realistic
 from spherecal.ball.rigid import Agreement, agreement
 from spherecal.base import arrays
@@ -26,7 +26,7 @@ def agreements(monkeypatch: pytest.MonkeyPatch) -> list[Agreement]:
         found.append(agreement(*arguments))
         return found[-1]
 
-    monkeypatch.setattr(spherecal.ball.selection, "agreement", kept)
+    monkeypatch.setattr(spherecal.steps.selection, "agreement", kept)
     return found
 
 
@@ -35,7 +35,7 @@ def form_of(calibration: Calibration) -> Finding:
 
 
 def test_noise_agrees_by_chance_only(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spherecal.ball.selection, "NOTICEABLE", 0.0)
+    monkeypatch.setattr(spherecal.steps.selection, "NOTICEABLE", 0.0)
     for seed in (1, 2, 3, 4):
         calibrate(simulated("demo", seed, targets=TARGETS)[0])
     score = np.array([a.value / a.sd for a in agreements])
@@ -64,7 +64,7 @@ def test_lenses_beyond_their_model_are_not_taken_for_a_ball_that_bends(agreement
 
 def test_whatever_is_beyond_the_limit_is_tested(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 300 realistic recordings three whose ratio lay between the limit, 1.05, and 1.06 were blamed on the ball."""
-    monkeypatch.setattr(spherecal.ball.selection, "MOST_WORSE_MOVED", 0.9)
+    monkeypatch.setattr(spherecal.steps.selection, "MOST_WORSE_MOVED", 0.9)
     done = calibrate(simulated("demo", 1, targets=TARGETS, turns="moved")[0])
     assert len(agreements) == 1 and not agreements[0].is_certain
     assert form_of(done).code == "form-rigid" and "ball-shape-changed" not in codes(done)

@@ -12,7 +12,7 @@ from spherecal.adjust.least_squares import minimise
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
-from spherecal.diagnose.geometry import articulations, bridges
+from spherecal.diagnose.geometry import smaller_part
 from spherecal.diagnose.moves import SURE, alike, confirmed, differ, find_moves, inflation, pose_values, prepare, raised
 from spherecal.diagnose.score import Change, ScoreTest, change_of, conditional, field_values, make_score_test, misfits
 from spherecal.geometry.camera import project
@@ -199,14 +199,17 @@ def graph(*edges: tuple[int, int]) -> np.ndarray:
 
 
 def test_threads_of_a_graph() -> None:
-    ring = [(0, 1), (1, 2), (2, 3), (3, 0)]
-    assert articulations(graph(*ring)) == [] and bridges(graph(*ring)) == []
-    bow = [(0, 1), (1, 2), (2, 0), (2, 3), (3, 4), (4, 2)]
-    assert articulations(graph(*bow)) == [2] and bridges(graph(*bow)) == []
-    assert articulations(graph((0, 1), (1, 2))) == [1]
-    dumbbell = [(0, 1), (1, 2), (2, 0), (2, 3), (3, 4), (4, 5), (5, 3)]
-    assert articulations(graph(*dumbbell)) == [2, 3]
-    assert bridges(graph(*dumbbell)) == [(2, 3)]
+    def parts(*edges: tuple[int, int]) -> dict[int, list[int]]:
+        edge = graph(*edges)
+        every = np.arange(len(edge))
+        return {i: part for i in every.tolist() if (part := smaller_part(edge, np.delete(every, i)))}
+
+    assert parts((0, 1), (1, 2), (2, 3), (3, 0)) == {}
+    assert parts((0, 1), (1, 2), (2, 0), (2, 3), (3, 4), (4, 2)) == {2: [0, 1]}
+    assert parts((0, 1), (1, 2)) == {1: [0]}
+    # what one pair of cameras connects is connected by each of the two alone, by one where the other is the whole part
+    assert parts((0, 1), (1, 2), (2, 0), (2, 3), (3, 4), (4, 5), (5, 3)) == {2: [0, 1], 3: [4, 5]}
+    assert parts((0, 1), (1, 2), (2, 0), (2, 3)) == {2: [3]}
 
 
 def test_noise_alone_inflates_nothing() -> None:

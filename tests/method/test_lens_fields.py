@@ -14,7 +14,14 @@ from spherecal.adjust import corrections
 from spherecal.adjust.camera_effects import MOTION, TURN, Corrections, Design, _step_share
 from spherecal.adjust.corrections import _with_considered
 from spherecal.adjust.lens_field import field_basis, left_unknown
-from spherecal.adjust.variance_components import Effects, effect_cofactors, estimated, others_eliminated, solved
+from spherecal.adjust.variance_components import (
+    Effects,
+    Estimate,
+    effect_cofactors,
+    estimated,
+    others_eliminated,
+    solved,
+)
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, CameraSigma
@@ -158,9 +165,9 @@ def test_motions_that_were_not_applied_are_not_told(applied: bool) -> None:
     assert o is not None
     camera, placement = np.divmod(np.arange(2 * len(session.placements)), len(session.placements))
     turns = np.random.default_rng(1).normal(0, 1e-4, TURN * len(camera))
-    estimated_ones = Corrections(
-        Design((), camera, placement, 2), turns, np.ones(2), 1.0, {MOTION: 40.0}, 0.0, 0.0, 100, turning=applied
-    )
+    found = Estimate(turns, np.ones(2), 1.0, 0.0, np.ones(2))
+    design = Design((), camera, placement, 2)
+    estimated_ones = Corrections(**vars(found), design=design, evidence={MOTION: 40.0}, redundancy=100, turning=applied)
     assert bool(image_motions(session, o.placements, estimated_ones)) is applied
 
 

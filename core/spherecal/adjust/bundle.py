@@ -216,7 +216,7 @@ def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, c
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
         redundancy = problem.rows - problem.unknowns + datum_defect(problem) if gated.any() else 0
         if network.corrections is not None:
-            redundancy -= round(network.corrections.freedom)
+            redundancy -= round(float(network.corrections.freedom.sum()))
         done, used = Adjustment(state, problem, rows, gated, minimum, redundancy), gated
         if is_same:
             break

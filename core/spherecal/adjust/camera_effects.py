@@ -8,6 +8,7 @@ import numpy as np
 
 from spherecal.adjust.lens_field import FieldBasis
 from spherecal.adjust.problem import Problem
+from spherecal.adjust.variance_components import Estimate
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation
@@ -143,22 +144,16 @@ class Design:
         return np.searchsorted(self.camera_of_image * count + self.span_of_image, camera * count + span)
 
 
-@dataclass(frozen=True)
-class Corrections:
-    """Estimated fields and motions: coefficients (m,) and variances (parts,) over sigma0 squared.
+@dataclass(frozen=True, kw_only=True)
+class Corrections(Estimate):
+    """Estimated fields and motions; their `freedom` the redundancy lacks.
 
-    `freedom`: how many coefficients' worth the data determine, which the redundancy lacks, `field_freedom` those of
-    fields; `evidence`: by how much -2 log of the likelihood falls by each kind beside the others, of those taken;
-    `deviance`: -2 log of it, with so much `redundancy`; `turning`: whether turns may be applied.
+    `evidence`: by how much -2 log of the likelihood falls by each kind beside the others, of those taken; `redundancy`:
+    with how much the `deviance` is -2 log of it; `turning`: whether turns may be applied.
     """
 
     design: Design
-    coefficients: FloatArray
-    variances: FloatArray
-    freedom: float
     evidence: dict[int, float]
-    field_freedom: float
-    deviance: float
     redundancy: int
     turning: bool = False
 

@@ -328,9 +328,7 @@ def _estimated(
             return before
         effects = effects_of(network, adjusted, before.design, system, before.applied).quadratic
         found = estimated(effects, before.variances, limit)
-        freedom = float(found.freedom.sum())
-        same = replace(before, coefficients=found.coefficients, variances=found.variances, freedom=freedom)
-        return replace(same, deviance=found.deviance, redundancy=effects.redundancy)
+        return replace(before, **vars(found), redundancy=effects.redundancy)
     return before
 
 
@@ -365,12 +363,8 @@ def chosen(
     found = tried[taken]
     if not taken:
         return None
-    worth = float(found.freedom[design.kind == FIELD].sum())
     kept = {kind: size for kind, size in evidence.items() if kind in taken}
-    freedom = float(found.freedom.sum())
-    return Corrections(
-        design, found.coefficients, found.variances, freedom, kept, worth, found.deviance, effects.redundancy
-    )
+    return Corrections(**vars(found), design=design, evidence=kept, redundancy=effects.redundancy)
 
 
 def _predicts(network: Network, adjusted: Adjustment, found: Corrections) -> bool:
@@ -381,7 +375,8 @@ def _predicts(network: Network, adjusted: Adjustment, found: Corrections) -> boo
     field that gains much for each of its numbers needs no such proof.
     """
     design = found.design
-    if found.evidence.get(FIELD, np.inf) > CLEAR * found.field_freedom:  # or it has no fields
+    worth = float(found.freedom[design.kind == FIELD].sum())
+    if found.evidence.get(FIELD, np.inf) > CLEAR * worth:  # or it has no fields
         return True
     fields = design.kind[design.part] == FIELD
     one, other = (_half(network, adjusted, design, number) for number in (0, 1))

@@ -18,12 +18,11 @@ from spherecal.adjust.schur_kernel import (
     inverse_damped,
     keep_point,
     meet,
-    most_columns,
     subtract_gradient,
     subtract_point,
     weigh,
 )
-from spherecal.adjust.substitution_kernel import add_change, change_of_row, most_rows, step_point
+from spherecal.adjust.substitution_kernel import add_change, change_of_row, step_point
 from spherecal.base.kernels import njit
 
 
@@ -79,7 +78,7 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
     n_all = len(blocks.offset)
     place, place_in_own = np.full(n_all, -1), np.full(n_all, -1)
     met, own_met = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
-    most = most_columns(part, blocks, place)
+    most = blocks.width.sum()  # memory that is never touched costs nothing
     coupling, weighted = np.empty(3 * most), np.empty(3 * most)
     own, own_weighted = np.empty(3 * most), np.empty(3 * most)  # W' of a place by the blocks that it meets
     v, q, p = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -125,12 +124,13 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
 
 @njit(**INNER)
 def _add_squares_after(begin, end, by_point, step, change, squares):
-    """Returns `squares` and those of residuals (in `change`) after their point's step."""
+    """Returns `squares` and those of residuals, which `change` is made, after their point's step."""
     for k in range(begin, end):
         for e in range(2):
-            value = change[k - begin, e]
+            value = change[k, e]
             for j in range(3):
                 value += by_point[k, e, j] * step[j]
+            change[k, e] = value
             squares += value * value
     return squares
 
@@ -147,25 +147,11 @@ def _noise_of_place(begin, end, by_point, variance, q, p):
 
 
 @njit(**INNER_WITH_ARRAYS)
-def _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, out):
-    """out (3,) += what the shape noise of a point's places leaves of J' times the change of their residuals."""
-    first = begin
-    met = np.empty(3)
-    while first < end:
-        last = _end_of_place(first, end, of_row)
-        _noise_of_place(first, last, by_point, shape_sd[of_row[first]] ** 2, q, p)
-        met[:] = 0.0
-        for k in range(first, last):
-            at = k - begin
-            add_change(by_point, k, change[at, 0] - residual[k, 0], change[at, 1] - residual[k, 1], met)
-        for i in range(3):
-            out[i] += p[i, 0] * met[0] + p[i, 1] * met[1] + p[i, 2] * met[2]
-        first = last
+def _add_through_places(begin, end, of_row, shape_sd, by_point, change, before, q, p, out):
+    """out (3,) += what the shape noise of a point's places leaves of J' times a change of residuals from those before.
 
-
-@njit(**INNER_WITH_ARRAYS)
-def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step, q, p):
-    """The reduction of the squares (in `change`) by the shape noise of a point's places, after the point's step."""
+    Returns what it takes off their squares.
+    """
     taken, first = 0.0, begin
     met = np.empty(3)
     while first < end:
@@ -173,12 +159,9 @@ def _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, step
         _noise_of_place(first, last, by_point, shape_sd[of_row[first]] ** 2, q, p)
         met[:] = 0.0
         for k in range(first, last):
-            d0, d1 = change[k - begin, 0], change[k - begin, 1]
-            for j in range(3):
-                d0 += by_point[k, 0, j] * step[j]
-                d1 += by_point[k, 1, j] * step[j]
-            add_change(by_point, k, d0, d1, met)
+            add_change(by_point, k, change[k, 0] - before[k, 0], change[k, 1] - before[k, 1], met)
         for i in range(3):
+            out[i] += p[i, 0] * met[0] + p[i, 1] * met[1] + p[i, 2] * met[2]
             taken += met[i] * (q[i, 0] * met[0] + q[i, 1] * met[1] + q[i, 2] * met[2])
         first = last
     return taken
@@ -191,17 +174,22 @@ def substitute_places(part, is_kept, shape_sd, offset, n_cameras, reduced, step,
     As `substitute_points`, with what the shape noise of the places takes off the squares; `shape_sd`: tau of each place
     that `part.place` names.
     """
-    change = np.empty((most_rows(part.begin, part.end), 2))
-    q, p, g = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     of_row, residual, by_point = part.place, part.linear.residual, part.linear.by_point
+    change, none, q, p, g = (
+        np.empty_like(residual),
+        np.zeros_like(residual),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty(3),
+    )
     for n in range(len(part.points)):
         point, begin, end = part.points[n], part.begin[n], part.end[n]
         g[:] = reduced.point_gradient[point]
         for k in range(begin, end):
-            change[k - begin] = change_of_row(k, part, offset, n_cameras, step)
-        _add_changes_through_deformation(begin, end, of_row, shape_sd, by_point, residual, change, q, p, g)
+            change[k] = change_of_row(k, part, offset, n_cameras, step)
+        _add_through_places(begin, end, of_row, shape_sd, by_point, change, residual, q, p, g)
         if not is_kept[point]:
             step_point(point_step[point], reduced.point_inverse[point], g[0], g[1], g[2])
         squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
-        squares -= _squares_of_deformation(begin, end, of_row, shape_sd, by_point, change, point_step[point], q, p)
+        squares -= _add_through_places(begin, end, of_row, shape_sd, by_point, change, none, q, p, g)
     return squares

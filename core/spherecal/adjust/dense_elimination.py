@@ -16,6 +16,7 @@ from spherecal.adjust.ball_model import Free, Rigid, Stored
 from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.linear import Linear, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
+from spherecal.adjust.schur_kernel import add_point
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.kernels import njit
 
@@ -124,10 +125,7 @@ def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
                     for b in range(len(pose0)):
                         matrix[offset[c] + a, offset[t] + b] += row0[a] * pose0[b] + row1[a] * pose1[b]
                 _add_coupling(w, place[t], jp, pose0, pose1)
-            for j in range(3):
-                g[j] += jp[0, j] * r0 + jp[1, j] * r1
-                for b in range(3):
-                    v[j, b] += jp[0, j] * jp[0, b] + jp[1, j] * jp[1, b]
+            add_point(v, g, jp, r0, r1)
         _whiten(v, damping, w, g, pull)
 
 

@@ -20,6 +20,7 @@ from spherecal.adjust.dense_elimination import alike, views_apart
 from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.network import Network
 from spherecal.adjust.parameter_layout import POSE
+from spherecal.adjust.schur_kernel import add_point
 from spherecal.adjust.variance_components import Effects
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.kernels import njit
@@ -96,7 +97,7 @@ def effects_of(
     gradient -= follow.T @ sums.of_columns
     before = np.zeros(m) if start is None else start
     squares = 2 * adjusted.minimum.cost + float(before @ (matrix @ before - 2 * gradient))
-    taken = 0 if network.corrections is None else round(network.corrections.freedom)
+    taken = 0 if network.corrections is None else round(float(network.corrections.freedom.sum()))
     redundancy = adjusted.redundancy + taken
     quadratic = Effects(matrix, gradient - matrix @ before, squares, redundancy, design.part, design.kind)
     return EffectSystem(quadratic, sums.by_columns, shifts, (3 * problem.n_points, m))
@@ -240,10 +241,7 @@ def _couple(linear, values, columns, begin, polynomials, own_columns, root, at, 
             of_point = jp, r, polynomials[i], bending, w
             _add_row(True, effects, s, effects, s, of_point, sums.own, sums.gradient, at[0])
             _add_row(False, unknowns, t, effects, s, of_point, sums.by_columns, sums.of_columns, at[1])
-            for a in range(3):
-                force[a] += jp[0, a] * r[0] + jp[1, a] * r[1]
-                for b in range(3):
-                    normal[a, b] += jp[0, a] * jp[0, b] + jp[1, a] * jp[1, b]
+            add_point(normal, force, jp, r[0], r[1])
             if k + 1 == begin[i + 1] or columns.bending[k + 1] != bending:
                 if bending >= 0:
                     _bend(polynomials[i], normal, force, bending, sums, w, at[0][bending])

@@ -33,10 +33,6 @@ class _Bundle:
     cauchy: float | None
 
     @property
-    def damping(self) -> Damping:
-        return Damping(LEAST_DAMPING, by_gain=False) if isinstance(self.problem.ball, Deformable) else Damping()
-
-    @property
     def count(self) -> int:
         return len(self.problem.uv)
 
@@ -53,15 +49,12 @@ class _Bundle:
         total = 0.5 * float(squared.sum() - linear.taken(residual) + _other_squares(self.problem, state))
         return total if np.isfinite(total) else np.inf
 
-    def accepted(self, state: State, cost: float) -> tuple[ShapeNoise | None, float]:
-        if not isinstance(self.problem.ball, Deformable):
-            return None, cost
-        linear = self.linearise(state)  # the weights follow the state
-        return linear, self.cost(state, linear)
+    def equations(self, state: State, linear: Linear, damping: float) -> NormalEquations:
+        return normal_equations(self.problem, state, linear, damping)
 
     def step(self, state: State, linear: ShapeNoise, damping: float) -> tuple[State, float] | None:
         problem = self.problem
-        normal = normal_equations(problem, state, linear.linear, damping)
+        normal = self.equations(state, linear.linear, damping)
         step = solve_damped(normal.matrix, normal.gradient, normal.diagonal, damping)
         if step is None:
             return None
@@ -82,10 +75,11 @@ def minimise(problem: Problem, state: State, settings: Settings, on_step: OnStep
 
     BLAS runs on one thread: beside compiled kernels more threads made small factorisations 3-10 times slower.
     """
-    model = _Bundle(problem, settings.cauchy)
+    is_soft = isinstance(problem.ball, Deformable)
+    settings = replace(settings, damping=Damping(LEAST_DAMPING, by_gain=False)) if is_soft else settings
     with one_blas_thread():
-        found = levenberg_marquardt(model, state, settings, on_step)
-        if not isinstance(problem.ball, Deformable) or not len(problem.uv):
+        found = levenberg_marquardt(_Bundle(problem, settings.cauchy), state, settings, on_step)
+        if not is_soft or not len(problem.uv):
             return found
         noise = shape_noise_of(problem, engine.linear_model(problem, found.state, None))
         return replace(found, state=replace(found.state, shape_residual=noise.shape_residual(found.state)))
@@ -171,48 +165,24 @@ _FIRST = 1e-3
 _TOLERANCE = 1e-8
 
 
-@dataclass(frozen=True)
-class _Levenberg:
-    """A problem of the free form with no rows but observations (see levenberg.LeastSquares)."""
+class _Levenberg(_Bundle):
+    """The free form with no rows but observations: (J'J + lambda 1) d = -J'v."""
 
-    problem: Problem
-    damping = Damping(fastest=1 / 3)
-
-    @property
-    def count(self) -> int:
-        return len(self.problem.uv)
-
-    def linearise(self, state: State) -> Linear:
-        return engine.linear_model(self.problem, state, None)
-
-    def cost(self, state: State, linear: Linear) -> float:
+    def cost(self, state: State, linear: ShapeNoise) -> float:
         with np.errstate(all="ignore"):
             total = 0.5 * float((engine.residuals(self.problem, state) ** 2).sum())
         return total if np.isfinite(total) else np.inf
 
-    def accepted(self, state: State, cost: float) -> tuple[Linear | None, float]:
-        return None, cost
-
-    def step(self, state: State, linear: Linear, damping: float) -> tuple[State, float] | None:
-        """The state after a step of (J'J + lambda 1) d = -J'v, and the decrease it promises."""
-        problem, n = self.problem, self.problem.n_points
+    def equations(self, state: State, linear: Linear, damping: float) -> NormalEquations:
+        n = self.problem.n_points
         of_points = PointEquations(np.tile(damping * np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
-        reduced = engine.reduce(problem, linear, 0.0, of_points)
-        normal = assembled(problem, state, reduced)
-        step = solve_damped(normal.matrix, normal.gradient, np.ones_like(normal.gradient), damping)
-        if step is None:
-            return None
-        by_points, after = engine.back_substitute(problem, linear, reduced, problem.layout.expanded_rows(step))
-        new = moved(problem, state, step, by_points)
-        if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
-            return None
-        return new, 0.5 * float((linear.residual**2).sum()) - after
+        normal = assembled(self.problem, state, engine.reduce(self.problem, linear, 0.0, of_points))
+        return replace(normal, diagonal=np.ones_like(normal.gradient))
 
 
 def minimise_with_identity(problem: Problem, state: State, most_steps: int, on_step: OnStep | None = None) -> Minimum:
     """The state that Levenberg's method reaches in `most_steps`."""
-    model = _Levenberg(problem)
     with one_blas_thread():
-        diagonal = engine.reduce(problem, model.linearise(state), 0.0).diagonal
-        settings = Settings(None, most_steps, _TOLERANCE, _FIRST * float(diagonal.max()))
-        return levenberg_marquardt(model, state, settings, on_step)
+        diagonal = engine.reduce(problem, engine.linear_model(problem, state, None), 0.0).diagonal
+        settings = Settings(None, most_steps, _TOLERANCE, _FIRST * float(diagonal.max()), Damping(fastest=1 / 3))
+        return levenberg_marquardt(_Levenberg(problem, None), state, settings, on_step)

@@ -24,19 +24,41 @@ L = TypeVar("L")
 
 
 @dataclass(frozen=True)
+class Damping:
+    """How the damping follows the steps: Nielsen's rule, or tenfold up and down where `by_gain` is False.
+
+    Nielsen's rule needs the gain, decrease over predicted decrease, which means little where the weights follow the
+    state: `by_gain` False is for these. `fastest`: by it, a step lowers the damping to no less than this share.
+    """
+
+    least: float = 0.0
+    by_gain: bool = True
+    fastest: float = 1 / 10
+
+    def after_success(self, damping: float, gain: float) -> float:
+        """The damping after a step that lowered the cost."""
+        return damping * max(self.fastest, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
+
+    def after_failure(self, damping: float, failures: int) -> float:
+        """The damping after a step that did not lower the cost."""
+        return damping * (2.0**failures if self.by_gain else 10.0)
+
+
+@dataclass(frozen=True)
 class Settings:
     """How to minimise.
 
     `cauchy`: scale of Cauchy's loss in units of sigma; None is plain least squares; `max_iterations`: steps at most,
     refused ones included; `tolerance`: converged when a step lowers the cost by less than this share of it. 1e-10
     leaves the parameters within 1e-4 of their standard uncertainty on rigs A and B (benchmarks/bench_adjustment.py);
-    `first_damping`: damping of the first step, relative to the diagonal.
+    `first_damping`: damping of the first step, relative to the diagonal; `damping`: how it follows the steps.
     """
 
     cauchy: float | None = None
     max_iterations: int = 60
     tolerance: float = 1e-10
     first_damping: float = 1e-4
+    damping: Damping = Damping()
 
 
 @dataclass(frozen=True)
@@ -53,34 +75,8 @@ class Minimum:
     costs: tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class Damping:
-    """How the damping follows the steps: Nielsen's rule, or tenfold up and down where `by_gain` is False.
-
-    Nielsen's rule needs the gain, decrease over predicted decrease, which means little where the weights follow the
-    state. `fastest`: by it, a step lowers the damping to no less than this share.
-    """
-
-    least: float = 0.0
-    by_gain: bool = True
-    fastest: float = 1 / 10
-
-    def after_success(self, damping: float, gain: float) -> float:
-        """The damping after a step that lowered the cost."""
-        return damping * max(self.fastest, 1 - (2 * gain - 1) ** 3) if self.by_gain else max(damping / 10, self.least)
-
-    def after_failure(self, damping: float, failures: int) -> float:
-        """The damping after a step that did not lower the cost."""
-        return damping * (2.0**failures if self.by_gain else 10.0)
-
-
 class LeastSquares(Protocol[L]):
     """A least-squares problem for `levenberg_marquardt`; L is what it keeps of a linearisation."""
-
-    @property
-    def damping(self) -> Damping:
-        """How its damping follows the steps."""
-        ...
 
     @property
     def count(self) -> int:
@@ -93,10 +89,6 @@ class LeastSquares(Protocol[L]):
 
     def cost(self, state: State, linear: L) -> float:
         """Half the sum of squares at a state; infinite where it is not defined."""
-        ...
-
-    def accepted(self, state: State, cost: float) -> tuple[L | None, float]:
-        """The linearisation, where it is needed in any case, and the cost at a state that a step led to."""
         ...
 
     def step(self, state: State, linear: L, damping: float) -> tuple[State, float] | None:
@@ -120,8 +112,11 @@ def levenberg_marquardt(
         new_cost, predicted = (np.inf, 0.0) if trial is None else (model.cost(trial[0], linear), trial[1])
         if trial is not None and new_cost < cost and predicted > 0:
             gain, decrease = (cost - new_cost) / predicted, (cost - new_cost) / cost
-            state, (linear, cost) = trial[0], model.accepted(trial[0], new_cost)
-            damping, failures = model.damping.after_success(damping, gain), 0
+            state, linear, cost = trial[0], None, new_cost
+            if not settings.damping.by_gain:
+                linear = model.linearise(state)
+                cost = model.cost(state, linear)
+            damping, failures = settings.damping.after_success(damping, gain), 0
             costs.append(cost)
             is_done = decrease < settings.tolerance
         else:
@@ -129,7 +124,7 @@ def levenberg_marquardt(
                 abs(predicted) <= settings.tolerance * cost or cost < ROUNDING * model.count
             )
             failures += 1
-            damping = model.damping.after_failure(damping, failures)
+            damping = settings.damping.after_failure(damping, failures)
         if on_step is not None:
             on_step(iteration, cost)
         if is_done:

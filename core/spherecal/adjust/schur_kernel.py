@@ -165,7 +165,7 @@ def _add_rows(matrix, rows, begin, end, pose, first, column):
 
 
 @njit(**INNER)
-def _add_point(v, g, by_point, r0, r1):
+def add_point(v, g, by_point, r0, r1):
     """One observation's share in its point's own normal equations."""
     for i in range(3):
         g[i] += by_point[0, i] * r0 + by_point[1, i] * r1
@@ -198,7 +198,7 @@ def add_observations(begin, end, part, blocks, place, coupling, at, size, v, g, 
             _add_rows(reduced.matrix, rows, 0, split, pose, offset[c], offset[t])
             if shared >= 0:
                 _add_rows(reduced.matrix, rows, split, rows.shape[1], pose, offset[shared], offset[t])
-        _add_point(v, g, jp, r0, r1)
+        add_point(v, g, jp, r0, r1)
 
 
 @njit(**KERNEL)
@@ -287,23 +287,6 @@ def add_squares(reduced, square, blocks):
                     matrix[offset[c] + j, first + i] += square[c, j, split + i]
                 else:
                     matrix[first + i, offset[c] + j] += square[c, split + i, j]
-
-
-@njit(**INNER)
-def most_columns(part, blocks, place):
-    """The largest number of columns that are coupled to one point; `place`: working space (b,), -1 before and after."""
-    most = 0
-    for p in range(len(part.begin)):
-        columns = 0
-        for k in range(part.begin[p], part.end[p]):
-            for kind in range(_KINDS):
-                b = _block(kind, k, part, blocks)
-                if b >= 0 and place[b] != p:
-                    place[b] = p
-                    columns += blocks.width[b]
-        most = max(most, columns)
-    place[:] = -1
-    return most
 
 
 @njit(**INNER)

@@ -8,15 +8,6 @@ from spherecal.base.kernels import njit
 
 
 @njit(**INNER)
-def most_rows(begins, ends):
-    """The largest number of rows of a point."""
-    longest = 0
-    for n in range(len(begins)):
-        longest = max(longest, ends[n] - begins[n])
-    return longest
-
-
-@njit(**INNER)
 def change_of_row(k, part, offset, n_cameras, step):
     """Residuals of row k after a step of the reduced system."""
     linear = part.linear
@@ -56,21 +47,21 @@ def substitute_points(part, is_kept, offset, n_cameras, reduced, step, point_ste
     block, (b,); `reduced`: what the elimination left; `step`, `point_step`: of the reduced system (e,), of the points
     (p,3).
     """
-    change, g = np.empty((most_rows(part.begin, part.end), 2)), np.empty(3)
     residual, by_point = part.linear.residual, part.linear.by_point
+    change, g = np.empty_like(residual), np.empty(3)
     for n in range(len(part.points)):
         p, begin, end = part.points[n], part.begin[n], part.end[n]
         g[:] = reduced.point_gradient[p]
         for k in range(begin, end):
             d0, d1 = change_of_row(k, part, offset, n_cameras, step)
-            change[k - begin, 0], change[k - begin, 1] = d0, d1
+            change[k, 0], change[k, 1] = d0, d1
             add_change(by_point, k, d0 - residual[k, 0], d1 - residual[k, 1], g)
         if not is_kept[p]:
             step_point(point_step[p], reduced.point_inverse[p], g[0], g[1], g[2])
         s = point_step[p]
         for k in range(begin, end):
             for e in range(2):
-                value = change[k - begin, e]
+                value = change[k, e]
                 for j in range(3):
                     value += by_point[k, e, j] * s[j]
                 squares += value * value

@@ -11,12 +11,13 @@ import numpy as np
 
 from spherecal.adjust.ball_model import ShapePrior, Stored
 from spherecal.adjust.covariance_factors import Covariance
-from spherecal.adjust.datum import Places, moved_points
+from spherecal.adjust.datum import moved_points
 from spherecal.adjust.point_factors import PointFactors
 from spherecal.adjust.space_strain import STRAINS
 from spherecal.adjust.state import State
-from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
+from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion, share_shape
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.data.rig import BallShape
 from spherecal.geometry.transform import Similarity
 
 # Rows of the dots' shifts that are multiplied at a time: 1500 of up to 2,000 columns are 24 MB.
@@ -54,16 +55,6 @@ def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) 
 
 
 @dataclass(frozen=True)
-class KnownDots:
-    """Dots of a stored shape: target and point (d,), places (d,3) mm and their covariances (d,3,3) mm^2."""
-
-    target: IntArray
-    point: IntArray
-    places_mm: FloatArray
-    covariance_mm2: FloatArray
-
-
-@dataclass(frozen=True)
 class Anchored:
     """A network based on a stored shape, in mm, and its start; `matched` (t,): placements whose ball has that shape.
 
@@ -76,50 +67,47 @@ class Anchored:
     common: IntArray
 
 
-def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) -> Anchored | None:
-    """A free network with the stored shape in place of its ball; None where no placement shows that shape."""
-    network, features, n_placements = ball.network, ball.features, ball.n_placements
-    keys = {key: i for i, key in enumerate(zip(dots.target.tolist(), dots.point.tolist(), strict=True))}
-    pairs = zip(features.target.tolist(), features.point.tolist(), strict=True)
-    known = np.array([keys.get(pair, -1) for pair in pairs], dtype=np.int64)
+def anchored(
+    ball: BallNetwork, state: State, shape: BallShape, names: tuple[str, ...], variance: float
+) -> Anchored | None:
+    """A free network with the stored shape in place of its ball; None where no placement shows that shape.
+
+    `names`: of the features' points.
+    """
+    features, n_placements = ball.features, ball.n_placements
+    number = {key: i for i, key in enumerate(zip(shape.target.tolist(), shape.point, strict=True))}
+    pairs = zip(features.target.tolist(), (names[point] for point in features.point), strict=True)
+    known = np.array([number.get(pair, -1) for pair in pairs], dtype=np.int64)
     motions: dict[int, Similarity] = {}
     common = np.zeros(n_placements, dtype=np.int64)
     for t in range(ball.n_ball):
         own = (features.placement == t) & (known >= 0) & np.isfinite(state.points[:, 0])
         common[t] = own.sum()
-        found = fit_motion(dots.places_mm[known[own]], state.points[own], features.target[own], with_scale=True)
+        there = shape.places_mm[known[own]]
+        found = fit_motion(there, state.points[own], features.target[own], with_scale=True)
         if found is not None:  # and most dots are where the motion puts those of the shape
-            shape = dots.places_mm[known[own]]
-            off = np.linalg.norm(found.apply(shape) - state.points[own], axis=1)
-            size = found.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
+            off = np.linalg.norm(found.apply(there) - state.points[own], axis=1)
+            size = found.scale * np.sqrt(((there - there.mean(axis=0)) ** 2).sum(axis=1).mean())
             if np.median(off) <= OTHER_BALL * size:
                 motions[t] = found
     if not motions:
         return None
     unit = 1.0 / float(np.median([motion.scale for motion in motions.values()]))
     matched = np.isin(np.arange(n_placements), list(motions))
-    block = np.zeros(n_placements, dtype=np.int64)
-    block[matched] = 1 + np.arange(len(motions))
-    root = np.where(matched, -1, np.arange(n_placements))
-    keys = np.stack([root[features.placement], features.target, features.point], axis=1)
-    every, point = np.unique(keys, axis=0, return_inverse=True)
-    point = point.reshape(-1)
-    of_shape = np.full(len(every), -1)
+    turned, shifted = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
+    for t, motion in motions.items():
+        turned[t], shifted[t] = motion.rotation, motion.translation * unit
+    root = np.where(matched, -1, np.arange(n_placements))  # the shape itself
+    alignment = Alignment(root, turned, shifted, np.zeros((n_placements, n_placements), dtype=np.int64))
+    rigid, start = share_shape(ball.network, features, state.scaled(unit), alignment)
     on_ball = matched[features.placement]
-    of_shape[point[on_ball]] = known[on_ball]
+    of_shape, is_anchored = np.full(rigid.network.n_features, -1), np.zeros(rigid.network.n_features, dtype=bool)
+    of_shape[rigid.places.point[on_ball]], is_anchored[rigid.places.point[on_ball]] = known[on_ball], True
     there = of_shape >= 0
-    places, information = np.full((len(every), 3), np.nan), np.zeros((len(every), 3, 3))
-    places[there] = dots.places_mm[of_shape[there]]
-    information[there] = variance * np.linalg.inv(dots.covariance_mm2[of_shape[there]])
-    turned = np.stack([np.eye(3), *(motion.rotation for motion in motions.values())])
-    shifted = np.stack([np.zeros(3), *(motion.translation * unit for motion in motions.values())])
-    prior, is_free = ShapePrior(places, information), np.arange(1 + len(motions)) > 0
-    stored = Stored(block[features.placement][network.feature], is_free, shape=prior)
-    rigid = replace(network, feature=point[network.feature], n_features=len(every), ball=stored)
-    start = replace(state.scaled(unit), points=places.copy(), anchored=every[:, 0] < 0)
-    start = replace(start, placement_rotation=turned, placement_translation=shifted)
-    turns, shifts = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
-    nothing_shared = np.zeros((n_placements, n_placements), dtype=np.int64)
-    alignment = Alignment(np.arange(n_placements), turns, shifts, nothing_shared)
-    places_of = Places(point, block[features.placement])
-    return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common)
+    places, information = np.full((len(there), 3), np.nan), np.zeros((len(there), 3, 3))
+    places[there] = shape.places_mm[of_shape[there]]
+    information[there] = variance * np.linalg.inv(shape.covariance_mm2[of_shape[there]])
+    own = rigid.network.ball
+    stored = Stored(own.placement, own.free_placement, shape=ShapePrior(places, information))
+    start = replace(start, points=places.copy(), anchored=is_anchored)
+    return Anchored(replace(rigid, network=replace(rigid.network, ball=stored)), start, matched, common)

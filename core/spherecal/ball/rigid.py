@@ -7,6 +7,7 @@ docs/decisions/0006-rigid-ball.md.
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.state import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups, sum_by
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Features
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import IDENTITY, Similarity, fit_similarity
@@ -259,3 +261,49 @@ def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature:
 def _quadratic(vector: FloatArray, matrix: FloatArray) -> FloatArray:
     """v' M v, (n,)."""
     return np.einsum("ni,nij,nj->n", vector, matrix, vector)
+
+
+# --- which form the network is taken in ------------------------------------------------------------------------------
+
+FormName = Literal["free", "soft", "rigid"]
+
+# The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
+NOTICEABLE = 1.06
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's.
+
+    `shape_sd_mm`: in the soft form the standard deviation, per coordinate, of a dot's place on the ball, `stated` or
+    estimated from the data. `facts`: the part of the reason that holds whatever was taken. `agreement`: how far cameras
+    agree that dots moved on the ball; None where that was not tested. `sizes` (placements,): of the ball in the rigid
+    form, relative to their mean; None where it has one size.
+    """
+
+    form: FormName
+    reason: Phrase
+    ratio: float | None = None
+    limit: float | None = None
+    alignment: Alignment | None = None
+    shape_sd_mm: float | None = None
+    stated: bool = False
+    asked: bool = False
+    facts: Phrase | None = None
+    agreement: Agreement | None = None
+    sizes: FloatArray | None = None
+
+    @property
+    def ball_changed(self) -> bool:
+        """Whether the ball, and not errors of single cameras, is the cause if the rigid form fits worse."""
+        return self.agreement is None or self.agreement.is_certain
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the rigid form fits worse than a ball that keeps its shape allows."""
+        return self.ratio is not None and self.limit is not None and self.ratio > self.limit
+
+    @property
+    def refused(self) -> bool:
+        """Whether the ball's shape seems to have changed too much for the rigid form."""
+        return self.beyond and not self.asked and self.form != "rigid"

@@ -69,12 +69,7 @@ def nothing_found(session: Session, from_images: bool) -> Findings:
         return () if len(observations) else (Finding("empty-table", "error"),)
     if targets is None:
         return ()
-    shots = [
-        (p, c, placement.images[camera.id])
-        for p, placement in enumerate(session.placements)
-        for c, camera in enumerate(session.cameras)
-        if camera.id in placement.images
-    ]
+    shots = [shot for shot in _shots(session, False) if shot[0] < len(session.placements)]
     if not len(observations) and shots:
         paths = [path for _, _, path in shots]
         cause = why_nothing_in(paths, targets)

@@ -65,14 +65,6 @@ class Anomalies:
     scatter: FloatArray | None = None
 
 
-@dataclass(frozen=True)
-class _Probed:
-    """A form of the network and the placement of each of its rows (n,)."""
-
-    probe: ScoreTest
-    placement: IntArray
-
-
 def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     """The changes that the solved network requires; none where it is singular or has no misfit.
 
@@ -82,17 +74,17 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     probe = e.probe
     if probe is None:
         return Anomalies()
-    main = _Probed(probe, e.observations.placement[e.adjusted.rows])
+    placement = e.observations.placement[e.adjusted.rows]
     e.context.report(STAGE, 0.1)
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
-    tests = prepare(probe, main.placement, e.context)
+    tests = prepare(probe, placement, e.context)
     moves, suspicious, shifts, scatter = [], False, None, None
     if tests is not None:
         moves, suspicious, shifts = find_moves(probe, tests), differ(probe, tests), least_visible(probe, tests)
         scatter = scatters(probe, tests)
     del tests  # 75 MB of 100 cameras at 36 placements
     release_freed()
-    fields = _fields(e, main, moves, sizes)
+    fields = _fields(e, probe, placement, moves, sizes)
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
         context = e.context.part_of(STAGE, 0.3)
         every, counts = np.ones(len(e.used), dtype=bool), (len(e.observations.placements), len(e.session.placements))
@@ -102,7 +94,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
             return replace(found, explained=True, least_shift=shifts)
         if found.moves:
             small = all(move.image_change_px <= SMALL_PX for move in found.moves)
-            fields = _fields(e, main, list(found.moves), sizes) if small else []
+            fields = _fields(e, probe, placement, list(found.moves), sizes) if small else []
             beyond = tuple(beyond_the_lens(found.moves, fields))
             return Anomalies(beyond, None, tuple(fields), explained=bool(beyond), least_shift=shifts)
     in_shape = False
@@ -110,8 +102,8 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
         free = _free_form(e)
         if free is not None:
             before = len(fields) + len(moves)
-            moves = confirmed(free.probe, free.placement, moves)
-            fields = _fields(e, free, moves, sizes)
+            moves = confirmed(*free, moves)
+            fields = _fields(e, *free, moves, sizes)
             in_shape = len(fields) + len(moves) <= before / 2
     moves = beyond_the_lens(moves, fields) if credible(moves, probe.problem.n_cameras) else []
     return Anomalies(tuple(moves), None, tuple(fields), in_shape, least_shift=shifts, scatter=scatter)
@@ -161,12 +153,11 @@ def explained_by_moves(
     return Anomalies(found.moves if suffices and group is None else (), group)
 
 
-def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
+def _fields(e: Evidence, probe: ScoreTest, placement: IntArray, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
     """Misfits of all cameras with the moves included in the model, as long as these are credible."""
-    probe = probed.probe
     known: dict[int, FloatArray] = {}
     for move in moves if credible(moves, probe.problem.n_cameras) else []:
-        rows, moved = rows_of(probe, probed.placement, move)
+        rows, moved = rows_of(probe, placement, move)
         values = pose_values(probe, rows, moved)
         probe = probe.after(rows, values, change_of(*probe.block(rows, values), probe.variance))
         known[move.camera] = np.concatenate([known.get(move.camera, values[:, :, :0]), values], axis=2)
@@ -179,8 +170,8 @@ def _free_network(e: Evidence) -> Network:
     )
 
 
-def _free_form(e: Evidence) -> _Probed | None:
-    """The free form of a network that was solved in the rigid one; None where it is singular or has no misfit."""
+def _free_form(e: Evidence) -> tuple[ScoreTest, IntArray] | None:
+    """The free form of a network that was solved in the rigid one, and its rows' placements; None without a misfit."""
     network = _free_network(e)
     state = e.solved.by_features.state
     used = e.used & (network.views(e.used) >= 2)[network.feature]
@@ -197,7 +188,7 @@ def _free_form(e: Evidence) -> _Probed | None:
     if cofactors is None:
         return None
     probe = make_score_test(problem, minimum.state, cofactors, minimum.cost, redundancy)
-    return _Probed(probe, e.observations.placement[rows])
+    return probe, e.observations.placement[rows]
 
 
 # --- A lens that was zoomed or focused again during the recording looks like a camera that is unsteady, or moved ---

@@ -19,8 +19,7 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import NO_LENGTHS
 from spherecal.adjust.weights import left_over_by_points
-from spherecal.ball.rigid import RigidNetwork, align, share_shape
-from spherecal.ball.selection import NOTICEABLE
+from spherecal.ball.rigid import NOTICEABLE, RigidNetwork, align, share_shape
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out

@@ -8,7 +8,7 @@ import numpy as np
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment
 from spherecal.adjust.weights import camera_noise
 from spherecal.ball.fit import BallFit
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations

@@ -7,12 +7,12 @@ bends lenses and lengths to make up for it. Cameras that all look in one directi
 import numpy as np
 from scipy.special import chdtri
 
+from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.space_strain import STRAINS
-from spherecal.adjust.state import State
 from spherecal.base.arrays import FloatArray, IntArray, blocks
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.geometry.camera import project
+from spherecal.diagnose.score import ScoreTest
 
 # Once in 10,000 recordings by chance: chi-square 32 to 3,700 for 0.3 mm on 500 mm (rigs A and B, hall12, random), 1 to
 # 8 without. Lengths on rig A are off by a third of the strain, 17 times U on a random rig. It is part of every
@@ -28,7 +28,6 @@ MOST_SD = 2e-4
 # by 1 mm before four to six cameras at random, 4 to 21 times U (known to 0.16 to 0.36 %, chi-square 9 to 75 on 4). One
 # in 200 by chance, of such rigs alone; lenses beyond their model show as much where it is known to 0.06 to 0.09 %.
 UNKNOWN, OFTEN = 1e-3, 5e-3
-_STEP = 1e-5
 
 
 def flattened_ball(e: Evidence, growth: float) -> list[Finding]:
@@ -41,7 +40,7 @@ def flattened_ball(e: Evidence, growth: float) -> list[Finding]:
     lenses_free = e.adjusted.problem.free_intrinsics[e.placed, 0].all()  # wrong ones that are fixed look alike
     if probe is None or e.solved.rigid is None or not lenses_free:
         return []
-    rows, values = _derivatives(e, count)
+    rows, values = _derivatives(e, probe, count)
     g, a, _ = probe.block(rows, values)
     information, direction = np.linalg.eigh(a / probe.variance)
     known = information > MOST_SD**-2
@@ -60,26 +59,16 @@ def flattened_ball(e: Evidence, growth: float) -> list[Finding]:
     return [Finding("ball-shape-changed", "warning" if strain > HARMFUL else "info", values_of, kind="in-space")]
 
 
-def _derivatives(e: Evidence, count: int) -> tuple[np.ndarray, FloatArray]:
+def _derivatives(e: Evidence, probe: ScoreTest, count: int) -> tuple[IntArray, FloatArray]:
     """The rows of the ball (k,), and their weighted derivatives (k,2,5) by the strains, about the ball's middle."""
     a, state = e.adjusted, e.solution.state
     placement, feature = e.observations.placement[a.rows], e.features.of_observation[a.rows]
     rows = np.flatnonzero((placement < count) & np.isfinite(state.points[feature, 0]))
-    x, c = state.points[feature[rows]], a.problem.camera[rows]
+    x, rotation = state.points[feature[rows]] / e.solution.factor, state.rotation[a.problem.camera[rows]]
     number = np.maximum(np.bincount(placement[rows], minlength=count), 1)
     middle = np.stack([np.bincount(placement[rows], x[:, i], count) / number for i in range(3)], axis=1)
-    out = x - middle[placement[rows]]
-    moved = np.empty((len(rows), 2, len(STRAINS)))
+    out, moved = x - middle[placement[rows]], np.empty((len(rows), 2, len(STRAINS)))
     for some in blocks(len(rows)):
-        moved[some] = _by_strains(state, c[some], x[some], out[some]) * a.problem.weight[rows[some], :, None]
+        turned = np.einsum("nij,kjl,nl->nik", rotation[some], STRAINS, out[some], optimize=True)
+        moved[some] = probe.by_pose(rows[some])[:, :, 3:POSE] @ turned
     return rows, moved
-
-
-def _by_strains(state: State, camera: IntArray, x: FloatArray, out: FloatArray) -> FloatArray:
-    """Derivatives (n,2,5) of points' image points by the strains; `out` (n,3): from the ball's middle."""
-    rotation, translation, lens = state.rotation[camera], state.translation[camera], state.intrinsics[camera]
-    plain, *strained = (
-        project(np.einsum("nij,nj->ni", rotation, x + _STEP * out @ strain) + translation, lens)
-        for strain in (np.zeros((3, 3)), *STRAINS)
-    )
-    return np.stack([there - plain for there in strained], axis=2) / _STEP

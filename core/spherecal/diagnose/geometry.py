@@ -2,9 +2,9 @@
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import connected_components
 
-from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
@@ -52,7 +52,10 @@ def _spread_in(e: Evidence, camera: int, places: FloatArray) -> float:
 
 
 def weak_links(e: Evidence) -> list[Finding]:
-    """The finding where only one camera or one pair of cameras connects two parts of the rig."""
+    """The finding where only one camera connects two parts of the rig.
+
+    Where one pair of cameras does, one of these does too, as there are more than two.
+    """
     cameras = np.flatnonzero(e.placed)
     if len(cameras) < 4:
         return []
@@ -62,57 +65,18 @@ def weak_links(e: Evidence) -> list[Finding]:
     common = common_counts(seen)[np.ix_(cameras, cameras)]
     edge = common >= MIN_COMMON
     np.fill_diagonal(edge, False)
-    if _parts(edge) != 1:
+    if smaller_part(edge, np.arange(len(edge))):
         return []
-    ids = [e.camera_ids[c] for c in cameras]
-    alone = articulations(edge)
-    found = []
-    for i in alone:
-        keep = np.flatnonzero(np.arange(len(ids)) != i)
-        others = [ids[keep[k]] for k in _smaller_part(edge[np.ix_(keep, keep)])]
-        through = Phrase("thread-camera", {"camera": ids[i]})
-        found.append(_thread(through, others, (ids[i], *others)))
-    for i, j in bridges(edge):
-        if i in alone or j in alone:  # one finding is enough
-            continue
-        cut = edge.copy()
-        cut[i, j] = cut[j, i] = False
-        others = [ids[k] for k in _smaller_part(cut)]
-        through = Phrase("thread-points", {"points": common[i, j], "first": ids[i], "second": ids[j]})
-        found.append(_thread(through, others, tuple(dict.fromkeys((ids[i], ids[j], *others)))))
+    ids, found = np.array(e.camera_ids)[cameras], []
+    for i, name in enumerate(ids.tolist()):
+        others = ids[smaller_part(edge, np.delete(np.arange(len(edge)), i))].tolist()
+        if others:
+            values = {"part": others, "through": Phrase("thread-camera", {"camera": name}), "least": MIN_COMMON}
+            found.append(Finding("linked-by-a-thread", "warning", values, (name, *others)))
     return found
 
 
-def _thread(through: Phrase, part: list[str], where: tuple[str, ...]) -> Finding:
-    values = {"part": part, "through": through, "least": MIN_COMMON}
-    return Finding("linked-by-a-thread", "warning", values, where)
-
-
-def _parts(edge: BoolArray) -> int:
-    return int(connected_components(csr_array(edge), directed=False)[0])
-
-
-def _smaller_part(edge: BoolArray) -> list[int]:
-    """Vertices of the smallest part of a graph that is not connected."""
-    label = connected_components(csr_array(edge), directed=False)[1]
-    return np.flatnonzero(label == np.argmin(np.bincount(label))).tolist()
-
-
-def articulations(edge: BoolArray) -> list[int]:
-    """Vertices of a connected graph (n,n) without which the rest is not connected."""
-    every = np.arange(len(edge))
-    return [int(i) for i in every if _parts(edge[np.ix_(every != i, every != i)]) > 1]
-
-
-def bridges(edge: BoolArray) -> list[tuple[int, int]]:
-    """Edges of a connected graph (n,n) without which it is not connected."""
-    _, parent = breadth_first_order(csr_array(edge), 0, directed=False)
-    found = []
-    for j, i in enumerate(parent.tolist()):
-        if i < 0:
-            continue
-        cut = edge.copy()
-        cut[i, j] = cut[j, i] = False
-        if _parts(cut) > 1:
-            found.append((min(i, j), max(i, j)))
-    return found
+def smaller_part(edge: BoolArray, kept: IntArray) -> list[int]:
+    """Those of the vertices `kept` of a graph that are its smallest part then; none where it is connected."""
+    count, label = connected_components(csr_array(edge[np.ix_(kept, kept)]), directed=False)
+    return kept[label == np.argmin(np.bincount(label))].tolist() if count > 1 else []

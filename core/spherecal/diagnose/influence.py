@@ -8,7 +8,6 @@ that bends, a lens beyond its model, a camera that exposes late.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,32 +38,19 @@ GRID = 3
 MOST_OBSERVATIONS = 40_000
 
 
-@dataclass(frozen=True)
-class Influence:
-    """Factors by which standard uncertainties of lengths and of poses must grow; at least 1."""
-
-    lengths: float
-    poses: float
-
-
 def dependent_parts(e: Evidence) -> list[Finding]:
-    """The finding that results depend on single placements, cameras or images more than noise explains."""
-    found = influence(e)
-    if found is None or max(found.lengths, found.poses) <= LEAST_TIMES:
-        return []
-    return [Finding("parts-disagree", "info", {"lengths": found.lengths, "poses": found.poses})]
+    """The finding that results depend on single placements, cameras or images more than noise explains.
 
-
-def influence(e: Evidence) -> Influence | None:
-    """The growth of uncertainties that single parts of a recording require; None where it cannot be computed."""
+    It has factors by which standard uncertainties of lengths and of poses must grow.
+    """
     cofactors = e.solved.cofactors
     if cofactors is None or len(e.adjusted.rows) > MOST_OBSERVATIONS:
-        return None
+        return []
     if e.choice.form == "soft":  # its dots have their own shape noise, stated by its size
-        return None
+        return []
     probe = e.probe
     if probe is None or probe.shift is None:
-        return None
+        return []
     # the image of each row (n,), and for all images (i,) their placement, their camera and themselves
     both = np.stack([e.observations.placement[e.adjusted.rows], probe.problem.camera], axis=1)
     pairs, image = np.unique(both, axis=0, return_inverse=True)
@@ -96,7 +82,8 @@ def influence(e: Evidence) -> Influence | None:
     lengths, poses = growth
     # all poses are off together by what turns the points' frame, and a mean over them hides it: lengths grew 2.13
     # times, poses by nothing, and two cameras of 16 were 3.1 and 4.6 times their U off
-    return Influence(lengths, max(lengths, IN_COMMON * poses if poses > LEAST_TIMES else poses))
+    poses = max(lengths, IN_COMMON * poses if poses > LEAST_TIMES else poses)
+    return [Finding("parts-disagree", "info", {"lengths": lengths, "poses": poses})] if poses > LEAST_TIMES else []
 
 
 def bent_by_lenses(e: Evidence, cameras: IntArray) -> tuple[FloatArray, dict[int, FieldTable]] | None:

@@ -44,16 +44,29 @@ CLOCKS_S, DRIFT = 0.5, 1e-3
 EXPOSED_S = 2.0
 
 
+_Image = tuple[int, str, str, Path]  # of the ball: its dots, camera, placement and file
+
+
 def implausible(session: Session) -> tuple[Finding, ...]:
     """Findings on a session with observations; each image named as wrong has a hint how to leave it out."""
-    repeated, scale = _repeated(session), session.scale
+    o, scale = session.observations, session.scale
+    assert o is not None
+    o = o.select(o.placement < len(session.placements))
+    size, names = _sizes(o), [camera.id for camera in session.cameras]
+    repeated = _repeated(session, o, size)
+    images = [
+        (int(size[names.index(camera), t]), camera, p.id, path)
+        for t, p in enumerate(session.placements)
+        for camera, path in p.images.items()
+        if camera in names
+    ]
     return (
         *_target_distance(session),
         *([] if scale is None or scale.bar is None else temperature_findings(session.bar_poses, (scale.bar,))),
         *repeated,
-        *_one_image_of_two_cameras(session),
-        *_same_files(session, repeated),
-        *_mirrored_images(session),
+        *_one_image_of_two_cameras(o, size),
+        *_same_files(images, repeated),
+        *_mirrored_images(session, size, images),
         *_capture_times(session),
         *image_settings(session),
     )
@@ -121,10 +134,8 @@ def _alike(o: Observations, of: IntArray, among: IntArray, size: IntArray) -> di
     return same
 
 
-def _repeated(session: Session) -> list[Finding]:
+def _repeated(session: Session, o: Observations, size: IntArray) -> list[Finding]:
     """Placements that are the same for all cameras, and images of single cameras that show another placement's."""
-    o = _of_ball(session)
-    size = _sizes(o)
     found: list[Finding] = []
     gone: set[int] = set()
     for (s, t), same in sorted(_alike(o, o.camera, o.placement, size).items()):
@@ -144,16 +155,8 @@ def _repeated(session: Session) -> list[Finding]:
     return found
 
 
-def _of_ball(session: Session) -> Observations:
-    o = session.observations
-    assert o is not None
-    return o.select(o.placement < len(session.placements))
-
-
-def _one_image_of_two_cameras(session: Session) -> list[Finding]:
+def _one_image_of_two_cameras(o: Observations, size: IntArray) -> list[Finding]:
     """Two cameras that show the same dots at the same places: one image stored under two names."""
-    o = _of_ball(session)
-    size = _sizes(o)
     found = []
     for (c, d), at in _alike(o, o.placement, o.camera, size.T).items():
         both = int(((size[c] >= LEAST_COMMON) & (size[d] >= LEAST_COMMON)).sum())
@@ -169,12 +172,12 @@ def _one_image_of_two_cameras(session: Session) -> list[Finding]:
     return found
 
 
-def _same_files(session: Session, reported: Sequence[Finding]) -> list[Finding]:
+def _same_files(images: Sequence[_Image], reported: Sequence[Finding]) -> list[Finding]:
     """Images whose files are the same to the byte, where their dots have not said so."""
     named = {frozenset(f.where) for f in reported}
     repeated = {f.where for f in reported if f.code == "placements-repeated"}
     found = []
-    for first, second in _identical(session):
+    for first, second in _identical(images):
         (camera, at), (other, then) = first, second
         if (at, then) in repeated or frozenset((camera, at, other, then)) in named:
             continue
@@ -189,20 +192,14 @@ def _same_files(session: Session, reported: Sequence[Finding]) -> list[Finding]:
     return found
 
 
-def _mirrored_images(session: Session) -> list[Finding]:
+def _mirrored_images(session: Session, size: IntArray, images: Sequence[_Image]) -> list[Finding]:
     """Images of the ball that a mirror would show right, among those in which hardly any target was found."""
-    size, targets = _sizes(_of_ball(session)), session.target_set
+    targets = session.target_set
     if targets is None or not size.any():
         return []
-    rows = {camera.id: c for c, camera in enumerate(session.cameras)}
-    poor = [
-        (int(size[rows[camera], t]), camera, p.id, path)
-        for t, p in enumerate(session.placements)
-        for camera, path in p.images.items()
-        if size[rows[camera], t] < POOR * np.median(size[size > 0])
-    ]
-    whole = {name for name, c in rows.items() if size[c].max() < POOR * np.median(size[size > 0])}
-    poor = [image for image in poor if image[1] not in whole]  # of whole cameras the diagnosis says so
+    few = POOR * np.median(size[size > 0])
+    whole = {camera.id for camera, own in zip(session.cameras, size, strict=True) if own.max() < few}
+    poor = [image for image in images if image[0] < few and image[1] not in whole]  # of those the diagnosis says so
     found = []
     for dots, camera, place, path in sorted(poor, key=lambda image: image[0])[:LOOKED_AT]:
         try:
@@ -215,19 +212,12 @@ def _mirrored_images(session: Session) -> list[Finding]:
     return found
 
 
-def _identical(session: Session) -> Iterator[tuple[tuple[str, str], tuple[str, str]]]:
+def _identical(images: Sequence[_Image]) -> Iterator[tuple[tuple[str, str], tuple[str, str]]]:
     """Pairs of the ball's images (camera, placement) with files of the same content; the first with each other one."""
-    size, names = _sizes(_of_ball(session)), [camera.id for camera in session.cameras]
-    files = [
-        (camera, p.id, path)
-        for t, p in enumerate(session.placements)
-        for camera, path in p.images.items()
-        if camera in names and size[names.index(camera), t]  # empty images may well be the same
-    ]
     by_size: dict[int, list[tuple[str, str, Path]]] = {}
-    for one in files:
-        if one[2].is_file():
-            by_size.setdefault(one[2].stat().st_size, []).append(one)
+    for dots, camera, place, path in images:
+        if dots and path.is_file():  # empty images may well be the same
+            by_size.setdefault(path.stat().st_size, []).append((camera, place, path))
     first: dict[bytes, tuple[str, str]] = {}
     for group in (group for group in by_size.values() if len(group) > 1):
         for camera, placement, path in group:

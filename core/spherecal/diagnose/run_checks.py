@@ -249,7 +249,7 @@ def outliers(values: dict[str, Any], many: bool, camera: str) -> Finding:
 
 
 def _scale(e: Evidence) -> list[Finding]:
-    scale = e.solution.scale
+    scale, found = e.solution.scale, e.solution.found
     if scale.source == "none":
         if e.session.scale is not None and e.session.scale.kind == "none":
             return [Finding("no-scale", "info", kind="chosen")]
@@ -259,9 +259,10 @@ def _scale(e: Evidence) -> list[Finding]:
         return [Finding("scale-uncertainty", "info", kind="unknown")]
     values = {"mm": scale.relative_uncertainty * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
     if scale.source != "target_spacing":
-        odd = [] if e.solution.odd is None else [e.solution.odd.finding]
+        odd = [] if found is None or found.odd is None else [found.odd.finding]
         return [*odd, Finding("scale-uncertainty", "info", values, kind="ball" if scale.source == "ball" else "bar")]
     stated = e.session.scale
     if stated is not None and stated.expanded_uncertainty_mm is None:
         return [Finding("print-unmeasured", "warning", values | {"percent": 100 * stated.print_sd})]
-    return [Finding("scale-uncertainty", "info", values | {"scatter_ppm": e.solution.scatter * 1e6}, kind="spacing")]
+    scatter = 0.0 if found is None else found.scatter
+    return [Finding("scale-uncertainty", "info", values | {"scatter_ppm": scatter * 1e6}, kind="spacing")]

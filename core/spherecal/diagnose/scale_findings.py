@@ -35,16 +35,6 @@ SHAPE_SHARE = 0.4
 MOST_AGAINST_BAR = 0.005
 
 
-@dataclass(frozen=True)
-class _Printed:
-    """Two dots that every target has at one distance."""
-
-    first: int
-    second: int
-    names: tuple[str, str]
-    distance_mm: float
-
-
 def scale_conflict(e: Evidence) -> list[Finding]:
     """The findings where the bar's millimetres contradict the print, the ball, or both together."""
     cofactors, scale = e.solution.covariance, e.solution.scale
@@ -79,14 +69,17 @@ class _Deviation:
 
 def _print_deviation(e: Evidence, sure: float) -> _Deviation | None:
     """Of the targets, measured in the bar's millimetres."""
-    printed = None if "print" in e.session.struck else _printed(e)
-    found = None if printed is None else _measured(e, printed)
+    targets = None if "print" in e.session.struck else e.session.target_set
+    seen = np.unique(e.features.target).tolist()
+    printed = None if targets is None else targets.widest(seen, e.observations.points)
+    found = None if printed is None else _measured(e, *printed)
     if printed is None or found is None:
         return None
+    first, second, printed_mm = printed
     larger, sd = e.solution.factor / found.factor - 1, float(np.hypot(found.relative_uncertainty, sure))
     values = {
-        "first": printed.names[0], "second": printed.names[1], "measured_mm": printed.distance_mm * (1 + larger),
-        "printed_mm": printed.distance_mm, "percent": 100 * larger, "sd_percent": 100 * sd, "targets": found.count,
+        "first": first, "second": second, "measured_mm": printed_mm * (1 + larger),
+        "printed_mm": printed_mm, "percent": 100 * larger, "sd_percent": 100 * sd, "targets": found.count,
     }  # fmt: skip
     return _Deviation(larger, sd, None, values)
 
@@ -127,37 +120,21 @@ def bar_doubt(findings: Iterable[Finding]) -> float:
 
 def stretched_print(e: Evidence) -> list[Finding]:
     """Where stickers that give the scale are longer in one direction of the print than across it, or of two sheets."""
+    found = e.solution.found
     return [
         Finding("print-stretched", "warning" if off > MOST_STRETCH else "info", {"percent": 100 * off}, kind=kind)
-        for off, kind in ((e.solution.stretch, "across"), (e.solution.sheets, "sheets"))
+        for off, kind in ([] if found is None else [(found.stretch, "across"), (found.sheets, "sheets")])
         if off
     ]
 
 
-def _printed(e: Evidence) -> _Printed | None:
-    """The farthest two dots that all seen targets of the target set have, if at one distance on all of them."""
-    targets, names = e.session.target_set, e.observations.points
-    if targets is None:
-        return None
-    seen = [targets.layouts[t] for t in np.unique(e.features.target).tolist() if t in targets.layouts]
-    if not seen:
-        return None
-    shared = sorted(set.intersection(*(set(layout) for layout in seen)) & set(names))
-    best: _Printed | None = None
-    for i, a in enumerate(shared):
-        for b in shared[i + 1 :]:
-            distances = [float(np.linalg.norm(np.subtract(layout[a], layout[b]))) for layout in seen]
-            if np.ptp(distances) < 1e-6 and (best is None or distances[0] > best.distance_mm + 1e-6):
-                best = _Printed(names.index(a), names.index(b), (a, b), distances[0])
-    return best
-
-
-def _measured(e: Evidence, printed: _Printed) -> FoundScale | None:
-    """The scale that the targets on the ball would give."""
+def _measured(e: Evidence, first: str, second: str, distance_mm: float) -> FoundScale | None:
+    """The scale that the targets on the ball would give by two of their dots."""
     cofactors, factor = e.solution.covariance, e.solution.factor
     assert cofactors is not None
     radii = radii_of(e.solution.spheres, len(e.observations.placements)) / factor
     points = e.solution.state.points / factor
     points = np.where((e.features.placement < len(e.session.placements))[:, None], points, np.nan)
-    spacing = Spacing(printed.first, printed.second, printed.distance_mm, e.session.sphere_diameter_mm is not None)
+    names, on_sphere = e.observations.points, e.session.sphere_diameter_mm is not None
+    spacing = Spacing(names.index(first), names.index(second), distance_mm, on_sphere)
     return scale_from_spacing(spacing, e.features, radii, Located(points, cofactors, e.adjusted.variance))

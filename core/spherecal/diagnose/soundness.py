@@ -1,7 +1,7 @@
 """Tests of a calibration as a whole: what was left out, the ball's size, given intrinsics, contradictions."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -17,7 +17,7 @@ from spherecal.diagnose.influence import length_functions
 from spherecal.diagnose.moves import LEAST_POINTS as LEAST_FOR_POSE
 from spherecal.diagnose.plausibility import implausible_size
 from spherecal.diagnose.score import LEAST_POINTS as LEAST_FOR_FIELDS
-from spherecal.diagnose.score import Change, ScoreTest, change_of, conditional, field_values
+from spherecal.diagnose.score import ScoreTest, change_of, conditional, field_values
 from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
 
 # On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.
@@ -203,22 +203,6 @@ MOST_OFF = 1.0
 _BROWN = np.flatnonzero(estimated_mask("brown"))
 
 
-@dataclass(frozen=True)
-class _Contradiction:
-    """A test that failed: of which cameras, by how much of its limit, and what it does to lengths and poses.
-
-    `lengths`: largest change over its standard uncertainty; `poses` likewise; `focal` the relative change of the focal
-    length.
-    """
-
-    cameras: tuple[str, ...]
-    change: Change
-    limit: float
-    lengths: float
-    poses: float
-    focal: float
-
-
 def contradicted_lenses(e: Evidence, moved: Collection[str]) -> list[Finding]:
     """Findings on cameras whose given intrinsics the data contradict, moved ones left out."""
     problem, probe = e.adjusted.problem, e.probe
@@ -240,7 +224,7 @@ def contradicted_lenses(e: Evidence, moved: Collection[str]) -> list[Finding]:
         usual = float(np.median(list(structure.values())))
         all_of_them = _tested(e, probe, tuple(fixed), rows, common, usual, level)
         found = found if all_of_them is None else [*found, all_of_them]
-    return [_finding(e, one) for one in found]
+    return found
 
 
 def _structure(e: Evidence, probe: ScoreTest, rows: IntArray, values: FloatArray) -> float:
@@ -261,7 +245,8 @@ def _tested(
     values: FloatArray,
     structure: float,
     level: float,
-) -> _Contradiction | None:
+) -> Finding | None:
+    """The finding on cameras whose intrinsics, or one factor of their focal lengths, explain more than chance."""
     change = change_of(*probe.block(rows, values), probe.variance)
     limit = structure * float(chdtri(change.dof, level)) if change.dof else np.inf
     if change.statistic <= limit:
@@ -278,9 +263,21 @@ def _tested(
     at = np.searchsorted(_BROWN, probe.problem.intrinsic_columns)
     known = np.isin(probe.problem.intrinsic_columns, _BROWN)
     step[:, POSE + at[known]] += followed[:, POSE:][:, known]
-    focal = change.value[0] if is_factor else step[cameras[0], POSE] / intrinsics[cameras[0], 0]
+    lengths, poses = _effect(e, probe, step)
+    said: dict[str, Any] = {
+        "chi_square": change.statistic, "dof": change.dof, "limit": limit, "times": change.statistic / limit,
+        "lengths": lengths / 2, "grow_lengths": float(np.hypot(1, lengths)), "grow_poses": float(np.hypot(1, poses)),
+    }  # fmt: skip
+    camera, *others = cameras
+    if others:
+        said |= {"worst": Phrase("all-focal-lengths")}
+    else:
+        prior, focal = e.session.cameras[camera].prior[:2].mean(), step[camera, POSE] / intrinsics[camera, 0]
+        said |= {"fixed_px": prior, "fitting_px": prior * (1 + float(focal))}
+    # not valid where lengths are off by more than U; else the change is added to the uncertainties
+    severity, kind = "error" if lengths > 2 * MOST_OFF else "warning", "all" if others else "one"
     ids = tuple(e.camera_ids[c] for c in cameras)
-    return _Contradiction(ids, change, limit, *_effect(e, probe, step), float(focal))
+    return Finding("fixed-intrinsics-contradicted", severity, said, ids, kind=kind)
 
 
 def _effect(e: Evidence, probe: ScoreTest, step: FloatArray) -> tuple[float, float]:
@@ -297,23 +294,6 @@ def _effect(e: Evidence, probe: ScoreTest, step: FloatArray) -> tuple[float, flo
     pose = np.sqrt(covariance.diagonal().clip(0)).reshape(len(e.placed), -1)[:, :POSE]
     turned = np.abs(step[:, :POSE]) / np.where(pose > 1e-9 * pose.max(initial=0.0), pose, np.inf)
     return float((np.abs(off) / sd).max(initial=0.0)), float(turned.max(initial=0.0))
-
-
-def _finding(e: Evidence, one: _Contradiction) -> Finding:
-    """Not valid where lengths are off by more than U; else the change is added to the uncertainties."""
-    severity = "error" if one.lengths > 2 * MOST_OFF else "warning"
-    values = {
-        "chi_square": one.change.statistic, "dof": one.change.dof, "limit": one.limit,
-        "times": one.change.statistic / one.limit, "lengths": one.lengths / 2,
-        "grow_lengths": float(np.hypot(1, one.lengths)), "grow_poses": float(np.hypot(1, one.poses)),
-    }  # fmt: skip
-    camera, *others = one.cameras
-    if others:
-        values |= {"worst": Phrase("all-focal-lengths")}
-        return Finding("fixed-intrinsics-contradicted", severity, values, one.cameras, kind="all")
-    prior = e.session.cameras[e.camera_ids.index(camera)].prior[:2].mean()
-    values |= {"fixed_px": prior, "fitting_px": prior * (1 + one.focal)}
-    return Finding("fixed-intrinsics-contradicted", severity, values, one.cameras, kind="one")
 
 
 def _by_intrinsics(probe: ScoreTest, intrinsics: FloatArray, rows: IntArray) -> FloatArray:

@@ -9,28 +9,21 @@ from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.geometry.camera import is_unfolded, project_with_derivatives
 from spherecal.geometry.field_table import FieldTable
 from spherecal.geometry.rotation import cross_matrix
+from spherecal.geometry.transform import PosedCameras
 
 
 @dataclass(frozen=True)
-class Cameras:
-    """The cameras that see a length: intrinsics (c,16), poses (c,3,3), (c,3), image sizes (c,2) px.
+class Cameras(PosedCameras):
+    """The cameras that see a length, with image sizes (c,2) px.
 
     `covariance` (c*w, c*w) of turn, shift and the `columns` of the intrinsics (rig.CameraCovariance); `fields` (c,) of
     the lenses, () for none.
     """
 
-    intrinsics: FloatArray
-    rotation: FloatArray
-    translation: FloatArray
     size: FloatArray
     covariance: FloatArray
     columns: IntArray
     fields: tuple[FieldTable | None, ...] = ()
-
-    @property
-    def centres(self) -> FloatArray:
-        """Projection centres (c,3)."""
-        return -np.einsum("cji,cj->ci", self.rotation, self.translation)
 
 
 @dataclass(frozen=True)

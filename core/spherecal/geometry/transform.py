@@ -18,6 +18,11 @@ class PosedCameras:
     rotation: FloatArray
     translation: FloatArray
 
+    @property
+    def centres(self) -> FloatArray:
+        """Projection centres (c, 3)."""
+        return -np.einsum("cji,cj->ci", self.rotation, self.translation)
+
 
 @dataclass(frozen=True)
 class Similarity:

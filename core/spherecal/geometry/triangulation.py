@@ -99,7 +99,7 @@ def _triangulated(rows: _Rows, n_features: int) -> Triangulation:
     possible = (views >= 2) & (angle >= _LEAST_ANGLE_RAD)
 
     take = usable & possible[feature]
-    centre = -np.einsum("cji,cj->ci", cameras.rotation, cameras.translation)
+    centre = cameras.centres
     along = ray[take]
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     normal = sum_by(feature[take], across, n_features)

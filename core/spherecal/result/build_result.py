@@ -357,9 +357,10 @@ def map_of_lengths(
     known = np.isfinite(points[:, 0])
     if covariance is None or known.sum() < 2 or len(cameras) < 2:
         return None
-    poses, sizes = posed(cameras), np.array([c.image_size for c in cameras], dtype=float)
-    lenses, fields = (poses.intrinsics, poses.rotation, poses.translation), tuple(c.field for c in cameras)
-    looking = Cameras(*lenses, sizes, covariance.matrix, covariance.intrinsics, fields)
+    sizes, fields = np.array([c.image_size for c in cameras], dtype=float), tuple(c.field for c in cameras)
+    looking = Cameras(
+        **vars(posed(cameras)), size=sizes, covariance=covariance.matrix, columns=covariance.intrinsics, fields=fields
+    )
     volume = measured_volume(points[known], np.array([c.centre_mm for c in cameras]))
     return length_map(looking, volume, noise_px)
 

@@ -1,6 +1,6 @@
 """Millimetres from the certified lengths of bars whose role is `scale`."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,11 +98,6 @@ class OddPoses:
         return Finding("bar-poses-disagree", "warning", values | {"rest": self.rest}, self.poses, kind="left-out")
 
 
-def left_out(odd: OddPoses | None) -> tuple[str, ...]:
-    """The poses that give no scale: those that a majority contradicts."""
-    return odd.poses if odd is not None and odd.majority else ()
-
-
 def within_growth(findings: Sequence[Finding], growth: float) -> Findings:
     """The findings; where lengths are so many times as uncertain as the adjustment says, poses within that are right.
 
@@ -169,16 +164,13 @@ def _odd_ones(group: list[_Sample], at: Located) -> dict[str, tuple[float, float
     return found
 
 
-Poses = Collection[str]  # by their ids
-
-
-def scale_from_bars(recording: Recording, bar_id: str, at: Located, without: Poses = ()) -> FoundScale | None:
+def scale_from_bars(recording: Recording, bar_id: str, at: Located, odd: OddPoses | None = None) -> FoundScale | None:
     """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
 
     The relative uncertainty holds noise and calibration with all correlations, and the certificate and the bar's
     temperature, which more poses do not average. See docs/formulation.md, Scale.
     """
-    samples = _samples(recording, bar_id, at.covariance.is_located, without)
+    samples = _samples(recording, bar_id, at.covariance.is_located, odd)
     if not samples:
         return None
     mean, weight = _mean_ratio(samples, _first_factor(samples, at.points), at)
@@ -193,17 +185,19 @@ def scale_from_bars(recording: Recording, bar_id: str, at: Located, without: Pos
         certificate += w * sample.standard_mm / sample.certified.length_mm
         temperature += w * sample.temperature_mm / sample.certified.length_mm
     uncertainty = np.sqrt(at.variance * at.covariance.functional(gradient) + certificate**2 + temperature**2)
-    return FoundScale(factor, float(uncertainty), len(samples), gradient)
+    return FoundScale(factor, float(uncertainty), len(samples), gradient, odd=odd)
 
 
-def length_rows(recording: Recording, bar_id: str, points_mm: FloatArray, without: Poses = ()) -> LengthRows | None:
+def length_rows(
+    recording: Recording, bar_id: str, points_mm: FloatArray, odd: OddPoses | None = None
+) -> LengthRows | None:
     """The certified lengths of a bar in all its poses as rows of an adjustment; None where none could be measured.
 
     A certificate errs alike in all poses, and so do the thermometer and the coefficient of expansion; between poses
     only the resolution of the temperature is free.
     """
     bar = _bar(recording, bar_id)
-    samples = _samples(recording, bar_id, np.isfinite(points_mm[:, 0]), without)
+    samples = _samples(recording, bar_id, np.isfinite(points_mm[:, 0]), odd)
     if not samples:
         return None
     widest = max(len(s.first.dots) + len(s.second.dots) for s in samples)
@@ -231,8 +225,10 @@ def _bar(recording: Recording, bar_id: str) -> Bar:
     return next(b for b in recording.session.bars if b.id == bar_id)
 
 
-def _samples(recording: Recording, bar_id: str, known: np.ndarray, without: Poses = ()) -> list[_Sample]:
+def _samples(recording: Recording, bar_id: str, known: np.ndarray, odd: OddPoses | None = None) -> list[_Sample]:
+    """All lengths that are reconstructed, but in poses that a majority contradicts."""
     session, bar, samples = recording.session, _bar(recording, bar_id), []
+    without = odd.poses if odd is not None and odd.majority else ()
     for pose in (p for p in session.bar_poses if p.bar == bar.id and p.id not in without):
         index = recording.observations.placements.index(pose.id)
         marks = {name: _mark(recording, mark, index, known) for name, mark in bar.marks.items()}

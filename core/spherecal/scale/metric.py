@@ -9,13 +9,13 @@ from spherecal.adjust.covariance_factors import Covariance
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.state import State
 from spherecal.ball.fit import BallFit, Run, with_effects_unknown, with_lengths
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import ModelChoice
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.data.findings import Findings
 from spherecal.data.rig import RigScale
 from spherecal.data.session import Recording, Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
-from spherecal.scale.bar_scale import OddPoses, left_out, length_rows, odd_poses, scale_from_bars
+from spherecal.scale.bar_scale import length_rows, odd_poses, scale_from_bars
 from spherecal.scale.spacing import FoundScale, Located, Spacing, scale_from_mean_distance, scale_from_spacing
 
 
@@ -24,21 +24,17 @@ class Solution:
     """The network in the reference camera's frame and in millimetres (arbitrary lengths where `scale.source` is none).
 
     `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres. `cameras` is the
-    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance). `stretch`: of the print
-    that gives the scale, relative, and `sheets`, by how much some of its stickers are larger than others. `odd`: poses
-    of the bar that gives it which disagree with the others.
+    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance). `found`: what gave the
+    scale; None without one, or where it is another's.
     """
 
     state: State
     covariance: Covariance | None
     factor: float
     scale: RigScale
-    scatter: float
     spheres: dict[int, Sphere]
     cameras: FloatArray | None = None
-    stretch: float = 0.0
-    odd: OddPoses | None = None
-    sheets: float = 0.0
+    found: FoundScale | None = None
 
 
 @dataclass(frozen=True)
@@ -58,32 +54,32 @@ def in_millimetres(recording: Recording, fit: BallFit, run: Run) -> tuple[BallFi
     solution, scale = metric_solution(recording, fit, literal=run.plain), recording.session.scale
     if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return fit, solution
-    rows = length_rows(recording, scale.bar, solution.state.points, left_out(solution.odd))
+    rows = length_rows(recording, scale.bar, solution.state.points, solution.found and solution.found.odd)
     if rows is None:
         return fit, solution
     again = with_lengths(fit, rows, solution.factor, run)
     if again.cofactors is None or again.cofactors.stretch is None:
         return fit, solution
     rough = replace(solution, state=again.by_features.state, covariance=None)
-    return (again, rough) if run.rough else _by_bar(recording, again, solution.odd)
+    return (again, rough) if run.rough else _by_bar(recording, again, solution.found)
 
 
 def with_uncertainty(recording: Recording, fit: MetricFit) -> MetricFit:
     """The network of a `rough` run with its covariance; any other as it is."""
     if fit.solution.covariance is not None or fit.solved.cofactors is None:
         return fit
-    solved, solution = _by_bar(recording, fit.solved, fit.solution.odd)
+    solved, solution = _by_bar(recording, fit.solved, fit.solution.found)
     return replace(fit, solved=solved, solution=solution)
 
 
-def _by_bar(recording: Recording, fit: BallFit, odd: OddPoses | None) -> tuple[BallFit, Solution]:
+def _by_bar(recording: Recording, fit: BallFit, found: FoundScale | None) -> tuple[BallFit, Solution]:
     fit = with_effects_unknown(fit)
     assert fit.cofactors is not None and fit.cofactors.stretch is not None
     state = fit.by_features.state
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     known = float(np.sqrt(fit.adjusted.variance * fit.cofactors.stretch))
     cameras = fit.adjusted.variance * fit.cofactors.with_size().all_cameras()
-    return fit, Solution(state, fit.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras, odd=odd)
+    return fit, Solution(state, fit.cofactors, 1.0, RigScale("bar", known), spheres, cameras, found)
 
 
 def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
@@ -103,7 +99,7 @@ def by_stored_ball(recording: Recording, fit: BallFit, ball: RigScale) -> tuple[
         cameras = _metric_cameras(state, 1.0, found, fit.cofactors, fit.adjusted.variance)
     spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     scale = RigScale("ball", ball.relative_uncertainty)
-    return Solution(state, fit.cofactors, 1.0, scale, 0.0, spheres, cameras), differs
+    return Solution(state, fit.cofactors, 1.0, scale, spheres, cameras), differs
 
 
 def _surer(one: RigScale, other: RigScale) -> bool:
@@ -124,10 +120,8 @@ def metric_solution(recording: Recording, fit: BallFit, literal: bool = False) -
         scale = RigScale(found.source or session.scale.kind, found.relative_uncertainty)
     if cofactors is not None:
         cameras = _metric_cameras(state.scaled(factor), factor, found, cofactors, adjusted.variance)
-    scatter, stretch, odd = (found.scatter, found.stretch, found.odd) if found else (0.0, 0.0, None)
-    sheets = found.sheets if found else 0.0
     spheres = {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()}
-    return Solution(state.scaled(factor), cofactors, factor, scale, scatter, spheres, cameras, stretch, odd, sheets)
+    return Solution(state.scaled(factor), cofactors, factor, scale, spheres, cameras, found)
 
 
 def _metric_cameras(
@@ -181,8 +175,7 @@ def _find_scale(
     if scale.kind == "bar":
         assert scale.bar is not None
         odd = None if literal else odd_poses(recording, scale.bar, located)
-        by_bar = scale_from_bars(recording, scale.bar, located, left_out(odd))
-        return None if by_bar is None else replace(by_bar, odd=odd)
+        return scale_from_bars(recording, scale.bar, located, odd)
     assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
     if scale.from_point not in names or scale.to_point not in names:
         return None

@@ -1,20 +1,19 @@
 """A calibration on a ball profile: whether the recorded ball is that one, the solution, and the findings."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
-from spherecal.ball.ball_shape import Anchored, KnownDots, anchored
+from spherecal.ball.ball_shape import Anchored, anchored
 from spherecal.ball.fit import BallFit, Run, rigid_solution, with_effects_unknown, without_priors
-from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import LEAST_SHARED, BallNetwork, ModelChoice
 from spherecal.base.arrays import BoolArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.data.rig import BallProfile
+from spherecal.data.rig import BallProfile, BallShape
 from spherecal.data.session import Recording, Session
 from spherecal.initialise.incremental import InitialPoses, resect_rest
 from spherecal.scale.metric import MetricFit, Solution, by_stored_ball
@@ -30,17 +29,13 @@ def on_known_ball(
     """The solution on the profile where the recorded ball is the profile's; else the finding that says why not."""
     session = recording.session
     _check_targets(profile, session)
-    number, shape = {name: i for i, name in enumerate(recording.observations.points)}, profile.shape
-    point = np.array([number.get(name, -1) for name in shape.point], dtype=np.int64)
-    keep = point >= 0
-    dots = KnownDots(shape.target[keep], point[keep], shape.places_mm[keep], shape.covariance_mm2[keep])
-    found = solve_on_ball(free, ball, dots, run)
+    solved, why = solve_on_ball(free, ball, profile.shape, recording.observations.points, run)
     called = _profile_phrase(profile)
-    if found.solved is None:
-        return Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
-    solved = with_effects_unknown(found.solved)
+    if solved is None:
+        return Finding("ball-profile-refused", "warning", {"profile": called, "reason": why})
+    solved = with_effects_unknown(solved)
     solution, longer = by_stored_ball(recording, solved, profile.shape.scale)
-    reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
+    reason = Phrase("form-profile", {"profile": called, "fit": why})
     said = _scale_conflict(profile, solution, longer, session)
     return MetricFit(solved, ModelChoice("rigid", reason), solution, tuple(said))
 
@@ -88,57 +83,37 @@ def _scale_conflict(profile: BallProfile, solution: Solution, longer: float | No
 MOST_MISFIT = 1.25
 
 
-@dataclass(frozen=True)
-class StoredShapeFit:
-    """The result with a profile: the solution on it, or None for another ball; `misfit` is 1 for the same ball.
-
-    `placements` are those that show it, `common` dots of theirs on average known to the profile.
-    """
-
-    solved: BallFit | None
-    misfit: float
-    placements: tuple[int, ...]
-    common: int
-
-    @property
-    def reason(self) -> Phrase:
-        """Why it was used or not, for a finding."""
-        if not self.placements:
-            return Phrase("profile-other-ball", {"least": LEAST_SHARED, "most": self.common})
-        counts = {"placements": len(self.placements), "dots": self.common}
-        fit = Phrase("profile-fits", {**counts, "ratio": self.misfit, "limit": MOST_MISFIT})
-        return fit if self.solved is not None else Phrase("profile-changed", {"fit": fit})
-
-
-def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -> StoredShapeFit:
-    """The solution in the profile's millimetres, or why there is none."""
+def solve_on_ball(
+    free: BallFit, ball: BallNetwork, shape: BallShape, names: tuple[str, ...], run: Run
+) -> tuple[BallFit | None, Phrase]:
+    """The solution in the profile's millimetres, None on another ball; and why it was used or not, for a finding."""
     run.context.report("known ball", 0.0)
     described = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
     variance = max(free.adjusted.variance, LEAST_NOISE**2)
-    there = anchored(replace(ball, network=described), free.adjusted.state, dots, variance)
+    there = anchored(replace(ball, network=described), free.adjusted.state, shape, names, variance)
     if there is None:
-        features = ball.features
-        known = np.isin(features.target, dots.target) & (features.placement < ball.n_ball)
-        return StoredShapeFit(None, np.inf, (), int(np.bincount(features.placement[known], minlength=1).max()))
-    placements = tuple(np.flatnonzero(there.matched).tolist())
-    common = round(float(there.common[there.matched].mean()))
+        features, targets = ball.features, shape.target[np.isin(shape.point, names)]
+        known = np.isin(features.target, targets) & (features.placement < ball.n_ball)
+        most = int(np.bincount(features.placement[known], minlength=1).max())
+        return None, Phrase("profile-other-ball", {"least": LEAST_SHARED, "most": most})
     first = refine(there.rigid.network, there.start, free.adjusted.used, free.placed, run.context)
     # the share of the stored shape, and of observations that need it, in v'Pv over their share of redundancy
     added, more = first.redundancy - free.adjusted.redundancy, first.minimum.cost - free.adjusted.minimum.cost
     misfit = 2 * more / added / variance if added > 0 and free.adjusted.variance > 0 else np.inf
+    dots = round(float(there.common[there.matched].mean()))  # of each placement, known to the profile
+    counts = {"placements": there.matched.sum(), "dots": dots}
+    why = Phrase("profile-fits", {**counts, "ratio": misfit, "limit": MOST_MISFIT})
     if misfit > MOST_MISFIT or not np.isfinite(misfit):
-        return StoredShapeFit(None, misfit, placements, common)
+        return None, Phrase("profile-changed", {"fit": why})
     first, placed = _with_the_rest(there, first, free.placed, ball.candidates, run)
     fit = rigid_solution(without_priors(there.rigid), first, placed, run)
-    return StoredShapeFit(replace(fit, free=free), misfit, placements, common)
+    return replace(fit, free=free), why
 
 
 def _with_the_rest(
     there: Anchored, first: Adjustment, placed: BoolArray, candidates: BoolArray, run: Run
 ) -> tuple[Adjustment, BoolArray]:
     """The adjustment with cameras that the free form did not link, but that see the known ball."""
-    if placed.all():
-        return first, placed
     network = there.rigid.network
     resected = resect_rest(network, InitialPoses(first.state, placed), candidates, run.context)
     if resected.placed.sum() == placed.sum():

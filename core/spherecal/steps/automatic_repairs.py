@@ -4,14 +4,14 @@ A calibration that is not valid is repeated with the repairs that its findings a
 is valid after them, or at least has fewer reasons not to be; rig.json lists them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from spherecal.base.arrays import IntArray
 from spherecal.base.errors import InputError
-from spherecal.data.findings import Finding, RepairKind
+from spherecal.data.findings import AdvisedRepair, Finding, leave_out
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.data.verdict import effect
@@ -20,8 +20,6 @@ from spherecal.diagnose.image_findings import LEAST_POINTS
 from spherecal.diagnose.moves import most_moved
 from spherecal.geometry.rotation import log_rotation
 from spherecal.steps.repairs import Repairs, placements_seen_by, repaired
-
-_Option = tuple[RepairKind, str]
 
 TURNS = 3
 # A camera that was knocked is this near its former pose; what is farther is another image (stale ones were
@@ -102,7 +100,7 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     reported = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}
     findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in reported)
     steps = [step for f in findings if (step := _step(f, session)) is not None]
-    steps = [step for step in steps if _with(done, list(step.first)) != done]
+    steps = [step for step in steps if _with(done, step.first) != done]
     single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}
     if not steps or len(single) > most_moved(len(session.cameras)):  # the others cannot prove that more are wrong
         return
@@ -125,8 +123,8 @@ class _Step:
     """What one finding advises: options with values, another way if the first does not help, cameras concerned."""
 
     code: str
-    first: tuple[_Option, ...]
-    second: tuple[_Option, ...]
+    first: tuple[AdvisedRepair, ...]
+    second: tuple[AdvisedRepair, ...]
     cameras: tuple[str, ...]
 
 
@@ -136,31 +134,32 @@ def _step(finding: Finding, session: Session) -> _Step | None:
         return None
     names = [camera.id for camera in session.cameras]
     cameras = tuple(name for name in finding.where if name in names)
-    options: list[_Option] = [(repair.kind, repair.target) for repair in finding.repairs]
+    options = finding.repairs
     if not options or (finding.code == "camera-moved" and len(cameras) != 1):  # two may have moved: which is not known
         return None
-    if finding.code == "cameras-swapped" and "@" not in options[0][1]:  # in the whole session: a matter of names
+    if finding.code == "cameras-swapped" and "@" not in options[0].target:  # in the whole session: a matter of names
         return None
     of_the_end = not finding.where or finding.where[-1] == _last(session)
     if of_the_end and finding.code in ("cameras-moved", "placements-contradict"):
         return None  # which of the two states the rig has kept is not known
-    ways = [options, _second_way(finding, session, cameras, options)]
+    ways = [options, _second_way(finding, session, cameras)]
     if finding.code in _OF_THE_CAMERA:  # without its last image nothing would show where the camera is now
-        last = {value for way in ways for how, value in way if how == "leave-out" and is_last_pose(session, value)}
-        ways = [way for way in ways if not any(how == "leave-out" and value in last for how, value in way)]
-    first, second, *_ = (*ways, [], [])
-    return _Step(finding.code, tuple(first), tuple(second), cameras) if first else None
+        ways = [
+            way for way in ways if not any(one.kind == "leave-out" and is_last_pose(session, one.target) for one in way)
+        ]
+    first, second, *_ = (*ways, (), ())
+    return _Step(finding.code, first, second, cameras) if first else None
 
 
-def _second_way(finding: Finding, session: Session, cameras: tuple[str, ...], options: list[_Option]) -> list[_Option]:
-    """What to try where the options that a finding advises do not help."""
+def _second_way(finding: Finding, session: Session, cameras: tuple[str, ...]) -> tuple[AdvisedRepair, ...]:
+    """What to try where the repairs that a finding advises do not help."""
     if finding.code == "image-repeated" and len(finding.where) == 3 and len(cameras) == 1:
-        return [("leave-out", f"{cameras[0]}@{finding.where[1]}")]
-    if options[0][0] == "split" and finding.code != "cameras-moved":
-        return [("leave-out", f"{cameras[0]}@{finding.where[-1]}")]
-    if finding.code == "camera-moved" and options[0][1].endswith(f"@{_last(session)}"):
-        return [("split", options[0][1])]
-    return []
+        return leave_out(f"{cameras[0]}@{finding.where[1]}")
+    if finding.repairs[0].kind == "split" and finding.code != "cameras-moved":
+        return leave_out(f"{cameras[0]}@{finding.where[-1]}")
+    if finding.code == "camera-moved" and finding.repairs[0].target.endswith(f"@{_last(session)}"):
+        return (AdvisedRepair("split", finding.repairs[0].target),)
+    return ()
 
 
 def is_last_pose(session: Session, image: str) -> bool:
@@ -190,13 +189,11 @@ def _last(session: Session) -> str:
     return session.placements[-1].id if session.placements else ""
 
 
-def _with(done: Repairs, options: list[_Option]) -> Repairs:
+def _with(done: Repairs, more: Sequence[AdvisedRepair]) -> Repairs:
     """Repairs and more of them, each once."""
-    of = {"leave-out": list(done.leave_out), "split": list(done.split), "swap": list(done.swap)}
-    for option, value in options:
-        if value not in of[option]:
-            of[option].append(value)
-    return Repairs(tuple(of["leave-out"]), tuple(of["split"]), tuple(of["swap"]))
+    known = ("leave-out", done.leave_out), ("split", done.split), ("swap", done.swap)
+    of_kinds = ((*before, *(one.target for one in more if one.kind == kind)) for kind, before in known)
+    return Repairs(*(tuple(dict.fromkeys(targets)) for targets in of_kinds))
 
 
 def _names_are_certain(session: Session, way: Repairs) -> bool:

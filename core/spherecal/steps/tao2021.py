@@ -13,7 +13,7 @@ from spherecal.adjust.least_squares import minimise, minimise_with_identity
 from spherecal.adjust.levenberg import Settings
 from spherecal.adjust.state import State
 from spherecal.ball.fit import finished_solution
-from spherecal.ball.selection import ModelChoice
+from spherecal.ball.rigid import ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.messages.values import Phrase

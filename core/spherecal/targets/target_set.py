@@ -1,6 +1,6 @@
 """A target set: the layout of every coded target, as targets.json describes it."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
@@ -29,14 +29,19 @@ class TargetSet(ByValue):
     layouts: dict[int, dict[str, FloatArray]]
     dictionary: str | None = None
 
-    def widest(self) -> tuple[str, str, float] | None:
-        """The two dots farthest apart of those that all targets have at the same distance (mm); None without any."""
-        layouts = list(self.layouts.values())
-        names = sorted(set.intersection(*map(set, layouts))) if layouts else []
+    def widest(
+        self, targets: Collection[int] | None = None, dots: Collection[str] | None = None
+    ) -> tuple[str, str, float] | None:
+        """The two dots farthest apart of those that targets have at the same distance (mm); None without any.
+
+        Of all targets and dots, or of some.
+        """
+        layouts = [dots_of for target, dots_of in self.layouts.items() if targets is None or target in targets]
+        shared = set.intersection(*map(set, layouts)) if layouts else set()
         found: tuple[str, str, float] | None = None
-        for first, second in combinations(names, 2):
-            lengths = [float(np.linalg.norm(layout[first] - layout[second])) for layout in layouts]
-            if np.ptp(lengths) < _SAME_MM and (found is None or lengths[0] > found[2]):
+        for first, second in combinations(sorted(shared if dots is None else shared & set(dots)), 2):
+            lengths = [float(np.linalg.norm(np.subtract(layout[first], layout[second]))) for layout in layouts]
+            if np.ptp(lengths) < _SAME_MM and (found is None or lengths[0] > found[2] + _SAME_MM):
                 found = first, second, lengths[0]
         return found
 

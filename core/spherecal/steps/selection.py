@@ -5,9 +5,7 @@ dots have some shape noise from placement to placement. See docs/formulation.md,
 docs/decisions/0006-rigid-ball.md, 0012-soft-ball.md.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,18 +20,35 @@ from spherecal.ball.fit import (
     adjusted_with,
     estimate_shape_variance,
     rigid_solution,
+    solve_free,
     solve_from,
     solve_with_priors,
     without_priors,
 )
 from spherecal.ball.image_poses import link_camera_groups
-from spherecal.ball.rigid import LEAST_SHARED, Agreement, Alignment, BallNetwork, RigidNetwork, agreement, share_shape
+from spherecal.ball.rigid import (
+    LEAST_SHARED,
+    NOTICEABLE,
+    Alignment,
+    BallNetwork,
+    ModelChoice,
+    RigidNetwork,
+    agreement,
+    share_shape,
+)
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.messages.values import Phrase
-from spherecal.initialise.incremental import InitialPoses, resect_camera
-
-FormName = Literal["free", "soft", "rigid"]
-RequestedForm = Literal["auto", "soft", "rigid"]
+from spherecal.data.findings import Finding
+from spherecal.data.session import Recording
+from spherecal.diagnose.anomalies import explained_by_moves
+from spherecal.diagnose.ball_changes import sizes_to_fit
+from spherecal.initialise.incremental import InitialPoses, grow, resect_camera
+from spherecal.initialise.local import LocalNetwork, reconstruct_locally
+from spherecal.scale.metric import MetricFit, in_millimetres, metric_solution
+from spherecal.scale.stored_ball import on_known_ball
+from spherecal.steps.ball_stages import StartValues
+from spherecal.steps.settings import CalibrationSettings, Method
 
 # A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
 # as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
@@ -49,75 +64,70 @@ MOST_WORSE_BY_LENSES = 2.0
 # Three cameras alone leave a redundancy of some 200 a group, so that the free form's variance is unsure by a tenth (one
 # of 48 linked recordings was at 1.25): groups are linked while the ratio is within three standard deviations of that.
 SURE = 3.0
-# The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
-NOTICEABLE = 1.06
 # Sizes of the ball at its placements are found to first order: twice for those of 0.1 %.
 SIZE_ROUNDS = 2
 # Below this turn the placements are as good as only moved.
 TURNED_DEG = 15.0
 
 
-@dataclass(frozen=True)
-class ModelChoice:
-    """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's.
-
-    `shape_sd_mm`: in the soft form the standard deviation, per coordinate, of a dot's place on the ball, `stated` or
-    estimated from the data. `facts`: the part of the reason that holds whatever was taken. `agreement`: how far cameras
-    agree that dots moved on the ball; None where that was not tested. `sizes` (placements,): of the ball in the rigid
-    form, relative to their mean; None where it has one size.
-    """
-
-    form: FormName
-    reason: Phrase
-    ratio: float | None = None
-    limit: float | None = None
-    alignment: Alignment | None = None
-    shape_sd_mm: float | None = None
-    stated: bool = False
-    asked: bool = False
-    facts: Phrase | None = None
-    agreement: Agreement | None = None
-    sizes: FloatArray | None = None
-
-    @property
-    def ball_changed(self) -> bool:
-        """Whether the ball, and not errors of single cameras, is the cause if the rigid form fits worse."""
-        return self.agreement is None or self.agreement.is_certain
-
-    @property
-    def beyond(self) -> bool:
-        """Whether the rigid form fits worse than a ball that keeps its shape allows."""
-        return self.ratio is not None and self.limit is not None and self.ratio > self.limit
-
-    @property
-    def refused(self) -> bool:
-        """Whether the ball's shape seems to have changed too much for the rigid form."""
-        return self.beyond and not self.asked and self.form != "rigid"
+def ball_network(recording: Recording, network: Network, local: LocalNetwork, free: BallFit) -> BallNetwork:
+    """The dots of the ball in the free network; no two-view gate judges a camera that is alone."""
+    candidates = local.keep | ~free.placed[network.camera]
+    return BallNetwork(network, recording.features, recording.n_placements, recording.n_ball, candidates)
 
 
-@dataclass(frozen=True)
-class RequestedModel:
-    """The ball model that the user requests, and the standard deviation of its dots if it is known.
+def fit_ball_model(
+    recording: Recording, start: StartValues, free: BallFit, settings: CalibrationSettings, run: Run
+) -> MetricFit:
+    """The network in millimetres, in the ball model that the data support (decision 0006); free if the user stops."""
+    ball = ball_network(recording, start.network, start.local, free)
+    try:
+        fit = _in_its_model(recording, free, ball, settings, run.accepting_partial())
+    except PartialResultAccepted:
+        if run.context.has_partial_result:  # the caller's result is further on
+            raise
+        solved, solution = in_millimetres(recording, free, run)
+        fit = MetricFit(solved, ModelChoice("free", Phrase("form-stopped")), solution, stopped=True)
+    # the cameras that it or the free form left out because two poses fit them equally well
+    left_out = [form.ambiguous for form in (free, fit.solved) if form.ambiguous is not None]
+    ambiguous = np.any(left_out, axis=0) if left_out else None
+    return replace(fit, solved=replace(fit.solved, ambiguous=ambiguous))
 
-    `mm_per_unit` gives the length of the network's unit from its free form. `sizes` gives those of the ball at its
-    placements (t,), relative to their mean, that the rigid form should have, by the free form's variance. With None for
-    that variance it gives what sizes that are fitted already are off. `is_moved`: whether motions of cameras or of the
-    ball leave no more than a variance. `other_groups`: the free forms of cameras that are not placed (c,).
-    """
 
-    name: RequestedForm
-    shape_sd_mm: float | None
-    mm_per_unit: Callable[[BallFit], float]
-    sizes: Callable[[RigidNetwork, Adjustment, float | None], FloatArray | None]
-    is_moved: Callable[[float], bool]
-    other_groups: Callable[[BoolArray], list[BallFit]]
+def _in_its_model(
+    recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
+) -> MetricFit:
+    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with its findings."""
+    refused: tuple[Finding, ...] = ()
+    if settings.ball is not None:
+        stored = on_known_ball(recording, free, ball, settings.ball, run)
+        run.watch.lap("known ball")
+        if isinstance(stored, MetricFit):
+            return stored
+        refused = (stored,)
+    fit, choice = free, ModelChoice("free", Phrase("form-asked-alone"))
+    if settings.method in ("auto", "soft", "rigid"):
+        fit, choice = select_ball_model(recording, free, ball, settings, run)
+        run.watch.lap("rigid ball")
+    fit, solution = in_millimetres(recording, fit, run)
+    return MetricFit(fit, choice, solution, refused)
 
 
 Chosen = tuple[BallFit, ModelChoice]
 
 
-def choose_ball_model(free: BallFit, ball: BallNetwork, requested: RequestedModel, run: Run) -> Chosen:
-    """The rigid form if the data support it (or it is requested), else the soft or the free one, with the reason.
+def select_ball_model(
+    recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
+) -> Chosen:
+    """The rigid form if the data support it, else the soft or the free one; and the choice with its reasons."""
+    fit, choice = _chosen(recording, free, ball, settings, run)
+    if settings.method not in ("auto", choice.form):
+        raise InputError(Phrase("error-form-not-possible", {"form": settings.method, "why": choice.reason}))
+    return fit, choice
+
+
+def _chosen(recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run) -> Chosen:
+    """The form, or that which is asked for as far as there is one.
 
     Where motions of cameras or of the ball explain what the rigid form does not, it is kept (decisions 0006, 0009,
     0012).
@@ -125,7 +135,8 @@ def choose_ball_model(free: BallFit, ball: BallNetwork, requested: RequestedMode
     run.context.report("rigid ball", 0.0)
     alignment = ball.aligned(free.adjusted.state.points)
     if not free.placed.all():
-        linked = _linked([free, *requested.other_groups(free.placed)], ball, alignment, requested.name, run)
+        groups = [free, *_solve_others(recording, ball.network, free.placed, settings, run)]
+        linked = _linked(groups, ball, alignment, settings.method, run)
         if linked is not None:
             return _with_more_cameras(*_with_more_placements(*linked, ball, run), ball, run)
     if not alignment.moved.any():
@@ -136,16 +147,19 @@ def choose_ball_model(free: BallFit, ball: BallNetwork, requested: RequestedMode
     first = _first_rigid(rigid.network, start, free, run)
     network, first = corrected(rigid.network, first, free.placed, rigid.places, None, run.context)
     rigid = replace(rigid, network=network)
-    first, sizes = _of_several_sizes(rigid, first, free, requested, run)
-    choice = replace(_judged(first, [free], alignment, requested.name, rigid.feature), sizes=sizes)
+    sizes = None
+    if settings.intrinsics != "fixed":  # a focal length that is wrong looks like other sizes
+        first, sizes = _of_several_sizes(recording, rigid, first, free, run)
+    choice = replace(_judged(first, [free], alignment, settings.method, rigid.feature), sizes=sizes)
     # asked before the soft form, which takes as long as all else of a camera that moved
-    if choice.refused and choice.limit is not None and requested.is_moved(choice.limit * free.adjusted.variance):
+    if choice.refused and choice.limit is not None and _is_moved(free, ball, choice.limit, run):
         if not free.placed.all():  # it may link more cameras
-            fit, choice = choose_ball_model(free, ball, replace(requested, name="rigid"), run)
+            fit, choice = _chosen(recording, free, ball, replace(settings, method="rigid"), run)
             return fit, _kept(choice)
         choice = _kept(replace(choice, form="rigid"))
     if choice.form == "soft":
-        soft = _soft_solution(rigid, first, free, choice, requested, run)
+        unit_mm = metric_solution(recording, free).factor
+        soft = _soft_solution(rigid, first, free, choice, settings.shape_sd_mm, unit_mm, run)
         if soft is not None:
             return soft
         choice = replace(choice, form="free")
@@ -157,6 +171,14 @@ def choose_ball_model(free: BallFit, ball: BallNetwork, requested: RequestedMode
 
 def _kept(choice: ModelChoice) -> ModelChoice:
     return replace(choice, reason=Phrase("form-kept", {"facts": choice.facts}), asked=False)
+
+
+def _is_moved(free: BallFit, ball: BallNetwork, limit: float, run: Run) -> bool:
+    """Whether motions of cameras or of the ball leave no more than so many times the free form's variance."""
+    weighted = replace(ball.network, noise=free.network.noise).corrected_as(free.network)
+    most = limit * free.adjusted.variance
+    found = explained_by_moves(replace(ball, network=weighted), free, run.context, most)
+    return bool(found.moves) or found.group_motion is not None
 
 
 def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
@@ -175,13 +197,14 @@ def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adj
 
 
 def _of_several_sizes(
-    rigid: RigidNetwork, first: Adjustment, free: BallFit, requested: RequestedModel, run: Run
+    recording: Recording, rigid: RigidNetwork, first: Adjustment, free: BallFit, run: Run
 ) -> tuple[Adjustment, FloatArray | None]:
     """The rigid form with a size of the ball for each placement, and these sizes, if they explain its misfit."""
     total: FloatArray | None = None
     root, moved = rigid.alignment.root, rigid.alignment.moved
     for _ in range(SIZE_ROUNDS):
-        sizes = requested.sizes(rigid, first, free.adjusted.variance if total is None else None)
+        free_variance = free.adjusted.variance if total is None else None  # of sizes that are fitted, what they lack
+        sizes = sizes_to_fit(rigid, first, recording.observations.placement, recording.n_ball, free_variance)
         if sizes is None:
             break
         every = np.zeros(len(root))
@@ -196,7 +219,7 @@ def _of_several_sizes(
 
 
 def _linked(
-    groups: list[BallFit], ball: BallNetwork, alignment: Alignment, requested: RequestedForm, run: Run
+    groups: list[BallFit], ball: BallNetwork, alignment: Alignment, requested: Method, run: Run
 ) -> tuple[BallFit, ModelChoice] | None:
     """The rigid form of more cameras than the first group has; None where the ball's shape links no more."""
     every = [InitialPoses(one.adjusted.state, one.placed) for one in groups]
@@ -261,15 +284,20 @@ def _with_more_cameras(fit: BallFit, choice: ModelChoice, ball: BallNetwork, run
 
 
 def _soft_solution(
-    rigid: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, requested: RequestedModel, run: Run
+    rigid: RigidNetwork,
+    first: Adjustment,
+    free: BallFit,
+    choice: ModelChoice,
+    stated_mm: float | None,
+    unit_mm: float,
+    run: Run,
 ) -> Chosen | None:
     """The soft form of the cameras that the free one places, with its shape noise; None where that would do harm."""
-    noise, unit_mm = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE), requested.mm_per_unit(free)
-    is_stated = requested.shape_sd_mm is not None
-    if requested.shape_sd_mm is None:
+    noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
+    if stated_mm is None:
         shape_sd, start = estimate_shape_variance(rigid, first, free, noise**2, run.context)
     else:
-        shape_sd = requested.shape_sd_mm / unit_mm / noise
+        shape_sd = stated_mm / unit_mm / noise
         start = adjusted_with(rigid, first, free, shape_sd)
     points = start.state.points[np.unique(start.problem.point)]
     radius = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))  # of the ball, rms of its dots
@@ -277,13 +305,13 @@ def _soft_solution(
         return None
     fit = rigid_solution(without_priors(rigid).softened(shape_sd), start, free.placed, run)
     sd_mm = shape_sd * noise * unit_mm
-    source = Phrase("play-stated" if is_stated else "play-estimated")
+    source = Phrase("play-estimated" if stated_mm is None else "play-stated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
-    return replace(fit, free=free), replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=is_stated)
+    return replace(fit, free=free), replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=stated_mm is not None)
 
 
 def _judged(
-    rigid: Adjustment, free: list[BallFit], alignment: Alignment, requested: RequestedForm, feature: IntArray
+    rigid: Adjustment, free: list[BallFit], alignment: Alignment, requested: Method, feature: IntArray
 ) -> ModelChoice:
     """The free form of several groups of cameras together, for comparison; feature (n,) of the observations."""
     redundancy = sum(group.adjusted.redundancy for group in free)
@@ -317,3 +345,27 @@ def _nothing_shared(alignment: Alignment, n_ball: int) -> Phrase:
     if most == 0:
         return Phrase("form-no-dot-twice")
     return Phrase("form-little-shared", {"least": LEAST_SHARED, "most": most})
+
+
+def _solve_others(
+    recording: Recording, network: Network, placed: BoolArray, settings: CalibrationSettings, run: Run
+) -> list[BallFit]:
+    """The free form of each group of cameras that has no common view with those placed, each in its own frame."""
+    groups: list[BallFit] = []
+    rest = ~placed
+    observations, features = recording.observations, recording.features
+    while rest.sum() >= 3:
+        rows = np.flatnonzero(rest[observations.camera])
+        own = observations.select(rows)
+        own_features = replace(features, of_observation=features.of_observation[rows])
+        local = reconstruct_locally(own, own_features, run.known, settings.seed, run.context)
+        if not local.triples:
+            break
+        part = network.only(rows)
+        start = grow(local, part, run.known, local.keep, run.context)
+        candidates = local.keep & start.placed[part.camera]
+        first, *others = local.graph.references
+        alone = replace(run, reference=first, next_references=tuple(others))
+        groups.append(solve_free(part, start, candidates, alone))
+        rest &= ~start.placed
+    return groups

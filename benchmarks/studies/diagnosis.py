@@ -170,7 +170,7 @@ def stale(rig: str, seed: int, rng: np.random.Generator) -> Case:
     keep = np.flatnonzero((o.camera != c) | (o.placement != at))
     again = np.flatnonzero((o.camera == c) & (o.placement == source))
     both = o.select(np.concatenate([keep, again]))
-    both.placement[len(keep) :] = at
+    both = replace(both, placement=np.where(np.arange(len(both)) < len(keep), both.placement, at))
     names = (session.cameras[c].id, session.placements[at].id, session.placements[source].id)
     return Case(replace(session, observations=both), "wrong-placement", names)
 

@@ -231,6 +231,20 @@ def test_distances_and_angles_with_their_uncertainties(demo: tuple[Session, Rig]
         assert np.mean(column**2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / len(column)))
 
 
+@pytest.mark.parametrize("known", [False, True], ids=["cameras exact", "covariance known"])
+def test_the_scale_is_once_in_a_distances_uncertainty(demo: tuple[Session, Rig], known: bool) -> None:
+    """Added where the cameras' covariance is not known; that holds the scale already."""
+    rig = demo[1] if known else exact(demo[1])
+    names = PointName(1), PointName(2)
+    places = dict(zip(names, middle(rig) + np.array([[100.0, 0, 0], [-100.0, 0, 0]]), strict=True))
+
+    def variance(relative: float | None) -> float:
+        one = replace(rig, scale=replace(rig.scale, relative_uncertainty=relative))
+        return Measurer(one, Task(rulers=(Ruler(names),))).measure(seen_points(one, places)).values[0].u ** 2
+
+    assert variance(1e-3) - variance(None) == pytest.approx(0.0 if known else 0.2**2, rel=1e-6, abs=1e-12)
+
+
 def test_what_two_points_have_in_common_does_not_blur_their_distance(demo: tuple[Session, Rig]) -> None:
     """Two near points move together with the cameras' errors."""
     _, rig = demo

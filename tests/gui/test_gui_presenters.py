@@ -24,6 +24,7 @@ from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Co
 from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
 from spherecal_files.written_phrase import Sentence
 from spherecal_gui import coverage as cov
+from spherecal_gui.controllers.camera_controller import _delivers
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.languages import word
 from spherecal_gui.presenters.bars_presenter import (
@@ -285,6 +286,11 @@ def test_an_ill_link_names_the_remedy():
     assert "10 % of the images damaged. Check cable" in line.word
     (line,) = camera_lines(connection({"S1": status(delivered=0, incomplete=10)}), ())
     assert line.level == "bad", "no image arrives whole"
+
+
+def test_one_whole_image_is_enough_to_count_as_a_camera_that_delivers():
+    assert _delivers(status(delivered=1, incomplete=50)) and _delivers(status(delivered=0, incomplete=4))
+    assert not _delivers(status(delivered=0, incomplete=5))
 
 
 def test_a_camera_whose_images_all_arrive_damaged_is_lost(qapp):

@@ -16,7 +16,7 @@ from spherecal.geometry.camera import intrinsics_vector, project
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.marker_set import marker_dictionary
 from spherecal_app.cli.main import main
-from spherecal_boards.board_images import find_board
+from spherecal_boards.board_images import find_board, spread
 from spherecal_boards.board_pattern import BoardPattern, figure
 from spherecal_boards.pattern_entry import board_entry, board_pattern
 from spherecal_documents.sheets.board_sheet import BOARD_PAGES_MM, words, write_board_sheet
@@ -252,3 +252,7 @@ def test_a_board_that_lacks_something_is_no_file(capsys: pytest.CaptureFixture[s
     board = "charuco,rows=6,columns=9,pitch_mm=20,marker_mm=15"
     assert main(["targets", "sheet", "--board", board, "-o", "board.pdf"]) == 2
     assert capsys.readouterr().err.startswith('spherecal: --board: board lacks "dictionary".')
+
+
+def test_some_of_many_images_are_spread_from_first_to_last_and_none_is_taken_twice() -> None:
+    assert [spread(*case) for case in ((10, 4), (3, 8), (1, 4), (0, 4))] == [[0, 3, 6, 9], [0, 1, 2], [0], []]

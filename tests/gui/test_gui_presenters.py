@@ -24,6 +24,7 @@ from spherecal_cameras.protocol import CameraInfo, CameraState, CameraStatus, Co
 from spherecal_files.findings_file import Sentence
 from spherecal_files.verification_file import BarReport, BarRow, ProcedureReport
 from spherecal_gui import coverage as cov
+from spherecal_gui.controllers.camera_controller import _delivers
 from spherecal_gui.controllers.controller import Controller
 from spherecal_gui.languages import word
 from spherecal_gui.presenters.bars_presenter import (
@@ -31,6 +32,7 @@ from spherecal_gui.presenters.bars_presenter import (
     errors_of,
     length_cells,
     next_pose,
+    pose_name,
     rule_text,
 )
 from spherecal_gui.presenters.calibrate_presenter import CourseOfWork
@@ -38,8 +40,20 @@ from spherecal_gui.presenters.connect_presenter import camera_lines, connect_sum
 from spherecal_gui.presenters.look_presenter import summary, tile_state
 from spherecal_gui.presenters.placement_presenter import AutoTrigger, Scene, island_text, need_lists
 from spherecal_gui.presenters.results_presenter import CameraRow, bar_verdict
-from spherecal_gui.presenters.step_states import BarFacts, PlacementFacts, bar_says, left_text, placement_says, seeing
+from spherecal_gui.presenters.step_states import (
+    BarFacts,
+    CheckFacts,
+    PlacementFacts,
+    VerifyFacts,
+    bar_says,
+    check_says,
+    left_text,
+    placement_says,
+    seeing,
+    verify_says,
+)
 from spherecal_gui.tasks.ghost import ToGo
+from spherecal_gui.workflow import Status
 from spherecal_verify.budget import Budget, Contribution
 from spherecal_verify.limit import Acceptance, Conformity, LengthConformity, LengthLimit
 from spherecal_verify.verification import LengthStatistics
@@ -272,6 +286,11 @@ def test_an_ill_link_names_the_remedy():
     assert "10 % of the images damaged. Check cable" in line.word
     (line,) = camera_lines(connection({"S1": status(delivered=0, incomplete=10)}), ())
     assert line.level == "bad", "no image arrives whole"
+
+
+def test_one_whole_image_is_enough_to_count_as_a_camera_that_delivers():
+    assert _delivers(status(delivered=1, incomplete=50)) and _delivers(status(delivered=0, incomplete=4))
+    assert not _delivers(status(delivered=0, incomplete=5))
 
 
 def test_a_camera_whose_images_all_arrive_damaged_is_lost(qapp):
@@ -509,3 +528,27 @@ def test_poses_stand_in_columns_by_line():
 
     assert pose_columns(["L1-1", "L1-2", "L2-1"]) == [["L1-1", "L1-2"], ["L2-1"]]
     assert pose_columns(["A-01", "A-02", "B-01"]) == [["A-01", "A-02"], ["B-01"]]
+
+
+def test_a_pose_is_called_by_its_number_whatever_the_plan_calls_it():
+    assert [pose_name(pose, ("A-07", "B-01")) for pose in ("A-07", "B-01")] == ["Pose 1 of 2", "Pose 2 of 2"]
+
+
+def test_while_a_pose_is_being_captured_no_other_is_and_nothing_is_measured():
+    for work in ("exposing", "computing", "other"):
+        laid, last = BarFacts("A-01", 3, work), BarFacts(None, 3, work)
+        assert not bar_says(laid).button.enabled and bar_says(laid).button.why
+        for bar in (laid, last):
+            said = verify_says(VerifyFacts(bar, taken=True))
+            assert not said.button.enabled and not said.also
+    assert bar_says(BarFacts("A-01", 3)).button.enabled
+    assert verify_says(VerifyFacts(BarFacts(None, 3))).button.does == "measure"
+    said = verify_says(VerifyFacts(BarFacts("A-01", 3), taken=True))
+    assert said.button.does == "capture" and said.also == {"measure-now"}
+
+
+def test_a_check_that_failed_before_it_began_is_bad_and_one_that_is_out_of_date_is_not():
+    levels = {
+        status: check_says(CheckFacts(status, reason="A reason.")).level for status in (Status.FAILED, Status.STALE)
+    }
+    assert levels == {Status.FAILED: "bad", Status.STALE: "caution"}

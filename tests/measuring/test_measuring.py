@@ -231,6 +231,20 @@ def test_distances_and_angles_with_their_uncertainties(demo: tuple[Session, Rig]
         assert np.mean(column**2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / len(column)))
 
 
+@pytest.mark.parametrize("known", [False, True], ids=["cameras exact", "covariance known"])
+def test_the_scale_is_once_in_a_distances_uncertainty(demo: tuple[Session, Rig], known: bool) -> None:
+    """Added where the cameras' covariance is not known; that holds the scale already."""
+    rig = demo[1] if known else exact(demo[1])
+    names = PointName(1), PointName(2)
+    places = dict(zip(names, middle(rig) + np.array([[100.0, 0, 0], [-100.0, 0, 0]]), strict=True))
+
+    def variance(relative: float | None) -> float:
+        one = replace(rig, scale=replace(rig.scale, relative_uncertainty=relative))
+        return Measurer(one, Task(rulers=(Ruler(names),))).measure(seen_points(one, places)).values[0].u ** 2
+
+    assert variance(1e-3) - variance(None) == pytest.approx(0.0 if known else 0.2**2, rel=1e-6, abs=1e-12)
+
+
 def test_what_two_points_have_in_common_does_not_blur_their_distance(demo: tuple[Session, Rig]) -> None:
     """Two near points move together with the cameras' errors."""
     _, rig = demo
@@ -276,6 +290,18 @@ def test_a_bodys_pose_and_its_covariance(demo: tuple[Session, Rig]) -> None:
         off = np.concatenate([log_rotation(rotation @ pose.rotation.T), at - pose.translation_mm])
         scores.append(off @ np.linalg.solve(pose.covariance, off))
     assert np.mean(scores) == pytest.approx(6.0, abs=4 * np.sqrt(12 / len(scores)))
+
+
+def test_a_point_that_is_hardly_known_hardly_moves_its_body(demo: tuple[Session, Rig]) -> None:
+    """Of six equal points one that is 0.6 mm off would take the body along by 0.1 mm; it is known to 1 mm only."""
+    rig = exact(demo[1])
+    body, places, rotation, at = a_body(rig)
+    body = replace(body, points=(replace(body.points[0], sigma_mm=1.0), *body.points[1:]))
+    places[body.points[0].name] = places[body.points[0].name] + [0.0, 0.6, 0.0]
+    (pose,) = Measurer(rig, Task(bodies=(body,))).measure(seen_points(rig, places)).bodies
+    assert pose.left_out == ()
+    assert pose.translation_mm == pytest.approx(at, abs=0.01)
+    assert log_rotation(rotation @ pose.rotation.T) == pytest.approx(np.zeros(3), abs=1e-4)
 
 
 def test_a_wrong_point_of_a_body_is_left_out_and_named(demo: tuple[Session, Rig]) -> None:

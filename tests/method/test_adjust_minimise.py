@@ -7,8 +7,16 @@ import pytest
 from scipy.optimize import least_squares
 
 from spherecal.adjust import engine
-from spherecal.adjust.bundle import Adjustment, datum_defect, refine, residual_size, robust_start
+from spherecal.adjust.bundle import (
+    Adjustment,
+    best_observations,
+    datum_defect,
+    refine,
+    residual_size,
+    robust_start,
+)
 from spherecal.adjust.covariance import covariance
+from spherecal.adjust.intrinsic_priors import RATIONAL_SD, prior_sigmas, with_intrinsic_priors
 from spherecal.adjust.least_squares import _Bundle, minimise
 from spherecal.adjust.levenberg import Damping, Minimum, Settings, levenberg_marquardt
 from spherecal.adjust.network import Network, free_network
@@ -421,3 +429,30 @@ def test_adjusted_without_redundancy_has_no_variance() -> None:
     nothing = Minimum(net.truth, 1.0, 1, True, (1.0,))
     assert np.isnan(Adjustment(net.truth, net.problem, np.arange(0), np.zeros(0, dtype=bool), nothing, 0).variance)
     assert datum_defect(net.problem) == 7
+
+
+def network_of(camera: list[int], feature: list[int]) -> Network:
+    """Cameras that see features somewhere, nothing of their lenses estimated."""
+    n, c = len(camera), max(camera) + 1
+    sees, whole = np.array(camera), np.array(feature)
+    free, each = np.zeros((c, 16), bool), np.ones(c)
+    return Network(whole, sees, np.zeros((n, 2)), np.ones((n, 2)), max(feature) + 1, free, np.arange(c), each, each < 0)
+
+
+def test_of_every_camera_some_observations_are_taken_first() -> None:
+    """Also of one that sees only what few others do: the best of all cameras' would be none of its own."""
+    network = network_of([0] * 9 + [1] * 9 + [2] * 9 + [2] * 9 + [3] * 9, [*range(9)] * 3 + [*range(9, 18)] * 2)
+    taken = best_observations(network, np.ones(45, dtype=bool), 4)
+    assert np.bincount(network.camera[taken]).tolist() == [4, 4, 8, 4]
+    assert (network.feature[taken & (network.camera < 2)] < 9).all()
+
+
+def test_a_rational_lens_whose_data_are_known_keeps_what_was_stated_of_it() -> None:
+    """The weak prior on denominators is for lenses of which nothing is known beside."""
+    network = network_of([0, 1, 2], [0, 0, 0])
+    network.free[:2, 9:12] = True
+    known = np.tile(np.r_[1500.0, 1500.0, 640.0, 480.0, np.zeros(12)], (3, 1))
+    priors = with_intrinsic_priors(network, known, np.array([True, False, False]), 0.5).priors
+    assert priors.sigma[0] == pytest.approx(prior_sigmas(known)[0] / 0.5)
+    assert (priors.sigma[1, 9:12] == RATIONAL_SD).all()
+    assert np.isinf(priors.sigma[1, :9]).all() and np.isinf(priors.sigma[2]).all()

@@ -93,6 +93,17 @@ def test_of_three_cameras_exchanged_in_turn_each_is_named_with_the_one_that_it_s
         assert 0.9 * own < f.values["fitting"] <= f.values["points"] <= own
 
 
+def test_a_noisy_camera_is_told_with_what_its_points_can_show() -> None:
+    case, findings = told("camera blurred, 0.15 px")
+    (found,) = (f for f in findings if f.code == case.code == "camera-noisy")
+    values, o = found.values, observed(case.session)
+    own = int((o.camera == o.cameras.index(found.where[0])).sum())
+    assert 0.8 * own < values["points"] <= own
+    assert values["percent"] == pytest.approx(100 / np.sqrt(2 * values["points"]))
+    assert values["noise_px"] == pytest.approx(values["times"] * values["others_px"])
+    assert 0.1 < values["noise_px"] < 0.25
+
+
 def test_faults_do_not_feign_others() -> None:
     """A camera that moved, or is blurred, is no lens, ball or target; exchanged images are no moves."""
     others = {"lens-misfit", "ball-shape-changed", "target-contradicts", "cameras-swapped", "wrong-placement",
@@ -100,6 +111,8 @@ def test_faults_do_not_feign_others() -> None:
     for fault in CHOSEN[:2] + CHOSEN[3:5] + CHOSEN[6:9]:
         case, findings = told(fault)
         assert not {f.code for f in findings} & (others - {case.code}), fault
+    _, findings = told("focal length half in one prior")  # no other camera has what this one was given
+    assert not {f.code for f in findings} & {"cameras-swapped", "camera-noisy"}
 
 
 def test_a_faultless_rig_has_none_of_them() -> None:

@@ -14,6 +14,7 @@ from spherecal.data.findings import Finding
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.diagnose.anomalies import _is_seen
+from spherecal.diagnose.camera_findings import _images_mirrored
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.group_motion import GroupMotion
 from spherecal.diagnose.run_checks import (
@@ -264,6 +265,14 @@ def test_mirrored_needs_the_target_set(evidence: Evidence) -> None:
     assert "mirrored" not in {
         f.code for f in run_checks(replace(flipped, session=replace(evidence.session, target_set=None)))
     }
+
+
+def test_a_placement_at_which_a_camera_has_no_image_says_nothing_of_mirrored_ones(evidence: Evidence) -> None:
+    session = evidence.session
+    first, *others = (replace(placement, images={}) for placement in session.placements)
+    one = replace(first, images={"C01": session.folder / "none.png"})  # recorded observations need no images
+    some = replace(evidence, session=replace(session, placements=(one, *others)))
+    assert not _images_mirrored(some, "C01") and not _images_mirrored(some, "C02")
 
 
 def test_upside_down_images_are_not_mirrored() -> None:

@@ -136,6 +136,9 @@ def test_derivatives_agree_with_differences_beside_other_lenses() -> None:
         np.testing.assert_allclose(by_lens[wide, :, i], numeric[wide], rtol=1e-7, atol=1e-7 * np.abs(numeric).max())
     assert (by_lens[wide, :, 8:] == 0).all()
     xy = x[:, :2] / x[:, 2:]
+    ideal, good = undistort(uv, c)
+    assert good.all()
+    np.testing.assert_allclose(ideal, xy, rtol=1e-8, atol=1e-9)
     for axis in range(2):
         h = 1e-6 * np.eye(2)[axis]
         numeric = (distort_with_jacobian(xy + h, c)[0] - distort_with_jacobian(xy - h, c)[0]) / 2e-6

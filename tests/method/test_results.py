@@ -12,6 +12,7 @@ from spherecal.base.errors import OutputError
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
 from spherecal.geometry.rotation import exp_rotation
+from spherecal.result.build_result import quality_of
 from spherecal.targets.family import make_target_set
 from spherecal_files import atomic
 from spherecal_files import filesystem as files
@@ -251,3 +252,11 @@ def test_targets_return_exactly(tmp_path: Path) -> None:
     for target, dots in targets.layouts.items():
         for name, place in dots.items():
             np.testing.assert_array_equal(place, again.layouts[target][name])
+
+
+def test_the_quality_is_that_of_the_residuals_that_are_known() -> None:
+    behind = [np.nan, np.nan]  # a point behind its camera
+    found = quality_of(np.array([[3.0, 4.0], behind, [0.0, 1.0]]), 1.2, (), ("C01",))
+    assert (found.rms_px, found.mean_px) == pytest.approx((np.sqrt(13), 3.0))
+    nothing = quality_of(np.array([behind]), None, (), ("C01",))
+    assert (nothing.rms_px, nothing.mean_px) == (None, None)

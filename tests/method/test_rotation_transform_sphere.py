@@ -11,6 +11,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation, nearest_rotation
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
+from spherecal.scale.metric import fit_spheres
 
 ordinary = st.floats(0, np.pi)
 tiny = st.floats(0, 1e-7)
@@ -166,3 +167,14 @@ def test_what_defines_no_sphere_gives_none() -> None:
     for points in (np.zeros((0, 3)), rng.normal(size=(3, 3)), plane, line, np.ones((10, 3)), np.zeros((10, 3))):
         assert fit_sphere(points) is None
     assert fit_sphere(rng.normal(size=(4, 3))) is not None
+
+
+def test_a_point_far_off_takes_no_part_in_its_placements_sphere() -> None:
+    rng = np.random.default_rng(0)
+    on = rng.normal(size=(60, 3))
+    on *= 250.0 / np.linalg.norm(on, axis=1, keepdims=True)
+    points = np.vstack([on + np.array([900.0, 0.0, 0.0]), [[9e3, 4e3, 0.0]], on, np.full((2, 3), np.nan)])
+    found = fit_spheres(points, np.r_[np.zeros(61, int), np.ones(62, int)], 3)
+    assert found.keys() == {0, 1}
+    assert [found[t].radius for t in (0, 1)] == pytest.approx([250.0, 250.0])
+    assert found[0].centre == pytest.approx([900.0, 0.0, 0.0], abs=1e-6)

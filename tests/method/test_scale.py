@@ -311,8 +311,10 @@ def test_bar_that_nobody_sees_gives_no_scale() -> None:
 
 @pytest.mark.parametrize("preset", ["rigA", "rigB"])
 def test_scale_of_a_calibration_is_within_its_uncertainty(preset: str) -> None:
-    calibration, _, truth = calibrated(preset, 3)
+    calibration, session, truth = calibrated(preset, 3)
     assert calibration.rig.scale.source == "target_spacing"
+    assert session.sphere_diameter_mm is not None and len(calibration.spheres) > 2
+    assert all(s.radius_mm == pytest.approx(session.sphere_diameter_mm / 2, rel=0.01) for s in calibration.spheres)
     assert calibration.rig.scale.relative_uncertainty is not None
     assert abs(errors_of(calibration, truth).scale - 1) < 3.5 * calibration.rig.scale.relative_uncertainty
 

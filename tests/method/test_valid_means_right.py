@@ -306,6 +306,7 @@ def test_cameras_on_a_beam_that_sags_are_split_together() -> None:
     found = before.rig.quality
     (finding,) = (f for f in found.findings if f.code == "cameras-moved")
     assert found.verdict == "not-valid" and len(finding.where) == 6 and finding.where[-1] == "P3"
+    assert finding.values["size"].values["shift"].values["shift"] == pytest.approx(2.0, rel=0.25)
     assert {r.option for r in done.rig.repairs} == {"--split"} and len(done.rig.repairs) == 5
     assert done.rig.quality.verdict == "valid", codes(done, "warning")
     now = np.array([c.centre_mm for c in truth.cameras]) - [[0.0, 0.0, 2.0 * (c < 5)] for c in range(10)]

@@ -5,9 +5,9 @@ Light of a dot at pixel x:  b + h . (x - c) + a m (1 + g . (x - c)) + a blur^2 g
 with the centre c, amplitude a and background b of each dot. Shape and tilt of the ellipses come from the sticker's view
 (sticker_view.py) and are not free: that is what keeps a steep dot's shape apart from its amplitude.
 
-Shared by a sticker are the blur, the dots' growth (ink gain) and the slopes of the light: a g of the amplitude, h of the
-background, those of the planes through the eight of each. The first left out shifts a dot by up to 0.01 px, the second,
-where the film shines, by 0.003 px, the same way for all cameras; free per dot they double the variance.
+Shared by a sticker are the blur, the dots' growth (ink gain) and the slopes of the light: a g of the amplitude, h of
+the background, those of the planes through the eight of each. The first left out shifts a dot by up to 0.01 px, the
+second, where the film shines, by 0.003 px, the same way for all cameras; free per dot they double the variance.
 Pixels belong to the next dot, and the light of its neighbours is taken off. Gauss-Newton with iterated weights: the
 camera's noise times Cauchy's weight, which drops what scratches and highlights add.
 """

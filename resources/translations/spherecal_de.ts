@@ -343,8 +343,8 @@
         <translation>Übernommene Stäbe: {count}.</translation>
     </message>
     <message>
-        <source>With other figures than the library&apos;s: {bars}.</source>
-        <translation>Mit anderen Zahlen als in der Sammlung: {bars}.</translation>
+        <source>With other figures than the library&apos;s, which can be undone: {bars}.</source>
+        <translation>Mit anderen Zahlen als in der Sammlung, was sich rückgängig machen lässt: {bars}.</translation>
     </message>
     <message>
         <source>Lines that could not be used: {count}.</source>
@@ -386,6 +386,14 @@
         <translation>Aufstellungen und Grenzen</translation>
     </message>
     <message>
+        <source>Undo</source>
+        <translation>Rückgängig</translation>
+    </message>
+    <message>
+        <source>Redo</source>
+        <translation>Wiederholen</translation>
+    </message>
+    <message>
         <source>Save</source>
         <translation>Speichern</translation>
     </message>
@@ -396,6 +404,10 @@
     <message>
         <source>Nothing was changed.</source>
         <translation>Nichts wurde geändert.</translation>
+    </message>
+    <message>
+        <source>Nothing was undone.</source>
+        <translation>Nichts wurde rückgängig gemacht.</translation>
     </message>
     <message>
         <source>To be corrected before saving: {count}</source>
@@ -1483,6 +1495,14 @@ px</translation>
         <translation>Achsen um {axis} um {angle} Grad drehen</translation>
     </message>
     <message>
+        <source>Undo</source>
+        <translation>Rückgängig</translation>
+    </message>
+    <message>
+        <source>No offset, no turns</source>
+        <translation>Ohne Versatz und Drehung</translation>
+    </message>
+    <message>
         <source>Back to the reference camera</source>
         <translation>Zurück zur Referenzkamera</translation>
     </message>
@@ -1493,6 +1513,10 @@ px</translation>
     <message>
         <source>OK</source>
         <translation>OK</translation>
+    </message>
+    <message>
+        <source>Nothing was changed yet.</source>
+        <translation>Es wurde noch nichts geändert.</translation>
     </message>
     <message>
         <source>It is chosen already.</source>

@@ -343,8 +343,8 @@
         <translation>已导入的基准尺：{count}。</translation>
     </message>
     <message>
-        <source>With other figures than the library&apos;s: {bars}.</source>
-        <translation>数值与库中不同：{bars}。</translation>
+        <source>With other figures than the library&apos;s, which can be undone: {bars}.</source>
+        <translation>数值与库中不同（可撤销）：{bars}。</translation>
     </message>
     <message>
         <source>Lines that could not be used: {count}.</source>
@@ -386,6 +386,14 @@
         <translation>摆放与限值</translation>
     </message>
     <message>
+        <source>Undo</source>
+        <translation>撤销</translation>
+    </message>
+    <message>
+        <source>Redo</source>
+        <translation>重做</translation>
+    </message>
+    <message>
         <source>Save</source>
         <translation>保存</translation>
     </message>
@@ -396,6 +404,10 @@
     <message>
         <source>Nothing was changed.</source>
         <translation>没有更改。</translation>
+    </message>
+    <message>
+        <source>Nothing was undone.</source>
+        <translation>没有撤销任何操作。</translation>
     </message>
     <message>
         <source>To be corrected before saving: {count}</source>
@@ -1483,6 +1495,14 @@ px</translation>
         <translation>将坐标轴绕 {axis} 旋转 {angle} 度</translation>
     </message>
     <message>
+        <source>Undo</source>
+        <translation>撤销</translation>
+    </message>
+    <message>
+        <source>No offset, no turns</source>
+        <translation>无偏移、无旋转</translation>
+    </message>
+    <message>
         <source>Back to the reference camera</source>
         <translation>恢复为参考相机</translation>
     </message>
@@ -1493,6 +1513,10 @@ px</translation>
     <message>
         <source>OK</source>
         <translation>确定</translation>
+    </message>
+    <message>
+        <source>Nothing was changed yet.</source>
+        <translation>尚未更改任何内容。</translation>
     </message>
     <message>
         <source>It is chosen already.</source>

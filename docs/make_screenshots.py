@@ -219,7 +219,9 @@ def _bench(p: Photographer) -> None:
     p.live(0.3)
     p.number += 1
     p._save(dialog, p._path("bench-bars", "light", SIZE).stem)
-    dialog.done(0)
+    while dialog.desk.past:
+        dialog.desk.undo()
+    dialog.close()
     p.take_dialog(window.page.drivers.show_makers(), "makers")
 
 

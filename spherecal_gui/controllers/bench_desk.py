@@ -1,10 +1,10 @@
-"""The library of bars and balls and the rig's bench, while somebody changes them: import, saving."""
+"""The library of bars and balls and the rig's bench, while somebody changes them: undo, import, saving."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from spherecal.base.errors import InputError, SpherecalError
 from spherecal.base.messages.catalogue import phrase
@@ -17,6 +17,7 @@ from spherecal_gui.languages import error_line, translate
 from spherecal_gui.presenters.bench_presenter import (
     BallDraft,
     BarDraft,
+    BenchDraft,
     Problems,
     ball_draft,
     bar_draft,
@@ -27,6 +28,8 @@ from spherecal_gui.presenters.bench_presenter import (
 from spherecal_gui.project_folder import rig_bench
 from spherecal_rigs.ball_registry import BALL_REGISTRY, Bench, write_bench
 from spherecal_rigs.bars_table import arrivals, read_bars_table, write_bars_table
+
+_MOST_STEPS = 500
 
 T = TypeVar("T")
 
@@ -44,7 +47,7 @@ class Imported:
         """In words, the first lines with their problems."""
         parts = [translate("Bench", "Bars taken over: {count}.").format(count=len(self.entered))]
         if self.other:
-            message = translate("Bench", "With other figures than the library's: {bars}.")
+            message = translate("Bench", "With other figures than the library's, which can be undone: {bars}.")
             parts.append(message.format(bars=languages.listed(self.other)))
         if self.lines:
             parts.append(translate("Bench", "Lines that could not be used: {count}.").format(count=len(self.lines)))
@@ -52,7 +55,7 @@ class Imported:
 
 
 class BenchDesk:
-    """What is described; nothing is on disk before it is saved."""
+    """What is described, with its history; nothing is on disk before it is saved."""
 
     def __init__(self, projects: Path, plan: CapturePlan | None = None) -> None:
         """`plan` is what is there now (spherecal_cameras.plan); without one the rig's bench, if there is one."""
@@ -64,6 +67,8 @@ class BenchDesk:
             plan = self._read(lambda: read_plan(rig_bench(projects)), None)
         self.draft = bench_draft(plan, self.balls, self._known)
         self._saved = self.draft
+        self.past: list[tuple[str, BenchDraft]] = []  # what was changed, and the draft before
+        self.future: list[tuple[str, BenchDraft]] = []  # what was undone
         self.on_change: Callable[[], None] = lambda: None  # who shows the draft
 
     def _read(self, read: Callable[[], T], otherwise: T) -> T:
@@ -73,10 +78,30 @@ class BenchDesk:
             self.trouble = f"{self.trouble} {error_line(error)}".strip()
             return otherwise
 
-    def change(self, **parts: Any) -> None:
-        """Another draft, with these parts."""
-        self.draft = replace(self.draft, **parts)
+    def change(self, what: str, draft: BenchDraft) -> None:
+        """Another draft; changes of the same `what` in a row are one step."""
+        if draft != self.draft or draft.ball.own is not self.draft.ball.own:
+            if not (what and self.past and self.past[-1][0] == what):
+                self.past.append((what, self.draft))
+                del self.past[:-_MOST_STEPS]
+            self.future.clear()
+            self.draft = draft
         self.on_change()
+
+    def undo(self) -> None:
+        """One step back."""
+        self._step(self.past, self.future)
+
+    def redo(self) -> None:
+        """One step forward again."""
+        self._step(self.future, self.past)
+
+    def _step(self, steps: list[tuple[str, BenchDraft]], others: list[tuple[str, BenchDraft]]) -> None:
+        if steps:
+            what, draft = steps.pop()
+            others.append((what, self.draft))
+            self.draft = draft
+            self.on_change()
 
     @property
     def changed(self) -> bool:
@@ -86,7 +111,7 @@ class BenchDesk:
     def take_ball(self, name: str) -> None:
         """A ball of the library; an empty name begins a new one."""
         ball = ball_draft(self.balls[name]) if name in self.balls else BallDraft()
-        self.change(ball=ball)
+        self.change("", replace(self.draft, ball=ball))
 
     def take_targets(self, path: Path) -> str:
         """The target set of a file in place of numbers and width; what is wrong with it."""
@@ -95,21 +120,21 @@ class BenchDesk:
         except SpherecalError as error:
             return error_line(error)
         ball = replace(self.draft.ball, own=targets, own_file=f"{path.name}: {targets_words(targets)}")
-        self.change(ball=ball)
+        self.change("", replace(self.draft, ball=ball))
         return ""
 
     def own_targets(self) -> None:
         """Numbers and width again."""
-        self.change(ball=replace(self.draft.ball, own=None, own_file=""))
+        self.change("", replace(self.draft, ball=replace(self.draft.ball, own=None, own_file="")))
 
     def add_bar(self) -> None:
         """One more bar, behind the others."""
-        self.change(bars=(*self.draft.bars, BarDraft(role="check")))
+        self.change("", replace(self.draft, bars=(*self.draft.bars, BarDraft(role="check"))))
 
     def remove_bar(self, number: int) -> None:
-        """Take a bar out of the library; it is on disk until that is saved."""
+        """Take a bar out of the library; it can be undone until the end, and is on disk until it is saved."""
         bars = self.draft.bars
-        self.change(bars=(*bars[:number], *bars[number + 1 :]))
+        self.change("", replace(self.draft, bars=(*bars[:number], *bars[number + 1 :])))
 
     def import_table(self, path: Path) -> Imported | str:
         """Take the bars of a table into the draft; or why it is no such table."""
@@ -127,7 +152,7 @@ class BenchDesk:
             else:
                 before = bars[place]
                 bars[place] = replace(bar_draft(bar, before.role, before.id), kept=before.kept)
-        self.change(bars=tuple(bars))
+        self.change("", replace(self.draft, bars=tuple(bars)))
         lines = tuple(f"{one.serial or '-'}: {phrase(one.message, languages.now())}" for one in table.problems)
         entered = tuple(bar.serial for bar in (*found.new, *found.other))
         return Imported(entered, tuple(bar.serial for bar in found.other), lines)

@@ -89,7 +89,7 @@ class BarsTab(QWidget):
         self.role.addItem(self.tr("is not here"), "none")
         self.role.addItem(self.tr("gives the scale"), "scale")
         self.role.addItem(self.tr("verifies"), "check")
-        self.role.activated.connect(lambda _: self._put(role=str(self.role.currentData())))
+        self.role.activated.connect(lambda _: self._put("", role=str(self.role.currentData())))
         self.role.installEventFilter(WheelGuard(self.role))
         self.role_problem = label("", level="bad")
         role = QWidget()
@@ -113,7 +113,7 @@ class BarsTab(QWidget):
         column = add(spaced(QVBoxLayout(inner), 10), grid, title, self.lengths, self.lengths_problem)
         add(column, add(QHBoxLayout(), self.more, None), head, below, None)
         for key, one in self.fields.items():
-            one.line.textEdited.connect(lambda text, key=key: self._put(**{key: text}))
+            one.line.textEdited.connect(lambda text, key=key: self._put(key, **{key: text}))
         return Downwards(inner)
 
     @property
@@ -122,29 +122,29 @@ class BarsTab(QWidget):
         bars = self.desk.draft.bars
         return bars[self.chosen] if 0 <= self.chosen < len(bars) else None
 
-    def _put(self, **changes: Any) -> None:
-        """Change the chosen bar."""
+    def _put(self, what: str, **changes: Any) -> None:
+        """Change the chosen bar; typing on at the same `what` is one step of undo."""
         if self.bar is not None:
             bars = list(self.desk.draft.bars)
             bars[self.chosen] = replace(self.bar, **changes)
-            self.desk.change(bars=tuple(bars))
+            self.desk.change(f"bar.{self.chosen}.{what}" if what else "", replace(self.desk.draft, bars=tuple(bars)))
 
     def _length_edited(self, number: int, key: str, text: str) -> None:
         if self.bar is not None:
             lengths = list(self.bar.lengths)
             lengths[number] = replace(lengths[number], **{key: text})
-            self._put(lengths=tuple(lengths))
+            self._put(f"length.{number}.{key}", lengths=tuple(lengths))
 
     def _more(self) -> None:
         if self.bar is not None:
             last = self.bar.lengths[-1] if self.bar.lengths else LengthDraft()
             another = LengthDraft(last.from_mark, last.from_sticker, factor=last.factor)
-            self._put(lengths=(*self.bar.lengths, another))
+            self._put("", lengths=(*self.bar.lengths, another))
             self._rows[-1]["to_mark"].setFocus()
 
     def _less(self, number: int) -> None:
         if self.bar is not None:
-            self._put(lengths=self.bar.lengths[:number] + self.bar.lengths[number + 1 :])
+            self._put("", lengths=self.bar.lengths[:number] + self.bar.lengths[number + 1 :])
 
     def add_bar(self) -> None:
         """A new bar, to be filled in."""

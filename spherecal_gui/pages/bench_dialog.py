@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence
 from PySide6.QtWidgets import (
     QComboBox,
@@ -12,6 +12,7 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QGridLayout,
     QHBoxLayout,
+    QLineEdit,
     QMessageBox,
     QTabWidget,
     QVBoxLayout,
@@ -56,6 +57,7 @@ class BallTab(QWidget):
         title = label(self.tr("Printed scale"), "big", wrap=False)
         message = self.tr("Without a bar that gives the scale, this distance does, good to a percent.")
         self.library = named(QComboBox(), "ball-library", self.tr("Ball of the library"))
+        # the one that was typed is one step back
         self.library.activated.connect(lambda _: desk.take_ball(str(self.library.currentData())))
         which = add(QHBoxLayout(), label(self.tr("Which ball?"), "big", wrap=False), (self.library, 1), None)
         column = add(spaced(QVBoxLayout(inner), 12), which, grid, self._own(), title, self.print_said, line)
@@ -82,7 +84,8 @@ class BallTab(QWidget):
             say(self.own, problem, "bad", hides=False)
 
     def _edited(self, key: str, text: str) -> None:
-        self.desk.change(ball=replace(self.desk.draft.ball, **{key: text}))
+        draft = self.desk.draft
+        self.desk.change(f"ball.{key}", replace(draft, ball=replace(draft.ball, **{key: text})))
 
     def show_draft(self, problems: Problems) -> None:
         """What the draft has, and what is wrong with it."""
@@ -123,7 +126,7 @@ class RigTab(QWidget):
         add(spaced(QVBoxLayout(self), 12), row, title, self.limit, line, None)
 
     def _edited(self, key: str, text: str) -> None:
-        self.desk.change(**{key: text})
+        self.desk.change(key, replace(self.desk.draft, **{key: text}))
 
     def show_draft(self, problems: Problems) -> None:
         """What the draft has."""
@@ -159,21 +162,47 @@ class BenchDialog(QDialog):
         self.rig.open_limits.clicked.connect(self.limits_wanted)
         add(QVBoxLayout(self), self.message, (self.tabs, 1), self.summary, self._buttons())
         self.resize(*_SIZE)
+        self._watch()
         if desk.trouble:
             self._tell(desk.trouble, "bad")
         desk.on_change = self.show_draft
         self.show_draft()
 
     def _buttons(self) -> QHBoxLayout:
+        self.undo = button(self.tr("Undo"), "undo-bench", act=self.desk.undo)
+        self.redo = button(self.tr("Redo"), "redo-bench", act=self.desk.redo)
+        self.undo.setToolTip(QKeySequence(QKeySequence.StandardKey.Undo).toString())
         self.save = button(self.tr("Save"), "save-bench", "primary", act=self.save_bench)
         self.close_button = button(self.tr("Close"), "close-bench", act=self.reject)
-        return add(QHBoxLayout(), None, self.save, self.close_button)
+        return add(QHBoxLayout(), self.undo, self.redo, None, self.save, self.close_button)
+
+    def _watch(self) -> None:
+        """Ctrl+Z goes one step back in the bench, not in the one field; Enter goes to the next field."""
+        for line in self.findChildren(QLineEdit):
+            line.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Whether the key means the whole dialog, and goes no further."""
+        if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
+            return self._heard(event) or super().eventFilter(watched, event)
+        return super().eventFilter(watched, event)
+
+    def _heard(self, event: QKeyEvent) -> bool:
+        """Whether the key means the whole dialog; it does what it means once it is pressed, not only announced."""
+        keys = QKeySequence.StandardKey
+        for standard, act in ((keys.Undo, self.desk.undo), (keys.Redo, self.desk.redo), (keys.Save, self.save_bench)):
+            if event.matches(standard):
+                if event.type() == QEvent.Type.KeyPress:
+                    act()
+                event.accept()
+                return True
+        return False
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Ctrl+S saves; Enter goes to the next field, and never closes."""
-        if event.matches(QKeySequence.StandardKey.Save):
-            self.save_bench()
-        elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+        """The same keys where no field has the focus; Enter never closes."""
+        if self._heard(event):
+            return
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.focusNextChild()
         else:
             super().keyPressEvent(event)
@@ -184,6 +213,9 @@ class BenchDialog(QDialog):
         _, problems = desk.checked()
         for tab in (self.ball, self.bars, self.rig):
             tab.show_draft(problems)
+        self._watch()  # rows of lengths are made as they are needed
+        enable(self.undo, bool(desk.past), self.tr("Nothing was changed."))
+        enable(self.redo, bool(desk.future), self.tr("Nothing was undone."))
         for at, parts in enumerate((("ball.",), ("bar.",), ("placements", "celsius"))):
             wrong = any(key.startswith(parts) for key in problems)
             self.tabs.setTabText(at, f"{self.tabs.tabText(at).removesuffix(' ✕')}{' ✕' if wrong else ''}")

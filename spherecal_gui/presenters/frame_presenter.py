@@ -1,4 +1,4 @@
-"""Choosing the user's frame: three places, an offset, turns by 90 degrees."""
+"""Choosing the user's frame: three places, an offset, turns by 90 degrees; each choice can be taken back."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -62,10 +62,12 @@ class FrameChoice:
     ) -> None:
         self.rig = result.rig
         self.places = places
+        self.definition = self._without_missing(definition or FrameDefinition())
         self.scene: SceneData | None = scene_data(result)
         self.frame: UserFrame | None = None
         self.problem = ""
-        self._change(self._without_missing(definition or FrameDefinition()))
+        self._before: list[tuple[str, FrameDefinition]] = []
+        self._make()
 
     def _without_missing(self, definition: FrameDefinition) -> FrameDefinition:
         """The definition with other places where its own are gone."""
@@ -91,6 +93,11 @@ class FrameChoice:
         """Whether it is the reference camera's frame as it is."""
         return self.definition == FrameDefinition()
 
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is something to take back."""
+        return bool(self._before)
+
     def choose(self, role: Role, name: str | None) -> None:
         """Another place for a role, None for the reference camera; a new origin suggests the others."""
         made = replace(self.definition, **{role: name})
@@ -99,7 +106,7 @@ class FrameChoice:
         elif role == "origin" and (made.x in (None, name) or made.xy in (None, name)):
             x, xy = self._suggested(str(name))
             made = replace(made, x=x, xy=xy)
-        self._change(made)
+        self._change(role, made)
 
     @property
     def lies_at_mm(self) -> tuple[float, float, float]:
@@ -110,20 +117,37 @@ class FrameChoice:
     def let_lie_at(self, place_mm: tuple[float, float, float]) -> None:
         """Say where the origin's place lies in the frame as it is; the definition has that before the turns."""
         x, y, z = turn_matrix(self.definition.turns).T @ place_mm + 0.0
-        self._change(replace(self.definition, offset_mm=(float(x), float(y), float(z))))
+        self._change("offset", replace(self.definition, offset_mm=(float(x), float(y), float(z))))
 
     def turn(self, turn: str) -> None:
         """Turn the axes about one of them by 90 degrees."""
-        self._change(replace(self.definition, turns=(*self.definition.turns, turn)))
+        self._change("turn", replace(self.definition, turns=(*self.definition.turns, turn)))
+
+    def reset(self) -> None:
+        """Without offset and turns."""
+        self._change("reset", replace(self.definition, offset_mm=(0.0, 0.0, 0.0), turns=()))
 
     def back_to_camera(self) -> None:
         """The reference camera's frame as it is."""
-        self._change(FrameDefinition())
+        self._change("camera", FrameDefinition())
 
-    def _change(self, definition: FrameDefinition) -> None:
+    def undo(self) -> None:
+        """Take the last choice back; all numbers typed for an offset are one."""
+        if self._before:
+            _, self.definition = self._before.pop()
+            self._make()
+
+    def _change(self, kind: str, definition: FrameDefinition) -> None:
+        if definition == self.definition:
+            return
+        if kind != "offset" or not self._before or self._before[-1][0] != "offset":
+            self._before.append((kind, self.definition))
+        self.definition = definition
+        self._make()
+
+    def _make(self) -> None:
         from spherecal_rigs.framed_rig import frame_of  # imports scipy.optimize
 
-        self.definition = definition
         try:
             self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""
         except InputError as error:

@@ -1,4 +1,4 @@
-"""The bench editor: typing, import, saving, the library, what the wizard makes of it; certificates."""
+"""The bench editor: typing, undo, import, saving, the library, what the wizard makes of it; certificates."""
 
 import json
 import os
@@ -199,13 +199,18 @@ def test_a_bench_is_entered_saved_and_used(qtbot, dialog, tmp_path, library):
     assert not dialog.desk.changed and dialog.close_button.text() == "Close"
 
 
-def test_letters_typed_can_be_undone_in_their_field(qtbot, dialog):
+def test_letters_are_one_step_back_and_forth(qtbot, dialog):
     fill(qtbot, dialog)
     serial = dialog.bars.fields["serial"].line
-    QTest.keyClicks(serial, "9")
-    assert dialog.desk.draft.bars[0].serial == "B-79"
+    typed(serial, "B-99")
+    assert dialog.desk.draft.bars[0].serial == "B-99"
     QTest.keyClick(serial, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
-    assert dialog.desk.draft.bars[0].serial == serial.text() != "B-79"
+    assert (dialog.desk.draft.bars[0].serial, serial.text()) == ("B-7", "B-7")
+    press(qtbot, dialog, "redo-bench")
+    assert serial.text() == "B-99"
+    while dialog.desk.past:
+        dialog.desk.undo()
+    assert dialog.desk.draft == BenchDraft()
 
 
 def test_what_is_wrong_shows_while_typing_and_nothing_is_saved(qtbot, dialog, library):
@@ -245,6 +250,9 @@ def test_a_table_comes_in_with_its_bad_lines_named(qtbot, dialog, tmp_path):
     assert "Line 4" in made.message.text() and "B-1" in made.message.text()
     assert [one.serial for one in desk.draft.bars] == ["B-1", "B-2"]
     assert BAR_REGISTRY.read()["B-1"] == registered(), "nothing is on disk before it is saved"
+    desk.undo()
+    assert desk.draft.bars[0].lengths[0].certified == "500.012"
+    desk.redo()
     assert made.save_bench() and BAR_REGISTRY.read()["B-1"].lengths[0].length_mm == 500.5
     assert desk.export_table(tmp_path / "out.csv") == "" and "B-2" in (tmp_path / "out.csv").read_text()
     (tmp_path / "broken.csv").write_bytes(b"PK\x03\x04")
@@ -259,16 +267,18 @@ def test_another_program_changes_the_library_meanwhile(tmp_path):
         {"B-1": registered(), "B-2": registered("B-2", 203, length=400.0), "B-3": registered("B-3", 205)}
     )
     bars = desk.draft.bars
-    desk.change(bars=(replace(bars[0], description="mine"), bars[1]))
+    desk.change("", replace(desk.draft, bars=(replace(bars[0], description="mine"), bars[1])))
     path, problem = desk.save()
     assert path is None and problem == "" and set(BAR_REGISTRY.read()) == {"B-1", "B-2", "B-3"}
     assert BAR_REGISTRY.read()["B-1"].description == "mine" and BAR_REGISTRY.read()["B-2"].lengths[0].length_mm == 400.0
     assert desk.draft.bars[1].lengths[0].certified == "400" and not desk.changed
-    desk.change(bars=(replace(desk.draft.bars[0], description="mine too"), *desk.draft.bars[1:]))
+    desk.change(
+        "", replace(desk.draft, bars=(replace(desk.draft.bars[0], description="mine too"), *desk.draft.bars[1:]))
+    )
     assert desk.save()[1] == "" and BAR_REGISTRY.read()["B-2"].lengths[0].length_mm == 400.0
     desk = BenchDesk(tmp_path / "projects")
     BAR_REGISTRY.write({**BAR_REGISTRY.read(), "B-1": replace(registered(), description="theirs")})
-    desk.change(bars=(replace(desk.draft.bars[0], description="again"), *desk.draft.bars[1:]))
+    desk.change("", replace(desk.draft, bars=(replace(desk.draft.bars[0], description="again"), *desk.draft.bars[1:])))
     assert "another program" in desk.save()[1] and BAR_REGISTRY.read()["B-1"].description == "theirs"
 
 
@@ -285,7 +295,7 @@ def test_a_broken_library_is_named_and_never_overwritten(qtbot, tmp_path, librar
 def test_a_bar_that_is_renamed_or_removed_leaves_no_double(tmp_path):
     BAR_REGISTRY.write({"B-1": registered(), "B-2": registered("B-2", 203)})
     desk = BenchDesk(tmp_path / "projects")
-    desk.change(bars=(replace(desk.draft.bars[0], serial="B-10"), desk.draft.bars[1]))
+    desk.change("", replace(desk.draft, bars=(replace(desk.draft.bars[0], serial="B-10"), desk.draft.bars[1])))
     desk.remove_bar(1)
     assert desk.save()[1] == "" and list(BAR_REGISTRY.read()) == ["B-10"]
 
@@ -322,6 +332,7 @@ def test_targets_of_another_family_come_from_a_file(qtbot, dialog, tmp_path):
     assert dialog.desk.draft.ball.own is not None and not dialog.ball.fields["first"].line.isEnabled()
     fill(qtbot, dialog)
     assert "is none of the ball's target set" in dialog.bars.role_problem.text()
+    dialog.desk.undo()
     press(qtbot, dialog, "targets-number")
     assert dialog.ball.fields["first"].line.isEnabled()
     (tmp_path / "x.json").write_text("{}")
@@ -368,7 +379,7 @@ def test_the_rigs_bench_is_reminded_of_its_own_bars_only(tmp_path):
     desk = BenchDesk(tmp_path)
     ball = replace(desk.draft.ball, name="b", diameter="500")
     bars = (desk.draft.bars[0], replace(desk.draft.bars[1], role="check"))
-    desk.change(ball=ball, bars=bars)
+    desk.change("", replace(desk.draft, ball=ball, bars=bars))
     assert desk.save()[1] == "" and bench_reminder(rig_bench(tmp_path), TODAY)[0] == ""
     (rig_bench(tmp_path)).write_text("{")
     assert bench_reminder(rig_bench(tmp_path), TODAY)[0] == "", "the start page comes up all the same"

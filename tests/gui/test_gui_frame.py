@@ -84,7 +84,7 @@ def controller(qapp, folder, outcome):
 
 
 def test_at_first_it_is_the_reference_cameras_frame(choice, outcome):
-    assert choice.is_plain
+    assert choice.is_plain and not choice.can_undo
     assert choice.sentence == (
         f"Exports are given in: the reference camera's frame ({outcome.result.rig.reference_camera}).",
         "none",
@@ -110,14 +110,23 @@ def test_an_origin_suggests_the_other_places(choice):
     assert np.cross(tip - start, to_x) == pytest.approx([0, 0, 0], abs=1e-6 * float(to_x @ to_x))
 
 
-def test_an_offset_is_given_in_the_axes_as_they_are(choice):
+def test_every_choice_can_be_taken_back(choice):
+    seen = [choice.definition]
     choice.choose("origin", "P1")
+    seen.append(choice.definition)
     choice.turn("x90")
-    choice.let_lie_at((0.0, 0.0, 250.0))
+    seen.append(choice.definition)
+    for z in (2.0, 25.0, 250.0):  # typed figure by figure
+        choice.let_lie_at((0.0, 0.0, z))
     assert choice.lies_at_mm == (0.0, 0.0, 250.0) and choice.definition.offset_mm == (0.0, -250.0, 0.0)
     assert "P1 lies at 0.0 / 0.0 / 250.0 mm" in choice.sentence[0], "in the axes as they are"
-    choice.back_to_camera()
-    assert choice.is_plain
+    seen.append(choice.definition)
+    choice.reset()
+    assert choice.definition.places and not choice.definition.turns and not any(choice.definition.offset_mm)
+    for before in reversed(seen):
+        choice.undo()
+        assert choice.definition == before
+    assert not choice.can_undo
 
 
 def test_places_that_do_not_do_are_said(qapp, choice):
@@ -161,7 +170,7 @@ def dialog(qtbot, choice):
 
 
 def test_the_dialog_follows_every_press(dialog, choice):
-    assert not dialog.place["x"].isEnabled()
+    assert not dialog.place["x"].isEnabled() and not dialog.undo.isEnabled()
     before = dialog.scene.grab().toImage()
     dialog.place["origin"].setCurrentIndex(dialog.place["origin"].findData("P2"))
     assert choice.definition.origin == "P2"
@@ -172,6 +181,9 @@ def test_the_dialog_follows_every_press(dialog, choice):
     assert choice.definition.offset_mm == (0.0, 0.0, 250.0) and choice.definition.turns == ("x-90",)
     assert dialog.sentence.text() == choice.sentence[0]
     assert [box.value() for box in dialog.shift] == [0.0, -250.0, 0.0], "the same place in the turned axes"
+    press(dialog, "frame-undo")
+    press(dialog, "frame-undo")
+    assert dialog.shift[2].value() == 0.0
     dialog.place["x"].setCurrentIndex(dialog.place["x"].findData("P2"))
     assert not dialog.ok.isEnabled() and "named twice" in dialog.ok.toolTip()
     press(dialog, "frame-camera")

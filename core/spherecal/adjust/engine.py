@@ -10,7 +10,7 @@ import numpy as np
 
 from spherecal.adjust import dense_elimination, linear
 from spherecal.adjust.ball_model import Deformable
-from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
+from spherecal.adjust.deformable_kernel import eliminate_places
 from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.linear import Blocks, Linear, Linearisation, PointEquations, Reduced, point_blocks
 from spherecal.adjust.parameter_layout import POSE, Layout
@@ -109,7 +109,10 @@ def _shared_lenses(layout: Layout, n_cameras: int) -> Blocks:
 
 
 def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
-    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
+    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it.
+
+    That of a deformable ball is `ShapeNoise.back_substitute`.
+    """
     layout = problem.layout
     point_step = np.zeros((problem.n_points, 3))
     kept = problem.kept_points
@@ -120,11 +123,9 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
     is_kept[kept] = True
     squares = 0.0
     for part in point_blocks(problem, linear, np.arange(problem.n_points)):
-        rest = (layout.block_offset, problem.n_cameras, reduced, step, point_step, squares)
-        if not isinstance(problem.ball, Deformable):
-            squares = substitute_points(part, is_kept, *rest)
-        else:
-            squares = substitute_places(part, is_kept, problem.ball.shape_sd, *rest)
+        squares = substitute_points(
+            part, is_kept, layout.block_offset, problem.n_cameras, reduced, step, point_step, squares
+        )
     point_step[kept] = 0.0
     return point_step, 0.5 * squares
 

@@ -76,13 +76,13 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     order, begins = problem.elimination_runs
     own_lenses = Blocks(layout.block_offset, layout.block_width, np.full(problem.n_cameras, -1))
     blocks = own_lenses if is_dense else _shared_lenses(layout, problem.n_cameras)
+    square = np.zeros((len(blocks.offset), linear.width, linear.width))
     if is_dense:
         is_kept = kept_block[order] >= 0
-        dense_elimination.eliminate(problem, linear, damping, order[~is_kept], reduced)
+        dense_elimination.eliminate(problem, linear, damping, order[~is_kept], blocks, reduced, square)
         order, begins = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
     begins_run = np.zeros(problem.n_points, dtype=bool)
     begins_run[order[begins]] = True
-    square = np.zeros((len(blocks.offset), linear.width, linear.width))
     for part in point_blocks(problem, linear, order, begins):
         if not isinstance(problem.ball, Deformable):
             eliminate_points(part, begins_run, kept_block, blocks, damping, reduced, square)

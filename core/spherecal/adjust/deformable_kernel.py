@@ -26,15 +26,6 @@ from spherecal.base.kernels import njit
 
 
 @njit(**INNER)
-def _end_of_place(begin, end, of_row):
-    """Where the rows of the place end to which row `begin` belongs, at `end` at the latest."""
-    last = begin + 1
-    while last < end and of_row[last] == of_row[begin]:
-        last += 1
-    return last
-
-
-@njit(**INNER)
 def _weigh_deformation(v, variance, q, p):
     """Q = tau^2 (I + tau^2 V)^-1 and P = I - Q V = (I + tau^2 V)^-1 of a place."""
     for i in range(3):
@@ -44,16 +35,6 @@ def _weigh_deformation(v, variance, q, p):
     for i in range(3):
         for j in range(3):
             q[i, j] = variance * p[i, j]
-
-
-@njit(**INNER)
-def _add_through_deformation(p, v, g, v_place, g_place):
-    """Add to V and g of a point what the shape noise of one of its places leaves of those of the place."""
-    for i in range(3):
-        for j in range(3):
-            g[i] += p[i, j] * g_place[j]
-            for k in range(3):
-                v[i, k] += p[i, j] * v_place[j, k]
 
 
 @njit(**INNER)
@@ -91,7 +72,9 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
         v[:] = inverse
         g = reduced.point_gradient[point]
         while first < end:
-            last = _end_of_place(first, end, part.place)
+            last = first + 1
+            while last < end and part.place[last] == part.place[first]:
+                last += 1
             n_own, own_size = meet(first, last, part, blocks, place_in_own, own_met, 0, 0)
             own[: 3 * own_size] = 0.0
             v_place[:] = 0.0
@@ -105,7 +88,11 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
             subtract_gradient(gradient, own_weighted, 0, own_size, g_place, own_met, n_own, blocks)
             weigh(own_weighted, own, 0, p, own_size)
             _add_coupling(coupling, size, place, own_weighted, own_size, own_met, n_own, blocks.width)
-            _add_through_deformation(p, v, g, v_place, g_place)
+            for i in range(3):  # what the shape noise leaves of the place's own equations
+                for j in range(3):
+                    g[i] += p[i, j] * g_place[j]
+                    for k in range(3):
+                        v[i, k] += p[i, j] * v_place[j, k]
             for s in range(n_own):
                 place_in_own[own_met[s]] = -1
             first = last

@@ -113,18 +113,14 @@ def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: Fl
 
     That of a deformable ball is `ShapeNoise.back_substitute`.
     """
-    layout = problem.layout
-    point_step = np.zeros((problem.n_points, 3))
-    kept = problem.kept_points
-    if len(kept):
-        start = layout.block_offset[problem.n_cameras + problem.n_placements]
-        point_step[kept] = step[start:].reshape(-1, 3)
+    point_step, kept = np.zeros((problem.n_points, 3)), problem.kept_points
+    point_step[kept] = step[len(step) - 3 * len(kept) :].reshape(-1, 3)
     is_kept = np.zeros(problem.n_points, dtype=bool)
     is_kept[kept] = True
     squares = 0.0
     for part in point_blocks(problem, linear, np.arange(problem.n_points)):
         squares = substitute_points(
-            part, is_kept, layout.block_offset, problem.n_cameras, reduced, step, point_step, squares
+            part, is_kept, problem.layout.block_offset, problem.n_cameras, reduced, step, point_step, squares
         )
     point_step[kept] = 0.0
     return point_step, 0.5 * squares

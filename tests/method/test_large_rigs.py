@@ -87,7 +87,7 @@ def test_many_observations_are_worked_on_by_parts(rigid: bool, monkeypatch: pyte
     np.testing.assert_allclose(parts.cameras_with(gradient), whole.cameras_with(gradient), rtol=1e-6, atol=1e-12)
 
 
-def test_scales_of_many_triples_are_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_common_scales_are_those_of_the_equations_written_out() -> None:
     """Triples of two parts of a rig that share no edge, each in a size of its own, one of them a blunder."""
     rng = np.random.default_rng(0)
     centres, triples = rng.normal(size=(12, 3)), []
@@ -98,7 +98,17 @@ def test_scales_of_many_triples_are_those_of_few(monkeypatch: pytest.MonkeyPatch
             turn, nothing = np.tile(np.eye(3), (3, 1, 1)), np.zeros((0, 3))
             triples.append(Triple(cameras, turn, -place, np.zeros(0, dtype=np.int64), nothing, np.ones(3)))
     triples[3] = replace(triples[3], translation=triples[3].translation * [[1.0], [3.0], [1.0]])
-    few = graph.common_scales(triples)
-    monkeypatch.setattr(graph, "MOST_DENSE", 0)
-    many = graph.common_scales(triples)
-    np.testing.assert_allclose(many, few, rtol=1e-5)
+    pairs = [(n, pair) for n, t in enumerate(triples) for pair in combinations(range(3), 2)]
+    names = [tuple(triples[n].cameras[c] for c in pair) for n, pair in pairs]
+    edges = sorted(set(names))
+    base = np.log([triples[n].baseline(*pair) for n, pair in pairs])
+    rows = np.zeros((len(pairs), len(triples) + len(edges)))  # scale + base - length of an edge
+    rows[np.arange(len(pairs)), [n for n, _ in pairs]] = 1.0
+    rows[np.arange(len(pairs)), [len(triples) + edges.index(name) for name in names]] = -1.0
+    root, found = np.ones(len(pairs)), np.zeros(rows.shape[1])
+    for _ in range(10):
+        found = np.linalg.lstsq(rows * root[:, None], -base * root, rcond=1e-12)[0]
+        root = np.maximum(np.abs(base + rows @ found), 1e-3) ** -0.5
+    expected = found[: len(triples)].reshape(2, -1)  # of the two parts
+    expected = np.exp(expected - expected.mean(axis=1, keepdims=True)).ravel()
+    np.testing.assert_allclose(graph.common_scales(triples), expected, rtol=1e-8)

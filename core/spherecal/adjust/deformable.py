@@ -16,7 +16,7 @@ from spherecal.adjust import engine
 from spherecal.adjust.ball_model import Deformable
 from spherecal.adjust.covariance_factors import Covariance, Inverted, add_products, moments_of
 from spherecal.adjust.datum import Places, carried_dots
-from spherecal.adjust.linear import Linear
+from spherecal.adjust.linear import Linear, Reduced
 from spherecal.adjust.parameter_layout import POSE
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.state import State
@@ -57,6 +57,22 @@ class ShapeNoise:
             return 0.0
         b = self.pulled(residual)
         return float(np.einsum("gi,gij,gj->", b, self.q, b))
+
+    def back_substitute(self, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
+        """As `engine.back_substitute`, with what the shape noise takes off the squares."""
+        problem = self.problem
+        if not isinstance(problem.ball, Deformable):
+            return engine.back_substitute(problem, self.linear, reduced, step)
+        linear, kept = self.linear.at(slice(None)), problem.kept_points
+        steps = np.split(step, [problem.n_cameras * linear.width, len(step) - 3 * len(kept)])
+        change = np.einsum("nkw,nw->nk", linear.by_camera, steps[0].reshape(-1, linear.width)[problem.camera])
+        change += np.einsum("nkw,nw->nk", linear.by_placement, steps[1].reshape(-1, POSE)[problem.ball.placement])
+        pull = sum_by(self.dot, np.einsum("gij,gj->gi", self.p, self.pulled(change)), problem.n_points)
+        point_step = -np.einsum("pij,pj->pi", reduced.point_inverse, reduced.point_gradient + pull)  # kept points: 0
+        whole = point_step.copy()
+        whole[kept] = steps[2].reshape(-1, 3)
+        after = linear.residual + change + np.einsum("nki,ni->nk", linear.by_point, whole[problem.point])
+        return point_step, 0.5 * (float((after**2).sum()) - self.taken(after))
 
     def shape_residual(self, state: State) -> FloatArray:
         """Deviations (f,3) of the places from the shape, in the world; 0 where nothing is observed."""

@@ -12,7 +12,7 @@ seconds to compile and few balls need them.
 
 import numpy as np
 
-from spherecal.adjust.kernel import INNER, INNER_WITH_ARRAYS, KERNEL
+from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.schur_kernel import (
     add_observations,
     inverse_damped,
@@ -22,17 +22,7 @@ from spherecal.adjust.schur_kernel import (
     subtract_point,
     weigh,
 )
-from spherecal.adjust.substitution_kernel import add_change, change_of_row, step_point
 from spherecal.base.kernels import njit
-
-
-@njit(**INNER)
-def _end_of_place(begin, end, of_row):
-    """Where the rows of the place end to which row `begin` belongs, at `end` at the latest."""
-    last = begin + 1
-    while last < end and of_row[last] == of_row[begin]:
-        last += 1
-    return last
 
 
 @njit(**INNER)
@@ -45,16 +35,6 @@ def _weigh_deformation(v, variance, q, p):
     for i in range(3):
         for j in range(3):
             q[i, j] = variance * p[i, j]
-
-
-@njit(**INNER)
-def _add_through_deformation(p, v, g, v_place, g_place):
-    """Add to V and g of a point what the shape noise of one of its places leaves of those of the place."""
-    for i in range(3):
-        for j in range(3):
-            g[i] += p[i, j] * g_place[j]
-            for k in range(3):
-                v[i, k] += p[i, j] * v_place[j, k]
 
 
 @njit(**INNER)
@@ -92,7 +72,9 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
         v[:] = inverse
         g = reduced.point_gradient[point]
         while first < end:
-            last = _end_of_place(first, end, part.place)
+            last = first + 1
+            while last < end and part.place[last] == part.place[first]:
+                last += 1
             n_own, own_size = meet(first, last, part, blocks, place_in_own, own_met, 0, 0)
             own[: 3 * own_size] = 0.0
             v_place[:] = 0.0
@@ -106,7 +88,11 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
             subtract_gradient(gradient, own_weighted, 0, own_size, g_place, own_met, n_own, blocks)
             weigh(own_weighted, own, 0, p, own_size)
             _add_coupling(coupling, size, place, own_weighted, own_size, own_met, n_own, blocks.width)
-            _add_through_deformation(p, v, g, v_place, g_place)
+            for i in range(3):  # what the shape noise leaves of the place's own equations
+                for j in range(3):
+                    g[i] += p[i, j] * g_place[j]
+                    for k in range(3):
+                        v[i, k] += p[i, j] * v_place[j, k]
             for s in range(n_own):
                 place_in_own[own_met[s]] = -1
             first = last
@@ -120,76 +106,3 @@ def eliminate_places(part, kept_block, shape_sd, blocks, damping, reduced, squar
             subtract_point(matrix, weighted, coupling, size, met, n_met, blocks)
         for s in range(n_met):
             place[met[s]] = -1
-
-
-@njit(**INNER)
-def _add_squares_after(begin, end, by_point, step, change, squares):
-    """Returns `squares` and those of residuals, which `change` is made, after their point's step."""
-    for k in range(begin, end):
-        for e in range(2):
-            value = change[k, e]
-            for j in range(3):
-                value += by_point[k, e, j] * step[j]
-            change[k, e] = value
-            squares += value * value
-    return squares
-
-
-@njit(**INNER_WITH_ARRAYS)
-def _noise_of_place(begin, end, by_point, variance, q, p):
-    """Q and P of the place with the rows begin to end."""
-    v = np.zeros((3, 3))
-    for k in range(begin, end):
-        for i in range(3):
-            for j in range(3):
-                v[i, j] += by_point[k, 0, i] * by_point[k, 0, j] + by_point[k, 1, i] * by_point[k, 1, j]
-    _weigh_deformation(v, variance, q, p)
-
-
-@njit(**INNER_WITH_ARRAYS)
-def _add_through_places(begin, end, of_row, shape_sd, by_point, change, before, q, p, out):
-    """out (3,) += what the shape noise of a point's places leaves of J' times a change of residuals from those before.
-
-    Returns what it takes off their squares.
-    """
-    taken, first = 0.0, begin
-    met = np.empty(3)
-    while first < end:
-        last = _end_of_place(first, end, of_row)
-        _noise_of_place(first, last, by_point, shape_sd[of_row[first]] ** 2, q, p)
-        met[:] = 0.0
-        for k in range(first, last):
-            add_change(by_point, k, change[k, 0] - before[k, 0], change[k, 1] - before[k, 1], met)
-        for i in range(3):
-            out[i] += p[i, 0] * met[0] + p[i, 1] * met[1] + p[i, 2] * met[2]
-            taken += met[i] * (q[i, 0] * met[0] + q[i, 1] * met[1] + q[i, 2] * met[2])
-        first = last
-    return taken
-
-
-@njit(**KERNEL)
-def substitute_places(part, is_kept, shape_sd, offset, n_cameras, reduced, step, point_step, squares):
-    """Fill the dots' step for a step of the reduced system; returns `squares` and those that both leave.
-
-    As `substitute_points`, with what the shape noise of the places takes off the squares; `shape_sd`: tau of each place
-    that `part.place` names.
-    """
-    of_row, residual, by_point = part.place, part.linear.residual, part.linear.by_point
-    change, none, q, p, g = (
-        np.empty_like(residual),
-        np.zeros_like(residual),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-        np.empty(3),
-    )
-    for n in range(len(part.points)):
-        point, begin, end = part.points[n], part.begin[n], part.end[n]
-        g[:] = reduced.point_gradient[point]
-        for k in range(begin, end):
-            change[k] = change_of_row(k, part, offset, n_cameras, step)
-        _add_through_places(begin, end, of_row, shape_sd, by_point, change, residual, q, p, g)
-        if not is_kept[point]:
-            step_point(point_step[point], reduced.point_inverse[point], g[0], g[1], g[2])
-        squares = _add_squares_after(begin, end, by_point, point_step[point], change, squares)
-        squares -= _add_through_places(begin, end, of_row, shape_sd, by_point, change, none, q, p, g)
-    return squares

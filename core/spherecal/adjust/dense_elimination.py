@@ -14,9 +14,9 @@ from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssu
 
 from spherecal.adjust.ball_model import Free, Rigid, Stored
 from spherecal.adjust.kernel import BARE, INNER
-from spherecal.adjust.linear import Linear, Reduced, point_blocks
+from spherecal.adjust.linear import Blocks, Linear, Reduced, point_blocks
 from spherecal.adjust.problem import Problem
-from spherecal.adjust.schur_kernel import add_point
+from spherecal.adjust.schur_kernel import add_observations
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.kernels import njit
 
@@ -38,18 +38,30 @@ def is_dense(problem: Problem) -> bool:
     return len(problem.uv) >= LEAST_VIEWS * seen and bool(own.all())
 
 
-def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
-    """Add the observations of some points (m,), which are eliminated, to the reduced system's upper triangle."""
-    layout, everything = problem.layout, np.arange(problem.layout.expanded)
+def eliminate(
+    problem: Problem,
+    linear: Linear,
+    damping: float,
+    points: IntArray,
+    blocks: Blocks,
+    reduced: Reduced,
+    square: FloatArray,
+) -> None:
+    """Add the observations of some points (m,), which are eliminated, to the reduced system's upper triangle.
+
+    `square`: as in `eliminate_points`.
+    """
+    everything = np.arange(problem.layout.expanded)
     is_free = isinstance(problem.ball, Free)
     chunks = (points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK))
     for some in alike(points, views_apart(problem)) if is_free else chunks:
-        first, columns = layout.block_offset, everything  # where the blocks' columns are among those of the couplings
+        first, columns = blocks.offset, everything  # where the blocks' columns are among those of the couplings
         if is_free:
             first, columns = _met(problem, some)
         rows, pull, done = np.zeros((3 * len(some), len(columns))), np.zeros(len(columns)), 0
         for part in point_blocks(problem, linear, some):
-            _couple(part, problem.n_cameras, layout.block_offset, first, damping, reduced, rows[3 * done :], pull)
+            own = rows[3 * done :]
+            _couple(part, blocks, first, damping, reduced, square, own, own.ravel(), pull)
             done += len(part.points)
         reduced.gradient[columns] -= pull
         # in Fortran's eyes our upper triangle is the lower one
@@ -101,50 +113,19 @@ def _subtract(matrix, product, columns, width):
 
 
 @njit(**BARE)
-def _couple(part, n_cameras, offset, place, damping, reduced, rows, pull):
-    """Own normal equations of cameras and placements, the points' whitened couplings (3m,k) and their pull (k,).
+def _couple(part, blocks, place, damping, reduced, square, rows, coupling, pull):
+    """The points' whitened couplings (3m,k) and their pull (k,), and what `add_observations` adds.
 
-    `offset`, `place` (b,): first column of each block in the reduced system and in the couplings.
+    `place` (b,): first column of each block in the couplings, which are `rows` and, flat, `coupling`.
     """
-    matrix, gradient, diagonal = reduced.matrix, reduced.gradient, reduced.diagonal
-    residual, by_camera, by_point, by_placement = part.linear
+    size = rows.shape[1]
     for i in range(len(part.points)):
         p = part.points[i]
-        w = rows[3 * i : 3 * i + 3]
-        v = reduced.point_inverse[p]  # known beforehand, 0 for most; its inverse in the end
-        g = reduced.point_gradient[p]
-        for k in range(part.begin[i], part.end[i]):
-            jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]
-            c, row0, row1 = part.camera[k], by_camera[k, 0], by_camera[k, 1]
-            _add_rows(matrix, gradient, diagonal, offset[c], row0, row1, r0, r1)
-            _add_coupling(w, place[c], jp, row0, row1)
-            if len(part.placement) > 0:
-                t, pose0, pose1 = n_cameras + part.placement[k], by_placement[k, 0], by_placement[k, 1]
-                _add_rows(matrix, gradient, diagonal, offset[t], pose0, pose1, r0, r1)
-                for a in range(len(row0)):
-                    for b in range(len(pose0)):
-                        matrix[offset[c] + a, offset[t] + b] += row0[a] * pose0[b] + row1[a] * pose1[b]
-                _add_coupling(w, place[t], jp, pose0, pose1)
-            add_point(v, g, jp, r0, r1)
-        _whiten(v, damping, w, g, pull)
-
-
-@njit(**INNER)
-def _add_coupling(w, first, by_point, row0, row1):
-    for j in range(3):
-        p0, p1 = by_point[0, j], by_point[1, j]
-        for a in range(len(row0)):
-            w[j, first + a] += p0 * row0[a] + p1 * row1[a]
-
-
-@njit(**INNER)
-def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
-    for a in range(len(row0)):
-        x0, x1 = row0[a], row1[a]
-        gradient[first + a] += x0 * r0 + x1 * r1
-        diagonal[first + a] += x0 * x0 + x1 * x1
-        for b in range(len(row0)):
-            matrix[first + a, first + b] += x0 * row0[b] + x1 * row1[b]
+        v, g = reduced.point_inverse[p], reduced.point_gradient[p]  # V is known beforehand, 0 for most
+        add_observations(
+            part.begin[i], part.end[i], part, blocks, place, coupling, 3 * i * size, size, v, g, reduced, square
+        )
+        _whiten(v, damping, rows[3 * i : 3 * i + 3], g, pull)
 
 
 @njit(**INNER)

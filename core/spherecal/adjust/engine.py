@@ -10,7 +10,7 @@ import numpy as np
 
 from spherecal.adjust import dense_elimination, linear
 from spherecal.adjust.ball_model import Deformable
-from spherecal.adjust.deformable_kernel import eliminate_places, substitute_places
+from spherecal.adjust.deformable_kernel import eliminate_places
 from spherecal.adjust.kernel import BARE, INNER
 from spherecal.adjust.linear import Blocks, Linear, Linearisation, PointEquations, Reduced, point_blocks
 from spherecal.adjust.parameter_layout import POSE, Layout
@@ -76,13 +76,13 @@ def reduce(problem: Problem, linear: Linear, damping: float, known: PointEquatio
     order, begins = problem.elimination_runs
     own_lenses = Blocks(layout.block_offset, layout.block_width, np.full(problem.n_cameras, -1))
     blocks = own_lenses if is_dense else _shared_lenses(layout, problem.n_cameras)
+    square = np.zeros((len(blocks.offset), linear.width, linear.width))
     if is_dense:
         is_kept = kept_block[order] >= 0
-        dense_elimination.eliminate(problem, linear, damping, order[~is_kept], reduced)
+        dense_elimination.eliminate(problem, linear, damping, order[~is_kept], blocks, reduced, square)
         order, begins = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
     begins_run = np.zeros(problem.n_points, dtype=bool)
     begins_run[order[begins]] = True
-    square = np.zeros((len(blocks.offset), linear.width, linear.width))
     for part in point_blocks(problem, linear, order, begins):
         if not isinstance(problem.ball, Deformable):
             eliminate_points(part, begins_run, kept_block, blocks, damping, reduced, square)
@@ -109,22 +109,19 @@ def _shared_lenses(layout: Layout, n_cameras: int) -> Blocks:
 
 
 def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
-    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
-    layout = problem.layout
-    point_step = np.zeros((problem.n_points, 3))
-    kept = problem.kept_points
-    if len(kept):
-        start = layout.block_offset[problem.n_cameras + problem.n_placements]
-        point_step[kept] = step[start:].reshape(-1, 3)
+    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it.
+
+    That of a deformable ball is `ShapeNoise.back_substitute`.
+    """
+    point_step, kept = np.zeros((problem.n_points, 3)), problem.kept_points
+    point_step[kept] = step[len(step) - 3 * len(kept) :].reshape(-1, 3)
     is_kept = np.zeros(problem.n_points, dtype=bool)
     is_kept[kept] = True
     squares = 0.0
     for part in point_blocks(problem, linear, np.arange(problem.n_points)):
-        rest = (layout.block_offset, problem.n_cameras, reduced, step, point_step, squares)
-        if not isinstance(problem.ball, Deformable):
-            squares = substitute_points(part, is_kept, *rest)
-        else:
-            squares = substitute_places(part, is_kept, problem.ball.shape_sd, *rest)
+        squares = substitute_points(
+            part, is_kept, problem.layout.block_offset, problem.n_cameras, reduced, step, point_step, squares
+        )
     point_step[kept] = 0.0
     return point_step, 0.5 * squares
 

@@ -59,7 +59,7 @@ class _Bundle:
         if step is None:
             return None
         whole = problem.layout.expanded_rows(step)
-        point_step, after = engine.back_substitute(problem, linear.linear, normal.reduced, whole)
+        point_step, after = linear.back_substitute(normal.reduced, whole)
         residual = linear.linear.residual
         before = 0.5 * float((residual**2).sum() - linear.taken(residual))
         new = moved(problem, state, step, point_step)

@@ -226,31 +226,26 @@ def _names(e: Evidence, image: WrongImage) -> tuple[str, str]:
 
 
 def _swapped(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
-    placements: dict[tuple[int, int], list[int]] = {}
-    mutual: set[tuple[int, int]] = set()
+    placements: dict[tuple[int, int], set[int]] = {}
     shows = {(i.camera, i.placement): i.other for i in wrong if i.kind == "other-camera"}
     for (camera, placement), other in shows.items():
         assert other is not None
-        pair = (min(camera, other), max(camera, other))
-        placements.setdefault(pair, [])
-        if placement not in placements[pair]:
-            placements[pair].append(placement)
-        if shows.get((other, placement)) == camera:
-            mutual.add(pair)
+        placements.setdefault((min(camera, other), max(camera, other)), set()).add(placement)
     found = []
     for pair, at in placements.items():
         a, b = (e.camera_ids[c] for c in pair)
         names = [e.observations.placements[t] for t in sorted(at)]
         share = [i for i in wrong if i.kind == "other-camera" and {i.camera, i.other} == set(pair)]
         counts = {"fitting": sum(i.left_out for i in share), "points": sum(i.points for i in share), "places": names}
-        if pair in mutual:
+        is_mutual = any(shows.get((pair[0], t)) == pair[1] and shows.get((pair[1], t)) == pair[0] for t in at)
+        if is_mutual:
             values = {"first": a, "second": b}
             repairs = tuple(AdvisedRepair("swap", f"{a},{b}@{name}") for name in names)
         else:
             values = {"camera": _names(e, share[0])[0], "other": b if share[0].camera == pair[0] else a}
             repairs = leave_out(*("@".join(_names(e, i)) for i in share))
         severity = "warning" if e.placed[list(pair)].all() else "error"
-        kind = "exchanged" if pair in mutual else "shows-other"
+        kind = "exchanged" if is_mutual else "shows-other"
         found.append(Finding("cameras-swapped", severity, values | counts, (a, b, *names), repairs, kind))
     return found
 

@@ -12,7 +12,8 @@ from benchmarks.studies.fuzz import Reader, zipped
 from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal_documents.export.write_export import export_rig
-from spherecal_files.write_result import write_result, write_verification
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_sim.simulate_session import simulate_session, write_session
 from spherecal_sim.truth import SimulationOptions
 from spherecal_verify.limit import parse_limit

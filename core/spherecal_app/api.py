@@ -55,7 +55,8 @@ from spherecal_files.json_file import JsonValue
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import COVARIANCE_FILE, check_rig_bytes, covariance_bytes, read_rig, rig_bytes
 from spherecal_files.target_set_file import read_target_set, write_target_set
-from spherecal_files.write_result import write_result, write_verification
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_measuring.live_sets import LiveSets, LiveSettings, rig_cameras_of
 from spherecal_measuring.measured_sets import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal_measuring.measurer import Measurer

@@ -21,7 +21,8 @@ from spherecal_files.json_file import JsonValue, json_bytes, read_json
 from spherecal_files.rig_file import RIG, read_rig
 from spherecal_files.table_file import Table, read_table
 from spherecal_files.verification_file import VERIFICATION, BarReport, BarRow, Override
-from spherecal_files.write_result import BAR_COLUMNS, POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal_files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal_files.write_verification import BAR_COLUMNS
 
 _MOST_BYTES = 128 << 20  # two million residuals
 

@@ -26,7 +26,8 @@ from spherecal_files.filesystem import read_below, remove_below, shown_name, wri
 from spherecal_files.json_file import json_bytes, plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
-from spherecal_files.write_result import write_result, write_verification
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_study.executor import Result, Trial, Workers, run_trials, trial_file
 from spherecal_study.study_page import Document
 from spherecal_verify.verification import Verification

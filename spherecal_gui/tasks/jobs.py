@@ -331,7 +331,7 @@ def verify(project: Project, context: Context, seen: "Session | None") -> "tuple
     from spherecal.detect.session_images import observed
     from spherecal_files.read_session import read_session
     from spherecal_files.rig_file import read_rig
-    from spherecal_files.write_result import write_verification
+    from spherecal_files.write_verification import write_verification
     from spherecal_rigs.result_folder import read_bar_report
     from spherecal_rigs.rig_source import corners_beside
     from spherecal_verify.limit import parse_limit

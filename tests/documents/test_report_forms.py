@@ -33,7 +33,8 @@ STATED = {
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit."""
     from spherecal.calibrate import calibrate
-    from spherecal_files.write_result import write_result, write_verification
+    from spherecal_files.write_result import write_result
+    from spherecal_files.write_verification import write_verification
     from spherecal_sim.simulate_session import simulate_session
     from spherecal_sim.truth import SimulationOptions
     from spherecal_verify.limit import parse_limit

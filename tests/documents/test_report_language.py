@@ -27,7 +27,7 @@ from spherecal_documents.report.sections_rig import rig_sections
 from spherecal_documents.report.style import chinese_fonts
 from spherecal_documents.report.write_report import make_report, write_report
 from spherecal_files.findings_file import Sentence, as_written
-from spherecal_files.write_result import write_verification
+from spherecal_files.write_verification import write_verification
 from spherecal_rigs.result_folder import Result, read_bar_report, read_result
 from spherecal_verify.limit import parse_limit
 from spherecal_verify.verify_bars import VerifySettings, verify

@@ -18,7 +18,7 @@ from spherecal_files.bar_registry import BAR_REGISTRY, REGISTERED_BAR
 from spherecal_files.bundle_file import bundle_bytes
 from spherecal_files.json_file import JsonValue
 from spherecal_files.rig_file import read_rig
-from spherecal_files.write_result import write_verification
+from spherecal_files.write_verification import write_verification
 from spherecal_gui.in_use import keep_verification
 from spherecal_gui.project import Artefacts, Computation, Flaw, Project
 from spherecal_gui.project_folder import save_project

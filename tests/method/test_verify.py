@@ -15,7 +15,8 @@ from spherecal.data.observations import Observations
 from spherecal.data.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.data.session import Bar, BarLength, Session
 from spherecal_files.rig_file import rig_bytes
-from spherecal_files.write_result import write_result, write_verification
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
 from spherecal_verify.agreement import decide

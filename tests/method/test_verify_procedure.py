@@ -18,7 +18,7 @@ from spherecal.data.rig import Rig, RigScale
 from spherecal.data.session import BarLength, Certificate, Session
 from spherecal_files.bar_registry import REGISTERED_BAR, RegisteredBar
 from spherecal_files.rig_file import rig_bytes
-from spherecal_files.write_result import write_verification
+from spherecal_files.write_verification import write_verification
 from spherecal_rigs.pose_plan import BarMarks, cameras_that_see, judge_pose, measured_ends, plan_poses
 from spherecal_sim.simulate_session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth

@@ -14,7 +14,8 @@ from spherecal_app.cli.exit_codes import BAD_INPUT, BOTH, CANNOT_TELL, DONE, LIM
 from spherecal_app.cli.main import main
 from spherecal_documents.report.write_report import certificate, report_bytes
 from spherecal_files.rig_file import rig_bytes
-from spherecal_files.write_result import write_table, write_verification
+from spherecal_files.write_result import write_table
+from spherecal_files.write_verification import write_verification
 from spherecal_rigs.save_entry import save_result
 from spherecal_rigs.store import apply, create_profile, open_profile, restore
 from spherecal_sim.simulate_session import simulate_session, write_session

@@ -14,7 +14,8 @@ from spherecal.base.errors import InputError, SpherecalError
 from spherecal_app.cli.main import main
 from spherecal_documents.export.write_export import FORMATS, export_rig
 from spherecal_files.rig_file import rig_bytes
-from spherecal_files.write_result import write_result, write_verification
+from spherecal_files.write_result import write_result
+from spherecal_files.write_verification import write_verification
 from spherecal_rigs.framed_rig import FRAME, in_frame, result_places, write_frame
 from spherecal_rigs.user_frame import LEAST_ANGLE_DEG, TURNS, FrameDefinition, turn_matrix, user_frame
 from spherecal_verify.verify_bars import verify

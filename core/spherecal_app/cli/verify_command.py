@@ -27,7 +27,7 @@ from spherecal_files.findings_file import FINDING
 from spherecal_files.json_file import plain_fields
 from spherecal_files.read_session import read_session
 from spherecal_files.rig_file import read_rig
-from spherecal_files.write_result import write_verification
+from spherecal_files.write_verification import write_verification
 from spherecal_rigs.result_folder import answer_for
 from spherecal_rigs.rig_source import corners_beside
 from spherecal_verify.limit import parse_limit

@@ -41,8 +41,7 @@ class Run:
 
     `known` (c,16) intrinsics before the adjustment. `next_references`: cameras to take instead of `reference`, in this
     order, where the adjustment leaves out all that it observed. `plain`, as in the paper: every observation weighs the
-    same, and a bar gives nothing but the scale. `rough`: places come first, what a bar's
-    lengths leave of their uncertainty later.
+    same, and a bar gives nothing but the scale. `rough`: uncertainty with a bar's lengths is computed later, if at all.
     """
 
     known: FloatArray
